@@ -97,19 +97,19 @@ TrainConfig config_of_folder(const std::string& model_path) {
   return config;
 }
 
-/// With several ranks, each draws a view of a step unless the user says otherwise.
+/// With several ranks, each renders a view of a step unless the user says otherwise.
 void choose_batch(TrainConfig& config, const OptionLayers& layers, int n_ranks) {
   const bool is_chosen =
       layers.given.contains("batch") || layers.preset.contains("batch") || layers.strategy.contains("batch");
   if (n_ranks > 1 && !is_chosen) config.batch = std::min(n_ranks, kMaxBatch);
 }
 
-/// @throws InputError if a rank would draw nothing
+/// @throws InputError if a rank would render nothing
 void check_batch(int batch, int n_ranks) {
   if (batch >= n_ranks) return;
   const std::string larger =
       n_ranks <= kMaxBatch ? detail::concat("--batch ", n_ranks, " or more, or ") : std::string();
-  input_error("--batch ", batch, " is too small for ", n_ranks, " ranks, each of which draws at least one view of a ",
+  input_error("--batch ", batch, " is too small for ", n_ranks, " ranks, each of which renders at least one view of a ",
               "step; use ", larger, "at most ", batch, batch == 1 ? " rank" : " ranks");
 }
 
@@ -154,6 +154,7 @@ TrainPlan make_plan(const CommandLine& line, StatusLine& status, const TrainComm
   }
   const GivenOptions given = given_options(line, options.config);
   warn_of_former_options(line.given(), "", status);
+  for (const std::string& former : describe_former_names(line.given())) status.warn(former);
   if (!options.config.empty()) warn_of_former_options(read_json_file(options.config), options.config + ": ", status);
   plan.layers = resolve_options(given);
   config = plan.layers->config;

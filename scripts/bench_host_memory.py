@@ -84,7 +84,7 @@ def make_linked_scene(source, target, n_views):
 def train(program, scene, model, iterations, options):
     """Milliseconds of a step, without the first third of the training, and where the photographs were."""
     shutil.rmtree(model, ignore_errors=True)
-    command = [program, "train", "-s", scene, "-m", model, "--preset", "original", "--iterations", str(iterations)]
+    command = [program, "train", "-s", scene, "-m", model, "--preset", "inria", "--iterations", str(iterations)]
     command += options
     run = subprocess.run(list(map(str, command)), capture_output=True, text=True)
     if run.returncode != 0:

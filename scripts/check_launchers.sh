@@ -26,7 +26,7 @@ export OMPI_ALLOW_RUN_AS_ROOT=1 OMPI_ALLOW_RUN_AS_ROOT_CONFIRM=1
 folder=$(mktemp -d)
 trap 'rm -rf "$folder"' EXIT
 b3dgs=$(realpath "$build/app/b3dgs")
-options=(--preset original --iterations 400 --device cpu --threads 1 --kernel combined --densify_from_iter 50 --densification_interval 50)
+options=(--preset inria --iterations 400 --device cpu --threads 1 --kernel combined --densify_from_iter 50 --densification_interval 50)
 failures=0
 
 # NAME COMMAND...: the launcher and its options; trains in the folder NAME

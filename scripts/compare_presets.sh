@@ -27,7 +27,7 @@ usage='scripts/compare_presets.sh B3DGS OUTPUT [SCENE...]'
 b3dgs=${1:?the program is missing: $usage}
 output=${2:?the output folder is missing: $usage}
 shift 2
-configs=${CONFIGS:-original=--preset original;fast=--preset fast;quality=--preset quality;best=--preset best;mcmc=--strategy mcmc}
+configs=${CONFIGS:-inria=--preset inria;fast=--preset fast;quality=--preset quality;best=--preset best;mcmc=--strategy mcmc}
 read -ra seeds <<< "${SEEDS:-0 1 2}"
 read -ra options <<< "${OPTIONS:---device cuda}"
 results=$output/results.jsonl

@@ -10,15 +10,15 @@ b3dgs=${1:?the program is missing: scripts/compare_scenes.sh B3DGS OUTPUT [SCENE
 output=${2:?the output folder is missing: scripts/compare_scenes.sh B3DGS OUTPUT [SCENE...]}
 shift 2
 
-options=(--device cuda --noise --overwrite --quiet --preset original)
+options=(--device cuda --noise --overwrite --quiet --preset inria)
 for scene in "$@"; do
   echo "== $(basename "$scene")"
   time "$b3dgs" compare "$scene" -m "$output/$(basename "$scene")" "${options[@]}" \
-    --configs naive,shared-memory,adaptive,paper,original,original_paper:original+kernel=paper \
+    --configs naive,shared-memory,adaptive,published,naive-kernels,naive-kernels_published:naive-kernels+kernel=published \
     --iterations 5000 --test_iterations 5000
 done
 
 echo "== street"
 if [[ ! -d $output/street_scene ]]; then "$b3dgs" synth street "$output/street_scene" --points 1500000 --quiet; fi
 time "$b3dgs" compare "$output/street_scene" -m "$output/street" "${options[@]}" \
-  --configs naive,shared-memory,adaptive,paper --iterations 3500 --test_iterations 3500
+  --configs naive,shared-memory,adaptive,published --iterations 3500 --test_iterations 3500

@@ -64,7 +64,7 @@ was_held() {
 }
 
 run_scene() {
-  train scene "$out/scene" -s "$SCENE" --eval --preset original --overwrite
+  train scene "$out/scene" -s "$SCENE" --eval --preset inria --overwrite
   local status=$?
   add_row "scene, 30,000" "$out/scene" \
     "$(judge at_most_gb "$( ((status == 0)) && last_of "$out/scene" gpu_peak_bytes)" 2.5)" "exit $status"
@@ -74,7 +74,7 @@ run_scene() {
 run_held() {
   local name=$1
   shift
-  train "$name" "$out/$name" -s "$SCENE" --eval --preset original --iterations 12000 --densify_grad_threshold 0.00003 --overwrite "$@"
+  train "$name" "$out/$name" -s "$SCENE" --eval --preset inria --iterations 12000 --densify_grad_threshold 0.00003 --overwrite "$@"
   local status=$?
   add_row "$name" "$out/$name" "$(judge was_held "$status" "$out/$name")" \
     "exit $status; $(grep -m 1 -h 'held at' "$out/$name.log")"
@@ -101,7 +101,7 @@ time.sleep(3600)' >"$out/holder.log" 2>&1 &
 run_points() {
   local name=$1 points=$2 status=0 first
   "$b3dgs" synth street "$out/$name-scene" --points "$points" --views 16 --width 1600 --height 900 --overwrite --quiet >"$out/$name-synth.log" 2>&1 &&
-    train "$name" "$out/$name" -s "$out/$name-scene" --eval --preset original --iterations 500 --checkpoint_iterations 500 --densify_from_iter 200 --overwrite
+    train "$name" "$out/$name" -s "$out/$name-scene" --eval --preset inria --iterations 500 --checkpoint_iterations 500 --densify_from_iter 200 --overwrite
   status=$?
   first=$(last_of "$out/$name" gpu_peak_bytes)
   if ((status == 0)); then

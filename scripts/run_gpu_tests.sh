@@ -114,7 +114,7 @@ sanitizer_filter() {
     train_cuda_tests)
       tests='EventMarks*:ImageUploader*:SplitSamples*:*LossOnGpu*:*GaussianStepOnGpu*:DeferredSh.*:BatchOnGpu.EqualsTheCpu*'
       tests+=':AppearanceOnGpu.*OfTheCpu*:DepthPriorsOnGpu.Gradient*:RegularizationOnGpu.*'
-      tests+=':ReduceImageOnGpu.*:RowEditorOnGpu.*:BalancedOnGpu.ErrorImage*'
+      tests+=':ReduceImageOnGpu.*:RowEditorOnGpu.*:BudgetOnGpu.ErrorImage*'
       # initcheck makes the host wait for the end of each copy; this test holds a copy up until the host has gone on.
       if [[ $tool == initcheck ]]; then tests+=':-ImageUploaderTest.NeverWritesASlotThatIsStillRead'; fi
       # Hundreds of steps; racecheck has the same kernels in GaussianStepOnGpu.

@@ -32,7 +32,7 @@ scene=$work/orbit
 if [[ ! -d $scene ]]; then
   "$b3dgs" synth orbit "$scene" --points 4000 --views 48 --width 240 --height 180 --quiet
 fi
-"$b3dgs" train "$scene" -m "$work/model" --eval --device cpu --preset original --iterations 600 --sh_increase_interval 150 \
+"$b3dgs" train "$scene" -m "$work/model" --eval --device cpu --preset inria --iterations 600 --sh_increase_interval 150 \
   --densify_from_iter 100 --densify_until_iter 500 --opacity_reset_interval 1000 --kernel_check_interval 150 \
   --stats_interval 100 --kernel_times_interval 100 --test_iterations 100 200 300 400 500 600 --overwrite --quiet "$@"
 

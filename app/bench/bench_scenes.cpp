@@ -174,7 +174,7 @@ BenchScene make_spread_scene(const SpreadConfig& spread, const BenchRun& run) {
   const double pixels_per_point = static_cast<double>(run.width) * run.height / static_cast<double>(spread.points);
   const SpreadDensity density(spread.skew);
   Random random(run.seed);
-  BenchScene scene{"balanced", {}, {}};
+  BenchScene scene{"spread", {}, {}};
   SplatCloud& cloud = scene.cloud;
   cloud.sh_degree = spread.sh_degree;
   for (std::int64_t i = 0; i < spread.points; ++i) {
@@ -203,7 +203,7 @@ BenchScene make_spread_scene(const SpreadConfig& spread, const BenchRun& run) {
 }
 
 BenchScene make_bench_scene(const BenchConfig& config) {
-  const bool is_street = config.scene == "street", is_synthetic = is_street || config.scene == "balanced";
+  const bool is_street = config.scene == "street", is_synthetic = is_street || config.scene == "spread";
   if (is_synthetic && config.ply.empty() != config.cameras.empty()) {
     input_error(
         "--ply and --cameras must be given together, or with a COLMAP or model folder that provides the "

@@ -62,7 +62,7 @@ struct SpreadConfig {
   /// doubling of the distance adds the same number.
   double skew = 0;
   int sh_degree = 3;
-  SpreadState state = SpreadState::kTrained;  // as in the scene `balanced`
+  SpreadState state = SpreadState::kTrained;  // as in the scene `spread`
 };
 
 struct BenchConfig : BenchRun {
@@ -77,14 +77,14 @@ struct BenchConfig : BenchRun {
 
 template <class Visitor>
 void visit_fields(BenchConfig& c, Visitor&& field) {
-  field(Option{"scene"}, c.scene, Any{}, "street (uneven load), balanced (see --skew), COLMAP folder or model folder");
+  field(Option{"scene"}, c.scene, Any{}, "street (uneven load), spread (see --skew), COLMAP folder or model folder");
   field(Option{"ply"}, c.ply, Any{}, "load the Gaussians from this file (PLY or SPZ) instead");
   field(Option{"cameras"}, c.cameras, Any{}, "load the camera from this cameras.json instead");
   field(Option{"view"}, c.view, Any{}, "use the camera of this image (default: the first)");
   field(Option{"images", 'i'}, c.images, Any{}, "image folder inside the COLMAP folder");
-  field(Option{"points"}, c.points, AtLeast{1}, "number of Gaussians of street and balanced");
+  field(Option{"points"}, c.points, AtLeast{1}, "number of Gaussians of street and spread");
   field(Option{"skew"}, c.skew, InRange{0, 2},
-        "density of balanced ~ (distance from image centre)^(-2 X); 0: even, 1: like street");
+        "density of spread ~ (distance from image centre)^(-2 X); 0: even, 1: like street");
   visit_fields(static_cast<BenchRun&>(c), field);
 }
 
@@ -99,7 +99,7 @@ struct BenchScene {
 /// @throws InputError if a folder or file is missing or invalid
 BenchScene make_bench_scene(const BenchConfig& config);
 
-/// Synthetic Gaussians in front of one camera. kTrained is the scene `balanced`: log-normal sizes of about 1.7 px,
+/// Synthetic Gaussians in front of one camera. kTrained is the scene `spread`: log-normal sizes of about 1.7 px,
 /// varied opacities and shapes; skew changes only the positions. kFirstIteration: sizes follow from the distance to the
 /// nearest neighbours on the screen, 0.729 / sqrt(density in 1/px^2) px.
 BenchScene make_spread_scene(const SpreadConfig& spread, const BenchRun& run);

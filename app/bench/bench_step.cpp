@@ -11,6 +11,7 @@
 #include "app/terminal/progress.h"
 #include "app/tools/commands.h"
 #include "app/train_setup.h"
+#include "config/former_options.h"
 #include "config/option_layers.h"
 #include "config/train_options.h"
 #include "core/check.h"
@@ -185,10 +186,11 @@ int run_bench_step(const std::vector<std::string>& words) {
            {"model_path", "iterations", "max_epochs", "test_iterations", "save_iterations", "checkpoint_iterations",
             "checkpoint_interval", "keep_checkpoints"});
   if (!line.parse(words)) return 0;
+  StatusLine status = StatusLine::for_stderr(false);
+  for (const std::string& former : describe_former_names(line.given())) status.warn(former);
   const TrainConfig config = make_config(line, options);
   set_compute_threads(config.threads);
 
-  StatusLine status = StatusLine::for_stderr(false);
   SceneOptions how = scene_options(config);
   if (!options.checkpoint.empty()) how.frame = checkpoint_frame(options.checkpoint);
   const Scene scene = open_scene(how, status);

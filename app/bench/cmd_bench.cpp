@@ -15,11 +15,11 @@ namespace {
 
 /// A mistyped subcommand or built-in scene would be taken for a folder. @throws InputError
 void check_scene(const std::string& scene) {
-  static const std::vector<std::string> kNames{"street", "balanced", "kernels", "step", "sweep", "exchange"};
+  static const std::vector<std::string> kNames{"street", "spread", "kernels", "step", "sweep", "exchange"};
   if (std::find(kNames.begin(), kNames.end(), scene) != kNames.end() || std::filesystem::exists(scene)) return;
   const std::string nearest = nearest_name(scene, kNames);
   input_error("neither a scene nor a subcommand of bench: ", scene,
-              nearest.empty() ? " (expected a COLMAP or model folder, street, balanced, step, sweep or exchange)"
+              nearest.empty() ? " (expected a COLMAP or model folder, street, spread, step, sweep or exchange)"
                               : "; did you mean " + nearest + "?");
 }
 
@@ -33,6 +33,10 @@ int run_bench_kernels(const std::vector<std::string>& words) {
       "b3dgs bench street");
   line.add(config, "Benchmark", {"scene"});
   if (!line.parse(words)) return 0;
+  if (config.scene == "balanced") {  // its former name
+    std::fprintf(stderr, "the scene balanced is now spread\n");
+    config.scene = "spread";
+  }
   check_scene(config.scene);
   resolve_auto(config);
   set_thread_count(config.threads);

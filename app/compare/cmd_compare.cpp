@@ -41,7 +41,7 @@ struct CompareOptions {
 template <class Visitor>
 void visit_fields(CompareOptions& c, Visitor&& field) {
   field(Option{"configs"}.common(), c.configs, Any{},
-        "two or more of [NAME:]PART+PART...; PART: kernel, original or option=value (preset=fast)");
+        "two or more of [NAME:]PART+PART...; PART: kernel, naive-kernels or option=value (preset=fast)");
   field(Option{"seeds"}.common(), c.seeds, AtLeast{0}, "train with each of these seeds, instead of --seed");
   field(Option{"noise"}.common(), c.noise, Any{}, "train the first configuration twice, to show the measurement noise");
   field(Option{"chunk"}, c.chunk, AtLeast{1}, "iterations per turn; the configurations take turns");
@@ -59,13 +59,10 @@ TrainConfig default_config() {
 }
 
 std::string output_folder(const CommandLine& line) {
-  TrainConfig given;
-  line.apply(given);
-  if (!given.model_path.empty()) return given.model_path;
-  if (given.source_path.empty()) {
-    input_error("missing argument: SOURCE_PATH; usage: b3dgs compare SOURCE_PATH");
-  }
-  return (fs::path("output") / (scene_name(given.source_path) + "-compare")).string();
+  const std::string model = line.given().value("model_path", ""), source = line.given().value("source_path", "");
+  if (!model.empty()) return model;
+  if (source.empty()) input_error("missing argument: SOURCE_PATH; usage: b3dgs compare SOURCE_PATH");
+  return (fs::path("output") / (scene_name(source) + "-compare")).string();
 }
 
 std::string listed(const std::vector<std::int64_t>& seeds) {
@@ -247,9 +244,9 @@ int run_compare(const std::vector<std::string>& words) {
       "compare",
       "Train a scene with several configurations, taking turns, and compare time and quality. "
       "Writes compare.json, report.html and the models. All models of a seed are in memory at the same time. The "
-      "first of --configs is the baseline; `original` stands for the kernels of the original 3DGS "
+      "first of --configs is the baseline; `naive-kernels` stands for the kernels of the original 3DGS "
       "(naive, per-pixel backward pass, square culling, 16x16 tiles), and preset=NAME for a preset.",
-      "b3dgs compare scenes/garden --configs original:preset=original,fast:preset=fast,quality:preset=quality");
+      "b3dgs compare scenes/garden --configs inria:preset=inria,fast:preset=fast,quality:preset=quality");
   CompareOptions options;
   line.add(options, "Comparison");
   line.add(default_config(), "Training", {"source_path"});
@@ -259,6 +256,8 @@ int run_compare(const std::vector<std::string>& words) {
 
   StatusLine status = StatusLine::for_stderr(options.quiet);
   for (const std::string& former : describe_former_options(line.given())) status.warn(former);
+  for (const std::string& former : describe_former_names(line.given())) status.warn(former);
+  for (const std::string& former : describe_former_parts(joined(options.configs))) status.warn(former);
   ComparisonPlan plan = make_plan(line, options);
   const torch::Device device = choose_device(plan.base.device);
   plan.base.device = device_name(device);

@@ -153,7 +153,7 @@ double warm_up(const ComparisonPlan& plan, const Scene& scene) {
     config.iterations = 5;
     config.densify_from_iter = 0;
     config.densification_interval = 2;
-    config.kernel_check_interval = 2;  // the kernel choice `paper` has no check before that
+    config.kernel_check_interval = 2;  // the kernel choice `published` has no check before that
     Trainer(config, part, ModelFolder(folder.path()), hooks).run();
     double loading_ms = 0;
     for (const KernelCheckEvent& check : read_train_log(ModelFolder(folder.path()).log()).checks) {

@@ -202,8 +202,8 @@ void KernelSelector::choose(const std::vector<KernelMeasurement>& measurements, 
     const std::optional<Lead> lead = lead_over_current(other, *current);
     if (!lead) continue;
     // A lead within its margin may be noise, however large: it must not hide a smaller lead that is certain.
-    const auto rank = [](const Lead& one) { return std::make_pair(one.is_certain(), one.median); };
-    if (!fastest.empty() && rank(*lead) <= rank(best)) continue;
+    const auto order = [](const Lead& one) { return std::make_pair(one.is_certain(), one.median); };
+    if (!fastest.empty() && order(*lead) <= order(best)) continue;
     fastest = other.kernel;
     best = *lead;
   }

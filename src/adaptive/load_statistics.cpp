@@ -55,22 +55,22 @@ LoadStatistics load_statistics(const Count* values, std::int64_t n) {
 
   const std::pair<double, std::int64_t*> quantiles[] = {
       {0.5, &statistics.median}, {0.9, &statistics.p90}, {0.99, &statistics.p99}};
-  std::int64_t before = 0;       // number of values smaller than the current one
-  double total = 0, ranked = 0;  // sum of the values; sum of rank (from 1) times value
+  std::int64_t before = 0;         // number of values smaller than the current one
+  double total = 0, weighted = 0;  // sum of the values; of place in ascending order (from 1) times value
   for (const auto& [value, count] : tallies) {
-    for (const auto& [share, place] : quantiles) {
-      const auto rank = static_cast<std::int64_t>(share * static_cast<double>(n - 1));
-      if (rank >= before && rank < before + count) *place = value;
+    for (const auto& [share, quantile] : quantiles) {
+      const auto place = static_cast<std::int64_t>(share * static_cast<double>(n - 1));
+      if (place >= before && place < before + count) *quantile = value;
     }
     statistics.log2_bins[log2_bin(value)] += count;
     const auto v = static_cast<double>(value), c = static_cast<double>(count), b = static_cast<double>(before);
     total += v * c;
-    ranked += v * c * (b + 0.5 * (c + 1));
+    weighted += v * c * (b + 0.5 * (c + 1));
     before += count;
   }
   const auto size = static_cast<double>(n);
   statistics.mean = total / size;
-  if (total > 0) statistics.gini = 2 * ranked / (size * total) - (size + 1) / size;
+  if (total > 0) statistics.gini = 2 * weighted / (size * total) - (size + 1) / size;
   return statistics;
 }
 

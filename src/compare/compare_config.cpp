@@ -6,6 +6,7 @@
 #include <type_traits>
 #include <utility>
 
+#include "config/former_options.h"
 #include "config/train_options.h"
 #include "core/check.h"
 #include "core/options/command_line.h"
@@ -21,8 +22,8 @@ constexpr const char* kShared[] = {"source_path", "model_path", "images",       
                                    "depths",      "masks",      "invert_masks", "mask_mode",        "host_memory_gb"};
 
 /// Options closest to the original 3DGS trainer. Its loss, optimizer and projection cannot be selected.
-constexpr const char* kOriginal = "original";
-constexpr std::pair<const char*, const char*> kOriginalOptions[] = {
+constexpr const char *kNaiveKernels = "naive-kernels", *kFormerNaiveKernels = "original";
+constexpr std::pair<const char*, const char*> kNaiveKernelsOptions[] = {
     {"kernel", "naive"}, {"backward_kernel", "per-pixel"}, {"culling", "square"}, {"tile", "16x16"}};
 
 constexpr const char* kForwardKernelOptions[] = {"kernel", "kernel_policy", "kernel_candidates",
@@ -77,7 +78,7 @@ using OptionValues = std::map<std::string, std::string>;
 
 /// @throws InputError unless --kernel accepts the name
 void check_kernel(const std::string& entry, const std::string& name) {
-  std::vector<std::string> names{kOriginal};
+  std::vector<std::string> names;
   std::string list, meant;
   const TrainConfig config;
   visit_fields(config, [&](const Option& option, const auto&, const auto& constraint, const char*) {
@@ -88,6 +89,7 @@ void check_kernel(const std::string& entry, const std::string& name) {
       if (is_value && meant.empty()) meant = detail::concat(option.name, "=", name);  // "preset=fast" for "fast"
     }
   });
+  names.emplace_back(kNaiveKernels);
   if (std::find(names.begin(), names.end(), name) != names.end()) return;
   for (const std::string& own : names) list += own + ", ";
   if (meant.empty()) meant = nearest_name(name, names);
@@ -95,12 +97,31 @@ void check_kernel(const std::string& entry, const std::string& name) {
               meant.empty() ? "" : "; did you mean " + meant + "?");
 }
 
-/// Reads "tile=16x8", "combined" or "original" into `values`. Lists are separated by slashes, since commas separate
-/// configurations.
-void add_part(const std::string& entry, const std::string& part, OptionValues& values) {
-  if (part.empty()) input_error("--configs ", entry, ": empty part; expected a kernel, original or option=value");
-  if (part == kOriginal) {
-    for (const auto& [name, value] : kOriginalOptions) values[name] = value;
+/// The part with present names.
+std::string present_part(const std::string& part) {
+  if (part == kFormerNaiveKernels) return kNaiveKernels;
+  const std::size_t equals = part.find('=');
+  const bool is_kernel = equals == std::string::npos;
+  const std::string option = is_kernel ? "kernel" : part.substr(0, equals);
+  const char* const now = present_name(option, is_kernel ? part : part.substr(equals + 1));
+  return now == nullptr ? part : is_kernel ? now : option + "=" + now;
+}
+
+/// An entry's name, empty if it is named by its text, and the text of its parts. Only a colon before the first + or =
+/// separates a name; later ones belong to values.
+std::pair<std::string, std::string> split_name(const std::string& entry) {
+  const std::size_t colon = entry.find(':');
+  if (colon == std::string::npos || colon >= entry.find_first_of("+=")) return {"", entry};
+  return {entry.substr(0, colon), entry.substr(colon + 1)};
+}
+
+/// Reads "tile=16x8", "combined" or "naive-kernels" into `values`. Lists are separated by slashes, since commas
+/// separate configurations.
+void add_part(const std::string& entry, const std::string& word, OptionValues& values) {
+  const std::string part = present_part(word);
+  if (part.empty()) input_error("--configs ", entry, ": empty part; expected a kernel, naive-kernels or option=value");
+  if (part == kNaiveKernels) {
+    for (const auto& [name, value] : kNaiveKernelsOptions) values[name] = value;
     return;
   }
   const std::size_t equals = part.find('=');
@@ -139,11 +160,8 @@ void check_name(const std::string& entry, const std::string& name, const std::st
 
 Configuration parse_entry(const std::string& entry, const TrainConfig& base, const GivenOptions& given,
                           const Photographs& photographs) {
-  // Only a colon before the first + or = separates a name; later ones belong to values.
-  const std::size_t colon = entry.find(':');
-  const bool is_named = colon != std::string::npos && colon < entry.find_first_of("+=");
-  const std::string name = is_named ? entry.substr(0, colon) : entry;
-  const std::string parts = is_named ? entry.substr(colon + 1) : entry;
+  const auto [own_name, parts] = split_name(entry);
+  const std::string name = entry.size() == parts.size() ? entry : own_name;
   OptionValues values;
   for (const std::string& part : split(parts, '+')) add_part(entry, part, values);
   std::vector<std::string> words;
@@ -193,6 +211,17 @@ std::vector<Configuration> parse_configurations(const std::string& text, const T
     input_error("--configs ", text, ": a comparison needs at least two configurations; use b3dgs train for one");
   }
   return configurations;
+}
+
+std::vector<std::string> describe_former_parts(const std::string& text) {
+  std::vector<std::string> lines;
+  for (const std::string& entry : split(text, ',')) {
+    for (const std::string& part : split(split_name(entry).second, '+')) {
+      const std::string now = present_part(part);
+      if (now != part) lines.push_back(detail::concat("--configs ", entry, ": ", part, " is now ", now));
+    }
+  }
+  return lines;
 }
 
 Configuration repeat_baseline(const std::vector<Configuration>& configurations) {

@@ -19,11 +19,11 @@ struct Configuration {
 };
 
 /// Reads `--configs`: entries separated by commas, each "[NAME:]PART+PART+...". A part is "option=value" for any
-/// training option, the name of a kernel, or `original`: the options closest to the original 3DGS trainer. Later parts
-/// override earlier ones. An entry without a name is named by its text:
+/// training option, the name of a kernel, or `naive-kernels`: the options closest to the original 3DGS trainer. Later
+/// parts override earlier ones. An entry without a name is named by its text:
 ///
-///   naive,adaptive,shared-memory+tile=16x8,wide:kernel=combined+culling=square,original,b:original+kernel=paper
-/// Lists are separated by slashes: paper:kernel_candidates=combined/shared-memory.
+///   naive,adaptive,shared-memory+tile=16x8,wide:kernel=combined+culling=square,naive-kernels,b:naive-kernels+kernel=published
+/// Lists are separated by slashes: mixed:kernel_candidates=combined/shared-memory.
 ///
 /// `given` are options for all configurations; a configuration's own come on top, so `preset=fast` applies below both
 /// (option_layers.h). With `photographs` for training, --max_epochs has been applied; none: not known yet. `base` has
@@ -34,6 +34,9 @@ std::vector<Configuration> parse_configurations(const std::string& text, const T
                                                 const GivenOptions& given, const Photographs& photographs = {});
 /// All values of `base` count as given.
 std::vector<Configuration> parse_configurations(const std::string& text, const TrainConfig& base);
+
+/// A line for each part of `--configs` that has a former name: "--configs original: original is now naive-kernels".
+std::vector<std::string> describe_former_parts(const std::string& text);
 
 /// The first configuration under another name; training it again measures the run-to-run variation.
 /// @throws InputError if that name is taken

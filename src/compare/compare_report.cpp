@@ -60,8 +60,8 @@ Json settings(const Comparison& comparison) {
   for (const std::int64_t seed : plan.seeds) seeds += (seeds.empty() ? "" : ", ") + std::to_string(seed);
   rows.push_back({"seeds", seeds});
   const std::string shared = changed_options(TrainConfig{}, common_config(comparison.configurations));
-  rows.push_back({"options of all", (shared.empty() ? "" : shared + "; ") +
-                                        "otherwise, but for the table below, as in --preset original"});
+  rows.push_back({"options of all",
+                  (shared.empty() ? "" : shared + "; ") + "otherwise, but for the table below, as in --preset inria"});
   return rows;
 }
 

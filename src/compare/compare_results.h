@@ -30,7 +30,7 @@ std::string text_table(const std::vector<std::vector<std::string>>& rows);
 /// The same for results.
 std::string results_table(const std::vector<FinalResult>& results);
 
-/// "original 38.2 s, 28.90 dB, 931,000 Gaussians; fast 4.9 s, ..."; what is not known is left out.
+/// "inria 38.2 s, 28.90 dB, 931,000 Gaussians; fast 4.9 s, ..."; what is not known is left out.
 std::string describe_results(const std::vector<FinalResult>& results);
 
 }  // namespace b3dgs

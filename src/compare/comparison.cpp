@@ -6,6 +6,7 @@
 #include "compare/compare_report.h"
 #include "compare/compare_results.h"
 #include "compare/compare_verdict.h"
+#include "config/former_options.h"
 #include "config/option_layers.h"
 #include "config/train_options.h"
 #include "core/check.h"
@@ -191,7 +192,7 @@ ComparisonPlan read_plan(const fs::path& root) {
     stored_config_from_json(plan.base, own.at("config"), path.string());
     plan.is_of_earlier_version = has_removed_options(own.at("config"));
     // Files of early versions have the options in use only.
-    plan.given = own.contains("given") ? own.at("given") : config_to_json(plan.base);
+    plan.given = own.contains("given") ? present_options(own.at("given")) : config_to_json(plan.base);
     // Comparisons of versions without --max_epochs have no such limit.
     if (!own.contains("photographs")) plan.given.emplace("max_epochs", 0);
     plan.photographs = own.value("photographs", std::size_t{0});

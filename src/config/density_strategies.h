@@ -9,6 +9,6 @@ namespace b3dgs {
 
 inline constexpr std::string_view kDefaultStrategy = "default";  // density control of the original 3DGS
 
-inline constexpr std::array<std::string_view, 3> kDensityStrategies{kDefaultStrategy, "mcmc", "balanced"};
+inline constexpr std::array<std::string_view, 3> kDensityStrategies{kDefaultStrategy, "mcmc", "budget"};
 
 }  // namespace b3dgs

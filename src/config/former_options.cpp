@@ -33,7 +33,7 @@ constexpr FormerOption kFormerOptions[] = {
     {"exposure_lr_delay_steps", "0", kOriginal},
     {"exposure_lr_delay_mult", "0.0", kOriginal},
     // Of earlier versions; docs/lab/experiments.md has what was measured.
-    {"rank_splats", "2000000", "each rank draws about 2,000,000 splats at a time, or one view"},
+    {"rank_splats", "2000000", "each rank renders about 2,000,000 splats at a time, or one view"},
     {"mask_alpha_weight", "1", "the weight is 1"},
     {"skip_share", "0", "no step is skipped"},
     {"skip_from_iter", "15500", nullptr},
@@ -64,6 +64,16 @@ constexpr FormerOption kFormerOptions[] = {
     {"kernel_check_views", "5", "a check times 5 views"},
 };
 
+struct FormerName {
+  const char *option, *value, *now;
+};
+
+constexpr FormerName kFormerNames[] = {
+    {"strategy", "balanced", "budget"},
+    {"preset", "original", "inria"},
+    {"kernel", "paper", "published"},
+};
+
 /// The option's value among these options, from a file or a command line; null if it is not there.
 const nlohmann::ordered_json* find_value(const nlohmann::ordered_json& options, const char* name) {
   const auto it = options.find(name);
@@ -88,10 +98,20 @@ void add_former_options(CommandLine& line) {
   }
 }
 
-nlohmann::ordered_json without_former_options(nlohmann::ordered_json options) {
+nlohmann::ordered_json present_options(nlohmann::ordered_json options) {
   if (!options.is_object()) return options;
   for (const FormerOption& option : kFormerOptions) options.erase(option.name);
+  for (const FormerName& name : kFormerNames) {
+    if (const auto own = options.find(name.option); own != options.end() && *own == name.value) *own = name.now;
+  }
   return options;
+}
+
+const char* present_name(const std::string& option, const std::string& value) {
+  for (const FormerName& name : kFormerNames) {
+    if (option == name.option && value == name.value) return name.now;
+  }
+  return nullptr;
 }
 
 std::vector<std::string> describe_former_options(const nlohmann::ordered_json& options) {
@@ -101,6 +121,16 @@ std::vector<std::string> describe_former_options(const nlohmann::ordered_json& o
     if (value == nullptr || option.reason == nullptr || has_usual_value(option, *value)) continue;
     const std::string text = option.value == nullptr ? "" : " " + option_value_text(*value);
     lines.push_back(detail::concat("--", option.name, text, " has no effect: ", option.reason));
+  }
+  return lines;
+}
+
+std::vector<std::string> describe_former_names(const nlohmann::ordered_json& options) {
+  std::vector<std::string> lines;
+  for (const FormerName& name : kFormerNames) {
+    const nlohmann::ordered_json* value = find_value(options, name.option);
+    if (value == nullptr || *value != name.value) continue;
+    lines.push_back(detail::concat("--", name.option, " ", name.value, " is now --", name.option, " ", name.now));
   }
   return lines;
 }

@@ -1,5 +1,6 @@
-// Options of `b3dgs train` that earlier versions had, or that only the original 3DGS code has. They are accepted, so
-// that command lines and files go on working, but have no effect; one line says so.
+// Options of `b3dgs train` that earlier versions had, or that only the original 3DGS code has, and former names of
+// values. Both are accepted, so that command lines and files go on working; the options have no effect. One line says
+// so.
 #pragma once
 
 #include <nlohmann/json.hpp>
@@ -13,10 +14,16 @@ namespace b3dgs {
 /// They are not listed in the help.
 void add_former_options(CommandLine& line);
 
-/// Removes them from options of a file.
-nlohmann::ordered_json without_former_options(nlohmann::ordered_json options);
+/// Without these options, and with the present names of values.
+nlohmann::ordered_json present_options(nlohmann::ordered_json options);
+
+/// The present name of the option's value; null if `value` is no former one.
+const char* present_name(const std::string& option, const std::string& value);
 
 /// A line for each of them among the options, unless it has the value that it always has now.
 std::vector<std::string> describe_former_options(const nlohmann::ordered_json& options);
+
+/// A line for each former name among the values: "--strategy balanced is now --strategy budget".
+std::vector<std::string> describe_former_names(const nlohmann::ordered_json& options);
 
 }  // namespace b3dgs

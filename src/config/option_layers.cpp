@@ -59,13 +59,12 @@ nlohmann::ordered_json without_pixels_per_gaussian(nlohmann::ordered_json option
 }  // namespace
 
 bool has_removed_options(const nlohmann::ordered_json& options) {
-  return without_former_options(options).size() != options.size() || options.contains("pixels_per_gaussian") ||
+  return present_options(options).size() != options.size() || options.contains("pixels_per_gaussian") ||
          options.contains("background");
 }
 
 void stored_config_from_json(TrainConfig& config, const nlohmann::ordered_json& options, const std::string& place) {
-  nlohmann::ordered_json known =
-      without_former_options(without_pixels_per_gaussian(without_background(options, place)));
+  nlohmann::ordered_json known = present_options(without_pixels_per_gaussian(without_background(options, place)));
   // Splits of earlier versions, which were worse.
   if (known.contains("split") && (known["split"] == "cover" || known["split"] == "samples"))
     known["split"] = "preserve";
@@ -75,9 +74,10 @@ void stored_config_from_json(TrainConfig& config, const nlohmann::ordered_json& 
 GivenOptions given_options(const CommandLine& line, const std::string& config_file) {
   GivenOptions given = GivenOptions::object();
   nlohmann::ordered_json file = config_file.empty() ? nlohmann::ordered_json::object() : read_json_file(config_file);
-  file = without_former_options(without_background(std::move(file), config_file));
+  file = present_options(without_background(std::move(file), config_file));
   // A whole config.json: its limit is max_gaussians.
   if (file.contains("max_gaussians") && file["max_gaussians"] != 0) file = without_pixels_per_gaussian(std::move(file));
+  const GivenOptions words = present_options(line.given());
   TrainConfig checked;
   if (!config_file.empty()) config_from_json(checked, file, config_file);
   visit_fields(checked, [&](const Option& option, const auto& value, const auto&, const char*) {
@@ -85,7 +85,7 @@ GivenOptions given_options(const CommandLine& line, const std::string& config_fi
     for (const auto& item : file.items()) {
       if (option.has_name(item.key())) given[name] = value;
     }
-    if (line.given().contains(name)) given[name] = line.given().at(name);
+    if (words.contains(name)) given[name] = words.at(name);
   });
   return given;
 }

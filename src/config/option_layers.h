@@ -3,11 +3,11 @@
 //   1. the defaults of TrainConfig
 //   2. the defaults of the density strategy in use (strategy_defaults())
 //   3. the values of --preset (presets()), which may also choose the strategy. Without --preset: kDefaultPreset, or, if
-//      another strategy than its own is given, `original`, since the values of a preset fit its own strategy
+//      another strategy than its own is given, `inria`, since the values of a preset fit its own strategy
 //   4. the options that were given: in the file of --config, then on the command line
 //
 // Schedules: `iterations` of layer 3 scales the options of the schedule (Steps::kSchedule) that layers 1 and 2 set, by
-// new / old iterations; `iterations` of layer 4 scales those of layers 1 to 3, except with preset `original` and
+// new / old iterations; `iterations` of layer 4 scales those of layers 1 to 3, except with preset `inria` and
 // strategy `default`, as in the original code. Then --steps_scaler multiplies all options counted in iterations, given
 // or not. Once the scene is known, --max_epochs may shorten the schedule (limit_epochs() in schedule.h). A given
 // --iterations without a given --max_epochs sets that to 0.

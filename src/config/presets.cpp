@@ -10,11 +10,11 @@ namespace b3dgs {
 
 const std::vector<OptionRow>& presets() {
   static const std::vector<OptionRow> kPresets{
-      {"original", "the options of the original 3DGS code, for comparison", {}},
+      {"inria", "the options of the original 3DGS code, for comparison", {}},
       // fast and quality repeat max_epochs: the scaling of the schedule would lower it.
       {"fast",
        "a first look, in a fifth of the iterations of best",
-       {{"strategy", "balanced"},
+       {{"strategy", "budget"},
         {"iterations", "6000"},
         {"max_epochs", "400"},
         {"lr_decay_from_epoch", "0"},
@@ -29,17 +29,17 @@ const std::vector<OptionRow>& presets() {
         {"coarse_until", "2400"}}},
       {"quality",
        "with 100 photographs or more, half of the Gaussians of best",
-       {{"strategy", "balanced"}, {"iterations", "24000"}, {"max_epochs", "400"}}},
+       {{"strategy", "budget"}, {"iterations", "24000"}, {"max_epochs", "400"}}},
       {"best",
        "the best picture of 100 photographs or more",
-       {{"strategy", "balanced"}, {"iterations", "30000"}, {"gaussians_per_pixel", "2.4"}, {"prune_weight", "0.01"}}},
+       {{"strategy", "budget"}, {"iterations", "30000"}, {"gaussians_per_pixel", "2.4"}, {"prune_weight", "0.01"}}},
   };
   return kPresets;
 }
 
 const std::vector<OptionRow>& strategy_defaults() {
   static const std::vector<OptionRow> kStrategyDefaults{
-      // The schedule of preset original x 0.9, with growth until five sixths of it.
+      // The schedule of preset inria x 0.9, with growth until five sixths of it.
       {"mcmc",
        "",
        {{"iterations", "27000"},
@@ -55,9 +55,9 @@ const std::vector<OptionRow>& strategy_defaults() {
         {"scale_reg", "0.01"},
         {"lr_final_scale", "0.3"},
         {"lr_decay_from_iter", "13500"}}},
-      {"balanced",
+      {"budget",
        "",
-       {{"iterations", "30000"},  // that of original, too, but here --iterations scales the schedule
+       {{"iterations", "30000"},  // that of inria, too, but here --iterations scales the schedule
         {"max_epochs", "400"},
         {"densify_until_iter", "20000"},
         {"densification_interval", "300"},
@@ -136,17 +136,17 @@ std::string presets_help() {
 
 std::string presets_markdown() {
   std::string text =
-      "## Presets and strategies\n\nIf several of these set an option, the last one wins: `--preset original`, the "
+      "## Presets and strategies\n\nIf several of these set an option, the last one wins: `--preset inria`, the "
       "strategy in use,\n`--preset`, `--config FILE`, the command line. See [recipes.md](recipes.md).\n\n";
   text += std::string("The default is `--preset ") + kDefaultPreset +
           "`, or, where another `--strategy` than its own is given,\n`--preset " + kPresetNames[0] +
           "`. The tables above show defaults without `--preset` and `--strategy`. Where a\ncell below is empty, the "
-          "value of the strategy applies or, if it has none, that of `original`.\n`--iterations` of a "
+          "value of the strategy applies or, if it has none, that of `inria`.\n`--iterations` of a "
           "preset or of yours scales the schedule\nof the layers before it; yours does not scale that of `--preset "
-          "original` with `--strategy default`.\n\n"
+          "inria` with `--strategy default`.\n\n"
           "### Values of `--preset`\n\n";
   for (const OptionRow& row : presets()) text += std::string("- `") + row.name + "`: " + row.summary + "\n";
-  return text + "\n" + table("`original`", presets()) + "\n### Values of `--strategy`\n\n" +
+  return text + "\n" + table("`inria`", presets()) + "\n### Values of `--strategy`\n\n" +
          table("`default`", strategy_defaults());
 }
 

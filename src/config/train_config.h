@@ -13,13 +13,13 @@ namespace b3dgs {
 
 /// In place of a kernel name: choose by timing.
 inline constexpr const char* kAdaptive = "adaptive";
-/// The same for the forward kernel, with the rule of the paper: see KernelPolicy::kPublished.
-inline constexpr const char* kPaperKernel = "paper";
+/// The same for the forward kernel, exactly as published: see KernelPolicy::kPublished.
+inline constexpr const char* kPublishedKernel = "published";
 /// The standard kernels, used in place of these where nothing is timed: in evaluation and in deterministic training.
 inline constexpr const char *kStandardKernel = "shared-memory", *kStandardBackwardKernel = "per-splat";
 
 /// The values of --preset; presets.cpp has their options. The first one changes nothing.
-inline constexpr const char* kPresetNames[] = {"original", "fast", "quality", "best"};
+inline constexpr const char* kPresetNames[] = {"inria", "fast", "quality", "best"};
 
 // Members are in the order of the options. NOLINTNEXTLINE(clang-analyzer-optin.performance.Padding)
 struct TrainConfig {
@@ -99,11 +99,11 @@ struct TrainConfig {
   int densification_interval = 100;
   double densify_grad_threshold = 0.0002;  // dL/d(projected centre), normalised device coordinates
   double percent_dense = 0.01;             // of the scene extent: larger Gaussians are split, smaller ones cloned
-  int opacity_reset_interval = 3000;       // with white_background also at densify_from_iter; of balanced: removals
+  int opacity_reset_interval = 3000;       // with white_background also at densify_from_iter; of budget: removals
   int sh_increase_interval = 1000;
   std::int64_t max_gaussians = 0;  // 0 = no limit, unless gaussians_per_pixel sets one
   double gaussians_per_pixel = 0;  // of one photograph
-  // Of strategy balanced:
+  // Of strategy budget:
   int score_views = 20;  // before each round
   std::string split = "preserve";
   double prune_weight = 0.03;
@@ -143,12 +143,12 @@ inline bool uses_depths(const TrainConfig& config) {
 
 /// Whether the forward kernel is chosen by timing.
 inline bool chooses_forward_kernel(const TrainConfig& config) {
-  return config.kernel == kAdaptive || config.kernel == kPaperKernel;
+  return config.kernel == kAdaptive || config.kernel == kPublishedKernel;
 }
 
 /// The forward kernels that training may use, beginning with the one that it starts with.
 inline std::vector<std::string> forward_candidates(const TrainConfig& config) {
-  if (config.kernel == kPaperKernel) {
+  if (config.kernel == kPublishedKernel) {
     return {std::string(forward_kernel_name(ForwardKernel::kCombined)),
             std::string(forward_kernel_name(ForwardKernel::kSharedMemory))};
   }

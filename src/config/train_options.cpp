@@ -17,7 +17,7 @@ void for_each_option(TrainConfig& c, const std::function<void(const TrainOption&
   for (const ForwardKernelName& row : kForwardKernels) candidates.values.emplace_back(row.name);
   OneOf kernels{candidates.values}, backward_kernels, strategies;
   for (const std::string_view name : kDensityStrategies) strategies.values.emplace_back(name);
-  kernels.values.emplace_back(kPaperKernel);
+  kernels.values.emplace_back(kPublishedKernel);
   for (const BackwardKernelName& row : kBackwardKernels) backward_kernels.values.emplace_back(row.name);
   for (OneOf* names : {&kernels, &backward_kernels}) names->values.emplace_back(kAdaptive);
 
@@ -137,21 +137,21 @@ void for_each_option(TrainConfig& c, const std::function<void(const TrainOption&
   field(Option{"percent_dense"}, c.percent_dense, AtLeast{0},
         "default: split Gaussians larger than X x scene extent, clone smaller ones");
   field(Option{"opacity_reset_interval"}.in_steps(), c.opacity_reset_interval, AtLeast{1},
-        "iterations between opacity resets; balanced: between removals by --prune_weight");
+        "iterations between opacity resets; budget: between removals by --prune_weight");
   field(Option{"sh_increase_interval", '\0', {"sh_degree_interval"}}.in_steps(), c.sh_increase_interval, AtLeast{1},
         "raise the active SH degree by one every N iterations");
   field(Option{"max_gaussians", '\0', {"max_cap", "max_splats"}}.common(), c.max_gaussians, AtLeast{0},
         "maximum number of Gaussians (0 = by --gaussians_per_pixel)");
   field(Option{"gaussians_per_pixel"}, c.gaussians_per_pixel, AtLeast{0},
         "without --max_gaussians: at most X per pixel of one photograph (0 = no limit)");
-  field(Option{"score_views"}, c.score_views, AtLeast{1}, "balanced: steps before each round whose views are scored");
+  field(Option{"score_views"}, c.score_views, AtLeast{1}, "budget: steps before each round whose views are scored");
   field(Option{"split"}, c.split, OneOf{{"moments", "preserve"}},
-        "balanced: how the two parts of a Gaussian are placed; see docs/recipes.md");
+        "budget: how the two parts of a Gaussian are placed; see docs/recipes.md");
   field(Option{"prune_weight"}, c.prune_weight, InRange{0, 1},
-        "balanced: remove Gaussians whose largest blend weight is below X (0 = none)");
+        "budget: remove Gaussians whose largest blend weight is below X (0 = none)");
 
   field(Option{"kernel"}.group("Kernels"), c.kernel, kernels,
-        "forward kernel; adaptive: the fastest candidate; paper: chosen as in the paper");
+        "forward kernel; adaptive: the fastest candidate; published: as in the paper, exactly");
   field(Option{"kernel_policy"}, c.kernel_policy, OneOf{{"paper", "tracking"}},
         "of adaptive; paper: switch at most once; tracking: keep re-checking");
   field(Option{"kernel_candidates"}, c.kernel_candidates, candidates,

@@ -12,8 +12,8 @@
 
 namespace b3dgs {
 
-/// What each rank tells the others of the views that it has drawn in the last step.
-struct DrawnRecord {
+/// What each rank tells the others of the views that it has rendered in the last step.
+struct RenderedRecord {
   double losses[kMaxBatch]{};
   std::int64_t entries[kMaxBatch]{};
 };
@@ -21,7 +21,7 @@ struct DrawnRecord {
 /// What each rank tells the others in a step, after its projections.
 struct StepRecord {
   std::int64_t first_invalid = -1;     // row of the model that cannot be rendered
-  DrawnRecord drawn{};                 // of the step before
+  RenderedRecord rendered{};           // of the step before
   std::int64_t n_splats[kMaxBatch]{};  // of each view
   std::int32_t stop = 0;
   std::int32_t write_checkpoint = 0, check_kernels = 0;  // only rank 0's values are used

@@ -1,8 +1,8 @@
-// Every rank projects its Gaussians for the views of a step; the splats of a view go to the rank that draws it, which
+// Every rank projects its Gaussians for the views of a step; the splats of a view go to the rank that renders it, which
 // compares it with the photograph and blends backward; the sums of each splat go back to the rank of its Gaussian,
 // which takes the Adam step:
 //
-//   own Gaussians -> splats -> [rank that draws] -> render, loss, backward blend -> sums -> [own rank] -> Adam
+//   own Gaussians -> splats -> [rank that renders] -> render, loss, backward blend -> sums -> [own rank] -> Adam
 
 #include <algorithm>
 #include <utility>
@@ -28,10 +28,10 @@ struct RankStepper::Part {
   };
 
   std::vector<View> views;
-  std::vector<int> drawers;                       // the rank that draws each view
+  std::vector<int> renderers;                     // the rank that renders each view
   std::vector<std::vector<std::int64_t>> counts;  // by rank: its splats of each view
 
-  // Of the views that this rank draws, in their order.
+  // Of the views that this rank renders, in their order.
   std::vector<torch::Tensor> sums, scores, shared, orders;
 
   bool has_scores() const {
@@ -54,15 +54,15 @@ void RankStepper::take_step() {
 }
 
 void RankStepper::learn_part(int from, const std::vector<ViewOfStep>& views, int last, bool is_filter_due) {
-  draw_plan_.forget_before(from);
+  render_plan_.forget_before(from);
   Part part;
-  part.drawers = planned_drawers(from, views);
+  part.renderers = planned_renderers(from, views);
   for (const ViewOfStep& view : views) part.views.emplace_back().id = view;
   StepRecord record;
   project_own_gaussians(part, is_filter_due, record);
   exchange_records(part, record, last);
-  drawers_ = part.drawers;
-  draw_own_views(part);
+  renderers_ = part.renderers;
+  render_own_views(part);
   unread_losses_ = views;
   keep_own_splats(part);
   if (part.refines_poses()) gather_pose_gradients(part);
@@ -85,7 +85,7 @@ void RankStepper::project_own_gaussians(Part& part, bool is_filter_due, StepReco
     }
     const std::vector<ViewSplats> own = with_remedies(training_.remedies(), [&] {
       std::vector<ViewSplats> projected = optimizer_.project_views(state_.gaussians, state_.adam, cameras, settings);
-      splats_.pack(projected, part.drawers, owners_.own());
+      splats_.pack(projected, part.renderers, owners_.own());
       return projected;
     });
     for (std::size_t v = 0; v < own.size(); ++v) {
@@ -104,13 +104,13 @@ void RankStepper::exchange_records(Part& part, StepRecord record, int last) {
   record.write_checkpoint = training_.recorder.is_checkpoint_due();
   record.check_kernels = training_.kernels.is_due(training_.check_moment(last + 1));
   training_.views.poses.finish_step();  // of the step before: the device has finished it by now
-  record.drawn = take_drawn();
+  record.rendered = take_rendered();
   const std::vector<StepRecord> records = ranks_.exchange_record("step", record);
-  std::vector<DrawnRecord> drawn_before;
+  std::vector<RenderedRecord> rendered_before;
   agreed_ = {};
   for (const StepRecord& other : records) {
     part.counts.emplace_back(other.n_splats, other.n_splats + part.views.size());
-    drawn_before.push_back(other.drawn);
+    rendered_before.push_back(other.rendered);
     agreed_.stop |= other.stop != 0;
     for (std::size_t v = 0; v < part.views.size(); ++v) part.views[v].n_splats += other.n_splats[v];
   }
@@ -120,19 +120,19 @@ void RankStepper::exchange_records(Part& part, StepRecord record, int last) {
   }
   agreed_.write_checkpoint = records[0].write_checkpoint != 0;
   agreed_.check_kernels = records[0].check_kernels != 0;
-  add_drawn(drawn_before);
+  add_rendered(rendered_before);
   check_valid(records);
   for (std::size_t r = 0; r < records.size(); ++r) {
     if (records[r].is_out_of_memory != 0) throw_out_of_memory(static_cast<int>(r), "a view's projection");
   }
 }
 
-void RankStepper::draw_own_views(Part& part) {
-  const std::vector<ViewSplats> drawn = splats_.to_drawers(part.counts);
+void RankStepper::render_own_views(Part& part) {
+  const std::vector<ViewSplats> splats = splats_.to_renderers(part.counts);
   std::vector<std::size_t> own;
   std::vector<std::int32_t> own_next;
   for (std::size_t v = 0; v < part.views.size(); ++v) {
-    if (part.drawers[v] != ranks_.rank()) continue;
+    if (part.renderers[v] != ranks_.rank()) continue;
     own.push_back(v);
     own_next.push_back(part.views[v].id.index);
   }
@@ -145,12 +145,12 @@ void RankStepper::draw_own_views(Part& part) {
   own_next.insert(own_next.end(), ahead.begin(), ahead.end());
   for (std::size_t i = 0; i < own.size(); ++i) {
     own_next.erase(own_next.begin());
-    draw_view(part, own[i], drawn[i], own_next);
+    render_view(part, own[i], splats[i], own_next);
   }
 }
 
-void RankStepper::draw_view(Part& part, std::size_t v, const ViewSplats& drawn,
-                            const std::vector<std::int32_t>& own_next) {
+void RankStepper::render_view(Part& part, std::size_t v, const ViewSplats& splats,
+                              const std::vector<std::int32_t>& own_next) {
   const Part::View& part_view = part.views[v];
   const int iteration = part_view.id.iteration;
   training_.timer.begin(Stage::kUpload);
@@ -161,7 +161,7 @@ void RankStepper::draw_view(Part& part, std::size_t v, const ViewSplats& drawn,
   RenderedView rendered;
   try {
     rendered = with_remedies(training_.remedies(), [&] {
-      return training_.rasterizer.forward_splats(drawn, view.camera, part_view.settings);
+      return training_.rasterizer.forward_splats(splats, view.camera, part_view.settings);
     });
   } catch (const NumericError& error) {
     throw NumericError(detail::concat("iteration ", iteration, ", view ", view.name, ": ", error.what()));
@@ -207,13 +207,13 @@ void RankStepper::keep_own_splats(Part& part) {
 }
 
 void RankStepper::gather_pose_gradients(Part& part) {
-  // What each splat adds to the gradient of the camera, added up where the view was drawn, in its order.
+  // What each splat adds to the gradient of the camera, added up where the view was rendered, in its order.
   std::vector<torch::Tensor> columns;
   for (std::size_t v = 0; v < part.views.size(); ++v) {
     const Part::View& view = part.views[v];
     columns.push_back(camera_parts(state_.gaussians, view.own, part.sums[v], view.camera, view.settings));
   }
-  columns = splats_.columns_to_drawers(columns, kCameraGradients, torch::kFloat32);
+  columns = splats_.columns_to_renderers(columns, kCameraGradients, torch::kFloat32);
   for (std::size_t i = 0; i < columns.size(); ++i) {
     const torch::Tensor ordered = torch::empty_like(columns[i]).index_copy_(0, part.orders[i], columns[i]);
     part.shared[i].slice(0, 0, kCameraColumns).copy_(sum_camera_parts(ordered).view(torch::kFloat32));
@@ -236,10 +236,11 @@ torch::Tensor RankStepper::shared_gradients() const {
   return row;
 }
 
-void RankStepper::keep_shared_gradients(const std::vector<ViewOfStep>& views, const std::vector<torch::Tensor>& drawn) {
+void RankStepper::keep_shared_gradients(const std::vector<ViewOfStep>& views,
+                                        const std::vector<torch::Tensor>& rendered) {
   const auto options = torch::dtype(torch::kFloat32).device(training_.device);
-  const torch::Tensor own = drawn.empty() ? torch::empty({0, n_shared_columns()}, options) : torch::stack(drawn);
-  const torch::Tensor rows = gather_view_rows(ranks_, own, drawers_);
+  const torch::Tensor own = rendered.empty() ? torch::empty({0, n_shared_columns()}, options) : torch::stack(rendered);
+  const torch::Tensor rows = gather_view_rows(ranks_, own, renderers_);
   const std::int64_t begin = config_.pose_opt ? kCameraColumns : 0;
   for (std::size_t v = 0; v < views.size(); ++v) {
     const torch::Tensor row = rows.select(0, static_cast<std::int64_t>(v));

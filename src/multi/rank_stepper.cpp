@@ -27,7 +27,7 @@ void RankStepper::serve_renders() {
       continue;
     }
     try {
-      project_and_draw(request.view, request.settings);
+      project_and_render(request.view, request.settings);
     } catch (const InvalidGaussianError&) {
       // Rank 0 has it, too, and decides.
     }
@@ -42,10 +42,10 @@ RenderedView RankStepper::render(const PinholeView& view, const RenderSettings& 
   request.settings = settings;
   request.settings.stages = nullptr;
   ranks_.exchange_record("render", request);
-  return project_and_draw(view, settings);
+  return project_and_render(view, settings);
 }
 
-RenderedView RankStepper::project_and_draw(const PinholeView& view, const RenderSettings& settings) {
+RenderedView RankStepper::project_and_render(const PinholeView& view, const RenderSettings& settings) {
   ProjectRecord record;
   ViewSplats own;
   try {
@@ -59,9 +59,9 @@ RenderedView RankStepper::project_and_draw(const PinholeView& view, const Render
   std::vector<std::vector<std::int64_t>> counts;
   counts.reserve(records.size());
   for (const ProjectRecord& other : records) counts.push_back({other.n_splats});
-  const std::vector<ViewSplats> drawn = splats_.to_drawers({own}, counts, {0}, owners_.own());
-  if (drawn.empty()) return {};
-  return training_.rasterizer.forward_splats(drawn.front(), view, settings);
+  const std::vector<ViewSplats> splats = splats_.to_renderers({own}, counts, {0}, owners_.own());
+  if (splats.empty()) return {};
+  return training_.rasterizer.forward_splats(splats.front(), view, settings);
 }
 
 void RankStepper::share_kernels() {

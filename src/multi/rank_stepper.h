@@ -3,7 +3,7 @@
 // under the conditions in docs/distributed.md, else up to rounding.
 //
 //   rank_step.cpp     one step, of all its views at a time or some of them
-//   rank_views.cpp    its views: who draws them, which are read ahead, their losses
+//   rank_views.cpp    its views: who renders them, which are read ahead, their losses
 //   rank_model.cpp    the model distributed to the ranks and gathered for files; density control
 //   rank_stepper.cpp  what rank 0 does for all, and what ranks agree on
 //
@@ -18,8 +18,8 @@
 #include "config/batch_steps.h"
 #include "config/view_ratios.h"
 #include "dist/communicator.h"
-#include "multi/draw_plan.h"
 #include "multi/rank_records.h"
+#include "multi/render_plan.h"
 #include "multi/rows/row_owners.h"
 #include "multi/splat_exchange.h"
 #include "raster/math/gaussian_grad.h"
@@ -29,14 +29,14 @@ namespace b3dgs {
 
 class RankStepper final : public Stepper {
  public:
-  /// All must outlive this. `splats_at_a_time`: about how many splats each rank draws at a time. A step of more views
+  /// All must outlive this. `splats_at_a_time`: about how many splats each rank renders at a time. A step of more views
   /// is taken in parts: splats and sums on their way between ranks take up to 400 bytes for each of these splats.
   RankStepper(Training& training, Communicator& ranks, std::int64_t splats_at_a_time)
       : Stepper(training),
         ranks_(ranks),
         splats_at_a_time_(splats_at_a_time),
         splats_(ranks),
-        draw_plan_(ranks.size()) {}
+        render_plan_(ranks.size()) {}
 
   void read_losses() override;
 
@@ -85,34 +85,34 @@ class RankStepper final : public Stepper {
   /// Errors are left in the record: all ranks learn of them.
   void project_own_gaussians(Part& part, bool is_filter_due, StepRecord& record);
   void exchange_records(Part& part, StepRecord record, int last);
-  void draw_own_views(Part& part);
-  /// View `v` of the part. `own_next`: views that this rank draws after this one.
-  void draw_view(Part& part, std::size_t v, const ViewSplats& drawn, const std::vector<std::int32_t>& own_next);
+  void render_own_views(Part& part);
+  /// View `v` of the part. `own_next`: views that this rank renders after this one.
+  void render_view(Part& part, std::size_t v, const ViewSplats& splats, const std::vector<std::int32_t>& own_next);
   /// Sends the sums back; `sums` are then those of the own splats of each view, whose gradients are kept.
   void keep_own_splats(Part& part);
   void gather_pose_gradients(Part& part);
-  /// What is learned of photographs with the Gaussians: gradients of a view that this rank has drawn, as a row of
+  /// What is learned of photographs with the Gaussians: gradients of a view that this rank has rendered, as a row of
   /// n_shared_columns() floats; and those of all views of a part, from which every rank learns the same.
   std::int64_t n_shared_columns() const;
   torch::Tensor shared_gradients() const;
-  void keep_shared_gradients(const std::vector<ViewOfStep>& views, const std::vector<torch::Tensor>& drawn);
+  void keep_shared_gradients(const std::vector<ViewOfStep>& views, const std::vector<torch::Tensor>& rendered);
 
   // rank_views.cpp
   /// The next views of a step up to iteration `last`, at most n_views_at_a_time().
   std::vector<ViewOfStep> next_views_of_step(int last);
   std::size_t n_views_at_a_time() const;
-  /// Views that this rank will probably draw after this part. Plans the next steps, on all ranks alike.
+  /// Views that this rank will probably render after this part. Plans the next steps, on all ranks alike.
   std::vector<std::int32_t> own_views_ahead();
-  /// Who draws these views, which are those of the step after iteration `from`, or of a part of it.
-  std::vector<int> planned_drawers(int from, const std::vector<ViewOfStep>& views);
-  /// Waits for the loss of the view drawn last, if it has not been read.
+  /// Who renders these views, which are those of the step after iteration `from`, or of a part of it.
+  std::vector<int> planned_renderers(int from, const std::vector<ViewOfStep>& views);
+  /// Waits for the loss of the view rendered last, if it has not been read.
   void read_own_loss();
   /// Rasterizer::row_entries() in host memory, valid when the loss of the view has been read.
   torch::Tensor queue_row_entries() const;
-  /// What this rank has drawn in the last step. Waits for the loss of the view drawn last.
-  DrawnRecord take_drawn();
+  /// What this rank has rendered in the last step. Waits for the loss of the view rendered last.
+  RenderedRecord take_rendered();
   /// Losses for the average, and work for the plans to come.
-  void add_drawn(const std::vector<DrawnRecord>& of_ranks);
+  void add_rendered(const std::vector<RenderedRecord>& of_ranks);
 
   // rank_model.cpp
   /// Redistributes the rows evenly. Does nothing if a rank lacks the memory for it.
@@ -123,22 +123,22 @@ class RankStepper final : public Stepper {
 
   // rank_stepper.cpp
   void serve_renders();
-  RenderedView project_and_draw(const PinholeView& view, const RenderSettings& settings);
+  RenderedView project_and_render(const PinholeView& view, const RenderSettings& settings);
 
   Communicator& ranks_;
   const std::int64_t splats_at_a_time_;
   SplatExchange splats_;
   RowOwners owners_;         // which rows of the model this rank has
   ViewRatios model_ratios_;  // to the Gaussians of all ranks; without pairs
-  DrawPlan draw_plan_;
+  RenderPlan render_plan_;
   /// What ranks agree on in each step.
   struct Agreed {
     bool stop = false;              // after this step
     bool write_checkpoint = false;  // likewise
     bool check_kernels = false;     // before the next step
   } agreed_;
-  std::vector<int> drawers_;  // of `unread_losses_`
-  /// Views of the last step that this rank has drawn. The loss of the last one may still be on the device.
+  std::vector<int> renderers_;  // of `unread_losses_`
+  /// Views of the last step that this rank has rendered. The loss of the last one may still be on the device.
   struct OwnView {
     std::size_t index = 0;  // in the step's views
     std::optional<double> loss;

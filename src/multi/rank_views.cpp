@@ -1,5 +1,5 @@
-// Which views a step takes, who draws them, what is read ahead for that, and what ranks tell each other of them a step
-// later: losses and counted work.
+// Which views a step takes, who renders them, what is read ahead for that, and what ranks tell each other of them a
+// step later: losses and counted work.
 
 #include <torch/types.h>
 
@@ -54,21 +54,21 @@ std::vector<std::int32_t> RankStepper::own_views_ahead() {
         ++iteration;
         step.push_back({*view, iteration});
       }
-      const std::vector<int> drawers =
-          n_steps + 1 < kPlannedSteps ? planned_drawers(from, step) : equal_drawers(step.size(), ranks_.size());
+      const std::vector<int> renderers =
+          n_steps + 1 < kPlannedSteps ? planned_renderers(from, step) : equal_renderers(step.size(), ranks_.size());
       for (std::size_t v = 0; v < step.size(); ++v) {
-        if (drawers[v] == ranks_.rank()) own.push_back(step[v].index);
+        if (renderers[v] == ranks_.rank()) own.push_back(step[v].index);
       }
     }
   }
   return own;
 }
 
-std::vector<int> RankStepper::planned_drawers(int from, const std::vector<ViewOfStep>& views) {
+std::vector<int> RankStepper::planned_renderers(int from, const std::vector<ViewOfStep>& views) {
   std::vector<std::int32_t> indices;
   indices.reserve(views.size());
   for (const ViewOfStep& view : views) indices.push_back(view.index);
-  return draw_plan_.drawers(from, indices);
+  return render_plan_.renderers(from, indices);
 }
 
 void RankStepper::read_own_loss() {
@@ -82,9 +82,9 @@ torch::Tensor RankStepper::queue_row_entries() const {
   return on_host.copy_(entries, /*non_blocking=*/true);
 }
 
-DrawnRecord RankStepper::take_drawn() {
+RenderedRecord RankStepper::take_rendered() {
   read_own_loss();  // queued behind the entries, which are there, too
-  DrawnRecord record;
+  RenderedRecord record;
   for (const OwnView& own : std::exchange(own_views_, {})) {
     const auto* const entries = own.entries.data_ptr<std::int64_t>();
     record.losses[own.index] = *own.loss;
@@ -95,15 +95,15 @@ DrawnRecord RankStepper::take_drawn() {
 
 void RankStepper::read_losses() {
   training_.views.poses.finish_step();
-  if (!unread_losses_.empty()) add_drawn(ranks_.exchange_record("drawn", take_drawn()));
+  if (!unread_losses_.empty()) add_rendered(ranks_.exchange_record("rendered", take_rendered()));
 }
 
-void RankStepper::add_drawn(const std::vector<DrawnRecord>& of_ranks) {
+void RankStepper::add_rendered(const std::vector<RenderedRecord>& of_ranks) {
   const std::vector<ViewOfStep> unread = std::exchange(unread_losses_, {});
   for (std::size_t v = 0; v < unread.size(); ++v) {
-    const DrawnRecord& of_drawer = of_ranks[static_cast<std::size_t>(drawers_[v])];
-    draw_plan_.set_work(unread[v].index, of_drawer.entries[v]);
-    add_loss(unread[v], of_drawer.losses[v]);
+    const RenderedRecord& of_renderer = of_ranks[static_cast<std::size_t>(renderers_[v])];
+    render_plan_.set_work(unread[v].index, of_renderer.entries[v]);
+    add_loss(unread[v], of_renderer.losses[v]);
   }
 }
 

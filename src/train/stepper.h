@@ -26,7 +26,7 @@
 #include "train/density/row_edit.h"
 #include "train/gaussians/smoothing_filter.h"
 #include "train/memory/memory_plan.h"
-#include "train/optimizer/gaussian_step.h"
+#include "train/optimizer/gaussian_optimizer.h"
 #include "train/training.h"
 
 namespace b3dgs {
@@ -190,7 +190,7 @@ class Stepper {
   Training& training_;
   TrainState& state_;  // training_.state
   const TrainConfig& config_;
-  GaussianStepper optimizer_;
+  GaussianOptimizer optimizer_;
   std::optional<SmoothingFilter> smoothing_filter_;  // with --antialiasing
   RowEditor row_editor_;
   std::vector<ViewOfStep> learned_views_, unread_losses_;  // of the last step

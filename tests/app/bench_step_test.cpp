@@ -39,8 +39,7 @@ class BenchStep : public ::testing::Test {
 
 TEST_F(BenchStep, TimesEveryStageAndWritesNoModel) {
   // Preset original for "densify".
-  const nlohmann::json report =
-      bench({path("scene"), "--kernel", "combined", "--tile", "16x8", "--preset", "original"});
+  const nlohmann::json report = bench({path("scene"), "--kernel", "combined", "--tile", "16x8", "--preset", "inria"});
   std::vector<std::string> names;
   double share = 0;
   for (const nlohmann::json& row : report["stages"]) {
@@ -64,7 +63,7 @@ TEST_F(BenchStep, TimesEveryStageAndWritesNoModel) {
 TEST_F(BenchStep, StartsFromACheckpointAndTimesDensityControl) {
   const Outcome trained =
       run_b3dgs({"train", "-s", path("scene"), "-m", path("model"), "--iterations", "11", "--sh_degree", "1",
-                 "--preset", "original", "--densify_from_iter", "1", "--densification_interval", "5", "--quiet"});
+                 "--preset", "inria", "--densify_from_iter", "1", "--densification_interval", "5", "--quiet"});
   ASSERT_EQ(trained.exit_code, 0) << trained.err;
   const nlohmann::json report = bench({"--checkpoint", path("model/checkpoints/iteration_11.b3dgs")});
   EXPECT_EQ(report["config"]["sh_degree"], 1);

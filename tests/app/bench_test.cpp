@@ -214,8 +214,8 @@ TEST(SpreadScene, SkewChangesOnlyPositionsTowardsTheCentre) {
   EXPECT_NE(even.means, skewed.means);
 }
 
-TEST(SpreadScene, BalancedIsTheSceneOfThePublishedBenchmarks) {
-  // docs/lab/kernels.md has measurements of `balanced`. All values come from one sequence of random numbers, so an
+TEST(SpreadScene, IsTheSceneOfThePublishedBenchmarks) {
+  // docs/lab/kernels.md has measurements of `spread`. All values come from one sequence of random numbers, so an
   // additional or missing draw changes the last Gaussian.
   const SplatCloud even = make_spread_scene({1000, 0, 1}, {}).cloud, skewed = make_spread_scene({1000, 1, 1}, {}).cloud;
   const auto expect_last = [](const std::vector<float>& values, const std::vector<float>& expected) {

@@ -1,10 +1,11 @@
 // Option names, conversions, precedence and help texts, mostly with the training options.
 #include "core/options/command_line.h"
+#include "config/train_options.h"
 #include "core/options/nearest_name.h"
 
 #include <gtest/gtest.h>
 
-#include "config/train_options.h"
+#include "config/train_config.h"
 #include "core/files/atomic_file.h"
 #include "data_synth/synth_config.h"
 #include "support/temp_dir.h"
@@ -149,7 +150,7 @@ TEST(CommandLine, RejectsUnknownAndRepeatedNamesInLists) {
   }
   EXPECT_NE(complaint({"--kernel_policy", "eager"}).find("one of paper, tracking"), std::string::npos);
   EXPECT_NE(complaint({"--kernel_check_interval", "0"}).find("at least 1"), std::string::npos);
-  EXPECT_NE(complaint({"--kernel", "fastest"}).find("segmented, paper, adaptive"), std::string::npos);
+  EXPECT_NE(complaint({"--kernel", "fastest"}).find("segmented, published, adaptive"), std::string::npos);
   EXPECT_NE(complaint({"--backward_kernel", "naive"}).find("per-pixel, per-splat, adaptive"), std::string::npos);
 }
 

@@ -122,7 +122,7 @@ TEST_F(Compare, SuggestsFewerIterationsOnACpuUnlessTheyWereChosen) {
 }
 
 TEST_F(Compare, ConfigurationsMayDifferInPresetAndLength) {
-  const std::string configs = "long:preset=original+iterations=40,fast:preset=fast+iterations=20";
+  const std::string configs = "long:preset=inria+iterations=40,fast:preset=fast+iterations=20";
   const Words options{"--configs", configs, "--kernel", "shared-memory", "--chunk", "15", "--quiet"};
   test::RunOptions stop;
   stop.signal = SIGTERM;
@@ -152,22 +152,23 @@ TEST_F(Compare, ConfigurationsMayDifferInPresetAndLength) {
 
 TEST_F(Compare, NoiseMeasuresTheRunToRunVariation) {
   const Outcome outcome =
-      compare({"--iterations", "20", "--noise", "--quiet", "--configs", "original,shared-memory,paper"});
+      compare({"--iterations", "20", "--noise", "--quiet", "--configs", "naive-kernels,shared-memory,published"});
   ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
   const json result = this->result();
   ASSERT_EQ(result["runs"].size(), 4u);
-  EXPECT_EQ(result["runs"][3]["configuration"], "original_again");
-  EXPECT_EQ(result["summary"]["repetition"], "original_again");
+  EXPECT_EQ(result["runs"][3]["configuration"], "naive-kernels_again");
+  EXPECT_EQ(result["summary"]["repetition"], "naive-kernels_again");
   EXPECT_TRUE(result["summary"]["machine_spread"].is_number());
   EXPECT_TRUE(result["summary"]["compared"][0]["machine_spread"]["overall"].is_number());
   EXPECT_EQ(result["summary"]["compared"][0]["differs_in"], (Words{"backward_kernel", "tile", "culling"}));
   EXPECT_EQ(result["runs"][0]["curves"]["loss"], result["runs"][3]["curves"]["loss"])
       << "the same configuration and seed";
-  EXPECT_NE(outcome.out.find("run-to-run variation of original: time "), std::string::npos) << outcome.out;
+  EXPECT_NE(outcome.out.find("run-to-run variation of naive-kernels: time "), std::string::npos) << outcome.out;
   EXPECT_NE(outcome.out.find(" % +-"), std::string::npos) << outcome.out;
   EXPECT_NE(outcome.out.find("unclear"), std::string::npos)
       << "the baseline does not differ from itself; " << outcome.out;
-  EXPECT_NE(page_data()["repetition"].get<std::string>().find("run-to-run variation of original"), std::string::npos);
+  EXPECT_NE(page_data()["repetition"].get<std::string>().find("run-to-run variation of naive-kernels"),
+            std::string::npos);
 
   ASSERT_EQ(compare({"--iterations", "5", "--quiet"}, "without").exit_code, 0);
   const Outcome more = run_b3dgs({"compare", "--resume", "-m", output("without").string(), "--noise"});
@@ -232,7 +233,7 @@ TEST_F(Compare, RejectsInvalidOptionsBeforeAnythingIsWritten) {
     EXPECT_FALSE(fs::exists(output()));
   };
   rejected({"--configs", "naive,fastest"},
-           "--configs fastest: unknown configuration \"fastest\" (expected original, naive, ");
+           "--configs fastest: unknown configuration \"fastest\" (expected naive, dynamic, gaussian-wise, ");
   rejected({"--configs", "naive,naive"}, "occurs twice");
   rejected({"--configs", "naive"}, "at least two configurations");
   rejected({"--seeds", "1", "1"}, "occurs twice");
@@ -338,13 +339,13 @@ TEST_F(Compare, ResumeRejectsOptionsThatItWouldIgnore) {
 }
 
 TEST_F(Compare, AComparisonOfAVersionWithAnotherDefaultPresetKeepsItsPreset) {
-  ASSERT_EQ(compare({"--preset", "original", "--iterations", "4", "--quiet"}).exit_code, 0);
+  ASSERT_EQ(compare({"--preset", "inria", "--iterations", "4", "--quiet"}).exit_code, 0);
   json older = result();
   ASSERT_EQ(older["plan"]["given"].erase("preset"), 1u);
   std::ofstream(output() / "compare.json") << older;
   const Outcome resumed = run_b3dgs({"compare", "--resume", "-m", output().string(), "--iterations", "6", "--quiet"});
   EXPECT_EQ(resumed.exit_code, 0) << resumed.err;
-  EXPECT_EQ(result()["plan"]["config"]["preset"], "original");
+  EXPECT_EQ(result()["plan"]["config"]["preset"], "inria");
   EXPECT_EQ(result()["plan"]["config"]["densify_until_iter"], 15000);
   EXPECT_EQ(result()["summary"]["done"], 6);
 }

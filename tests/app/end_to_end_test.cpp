@@ -169,7 +169,7 @@ TEST_F(EndToEnd, EvaluatesWithExposures) {
 TEST_F(EndToEnd, TheReportShowsTheModelThatIsSaved) {
   // The opacity reset after the last iteration affects the checkpoint only, for a training that is resumed.
   const Outcome trained =
-      train({"--preset", "original", "--eval", "--iterations", "60", "--opacity_reset_interval", "60"});
+      train({"--preset", "inria", "--eval", "--iterations", "60", "--opacity_reset_interval", "60"});
   ASSERT_EQ(trained.exit_code, 0) << trained.err;
   const auto views = nlohmann::json::parse(read_bytes(fs::path(model()) / "per_view.json"))["ours_60"]["PSNR"];
   const auto record = nlohmann::json::parse(read_bytes(fs::path(model()) / "report" / "run.json"));
@@ -223,7 +223,7 @@ TEST_F(EndToEnd, TenIterationsAndTenMoreEqualTwenty) {
   // Density control at 4, 8, 12, 16 and the opacity reset at 12 are on both sides of the interruption. On a CPU the two
   // candidates compute the same bits, so it does not matter which one is faster.
   const Words schedule{"--preset",
-                       "original",
+                       "inria",
                        "--densify_from_iter",
                        "2",
                        "--densification_interval",

@@ -118,7 +118,7 @@ Words training(const Options& options, const fs::path& model, bool resumes) {
               "--checkpoint_interval",
               "3",
               "--preset",
-              "original",
+              "inria",
               "--save_iterations",
               "10",
               "25",

@@ -148,7 +148,7 @@ TEST_F(Resume, TheCommandLineWithAPresetCanBeRepeated) {
   EXPECT_NE(again.out.find("resuming " + a.checkpoint(3).string() + "\n"), std::string::npos)
       << "no changed options; " << again.out;
   EXPECT_TRUE(config_differences(config, a.read_config()).empty());
-  expect_refused(train({"-m", a.root(), "--resume", "auto", "--preset", "original"}), {"--preset original", "fast"});
+  expect_refused(train({"-m", a.root(), "--resume", "auto", "--preset", "inria"}), {"--preset inria", "fast"});
 }
 
 TEST_F(Resume, TheSameFolderNamedInAnotherWayIsNoChangedOption) {

@@ -24,30 +24,48 @@ TEST(CompareConfig, AnEntryIsAKernelOrOptions) {
   EXPECT_EQ(entries[2].config.opacity_lr, 0.5);
   EXPECT_TRUE(entries[2].config.random_background);
   EXPECT_EQ(entries[2].config.kernel, base.kernel);
-  const auto paper = parse_configurations("naive,paper:kernel_candidates=combined/shared-memory", base);
-  EXPECT_EQ(paper[1].config.kernel_candidates, (std::vector<std::string>{"combined", "shared-memory"}))
+  const auto mixed = parse_configurations("naive,mixed:kernel_candidates=combined/shared-memory", base);
+  EXPECT_EQ(mixed[1].config.kernel_candidates, (std::vector<std::string>{"combined", "shared-memory"}))
       << "commas separate configurations";
   EXPECT_EQ(parse_configurations("a:naive,b:naive", base).size(), 2u)
       << "training the same twice measures the run-to-run variation";
 }
 
-TEST(CompareConfig, OriginalSelectsTheOptionsClosestToTheOriginalTrainer) {
-  const auto entries = parse_configurations("original,b:original+kernel=paper,c:paper+culling=square", TrainConfig{});
+TEST(CompareConfig, NaiveKernelsSelectsTheOptionsClosestToTheOriginalTrainer) {
+  const auto entries =
+      parse_configurations("naive-kernels,b:naive-kernels+kernel=published,c:published+culling=square", TrainConfig{});
   const TrainConfig& original = entries[0].config;
   EXPECT_EQ(original.kernel, "naive");
   EXPECT_EQ(original.backward_kernel, "per-pixel");
   EXPECT_EQ(original.culling, "square");
   EXPECT_EQ(original.tile, "16x16");
-  EXPECT_EQ(entries[1].config.kernel, "paper") << "later parts override earlier ones";
+  EXPECT_EQ(entries[1].config.kernel, "published") << "later parts override earlier ones";
   EXPECT_EQ(entries[1].config.tile, "16x16");
   EXPECT_EQ(entries[2].config.backward_kernel, TrainConfig{}.backward_kernel);
   EXPECT_EQ(forward_candidates(entries[2].config), (std::vector<std::string>{"combined", "shared-memory"}));
 }
 
+TEST(CompareConfig, FormerNamesStandForThePresentOnes) {
+  const std::string text = "original,b:paper+tile=16x8,c:preset=original+strategy=balanced";
+  const auto entries = parse_configurations(text, TrainConfig{}, {});
+  EXPECT_EQ(entries[0].name, "original") << "the folder of a comparison that is resumed";
+  EXPECT_EQ(entries[0].config.backward_kernel, "per-pixel");
+  EXPECT_EQ(entries[1].config.kernel, kPublishedKernel);
+  EXPECT_EQ(entries[2].config.preset + " " + entries[2].config.strategy, "inria budget");
+  EXPECT_EQ(describe_former_parts(text),
+            (std::vector<std::string>{"--configs original: original is now naive-kernels",
+                                      "--configs b:paper+tile=16x8: paper is now published",
+                                      "--configs c:preset=original+strategy=balanced: preset=original is now "
+                                      "preset=inria",
+                                      "--configs c:preset=original+strategy=balanced: strategy=balanced is now "
+                                      "strategy=budget"}));
+  EXPECT_TRUE(describe_former_parts("naive-kernels,paper:kernel=published+preset=inria").empty());
+}
+
 TEST(CompareConfig, FewPhotographsLimitEachConfigurationByItsMaxEpochs) {
   const GivenOptions given{{"densify_until_iter", 16000}};
   const auto entries = parse_configurations(
-      "quality:preset=quality,balanced:preset=original+strategy=balanced,fast:preset=fast,"
+      "quality:preset=quality,balanced:preset=inria+strategy=balanced,fast:preset=fast,"
       "all:iterations=24000,given:opacity_reset_interval=2400,off:max_epochs=0",
       resolve_options(given).config, given, 21);
   std::vector<int> iterations;
@@ -64,8 +82,8 @@ TEST(CompareConfig, PresetsApplyBelowWhatIsGiven) {
   const GivenOptions given{{"opacity_lr", 0.5}, {"densify_until_iter", 321}};
   const TrainConfig base = resolve_options(given).config;
   const auto entries = parse_configurations(
-      "original:preset=original,fast:preset=fast,short:preset=fast+iterations=70+opacity_lr=0.25", base, given);
-  const TrainConfig original = resolve_options({{"preset", "original"}}).config;
+      "inria:preset=inria,fast:preset=fast,short:preset=fast+iterations=70+opacity_lr=0.25", base, given);
+  const TrainConfig original = resolve_options({{"preset", "inria"}}).config;
   EXPECT_EQ(entries[0].config.iterations, original.iterations);
   EXPECT_EQ(entries[0].config.opacity_lr, 0.5) << "given for all";
   const TrainConfig fast = resolve_options({{"preset", "fast"}}).config;
@@ -80,7 +98,7 @@ TEST(CompareConfig, PresetsApplyBelowWhatIsGiven) {
 
 TEST(CompareConfig, SeparatesOptionsOfTheForwardKernelFromOthers) {
   const auto entries =
-      parse_configurations("naive,adaptive+kernel_policy=tracking,original,again:naive", TrainConfig{});
+      parse_configurations("naive,adaptive+kernel_policy=tracking,naive-kernels,again:naive", TrainConfig{});
   const DifferingOptions kernels = differing_options(entries[0].config, entries[1].config);
   EXPECT_EQ(kernels.forward_kernel, (std::vector<std::string>{"kernel", "kernel_policy"}));
   EXPECT_TRUE(kernels.others.empty());
@@ -103,7 +121,7 @@ TEST(CompareConfig, RejectsInvalidEntriesWithAReason) {
   const auto expect_rejected = [](const std::string& text, const std::string& reason) {
     EXPECT_TRUE(test::fails_with<InputError>({reason}, [&] { parse_configurations(text, TrainConfig{}); })) << text;
   };
-  expect_rejected("naive,naiv", "--configs naiv: unknown configuration \"naiv\" (expected original, naive");
+  expect_rejected("naive,naiv", "--configs naiv: unknown configuration \"naiv\" (expected naive, dynamic");
   expect_rejected("naive,naiv", "or option=value); did you mean naive?");
   expect_rejected("naive,fast", "did you mean preset=fast?");
   expect_rejected("naive", "needs at least two configurations");

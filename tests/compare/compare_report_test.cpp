@@ -53,8 +53,8 @@ Comparison comparison_of(const std::vector<std::pair<std::string, std::vector<Tr
   for (const auto& [name, by_seed] : configurations) {
     comparison.configurations.push_back({name, comparison.plan.base});
     TrainConfig& config = comparison.configurations.back().config;
-    config.kernel = find_forward_kernel(name) || name == kPaperKernel ? name : kAdaptive;
-    if (name == "original" || name == kPaperKernel) config.backward_kernel = "per-pixel";
+    config.kernel = find_forward_kernel(name) || name == kPublishedKernel ? name : kAdaptive;
+    if (name == "original" || name == kPublishedKernel) config.backward_kernel = "per-pixel";
     if (name == "original" || name == "naive_again") config.kernel = "naive";
     histories.push_back({name, config, by_seed});
     comparison.runs.emplace_back();
@@ -189,15 +189,15 @@ TEST_F(ReportInBrowser, ShowsRunToRunVariationBesideEveryDifference) {
 }
 
 TEST_F(ReportInBrowser, ShowsPublishedResultsBesideTheSameComparison) {
-  const TrainHistory original = history(10), paper = history(8, 51), late = history(8);
-  Comparison comparison = comparison_of({{"original", {original, original}}, {"paper", {paper, late}}});
+  const TrainHistory original = history(10), published = history(8, 51), late = history(8);
+  Comparison comparison = comparison_of({{"original", {original, original}}, {"published", {published, late}}});
   comparison.configurations[0].config.lambda_dssim = 0.1;
   const std::string text = shown(comparison);
   if (text.empty()) GTEST_SKIP() << "chromium is not installed";
   expect_in_order(text,
                   {"Quality has not been measured yet.", "51 in 1 of 2 seeds", "was not measured (--noise does that)",
-                   "lambda_dssim\t0.1", "paper against original\t20.0 % (95 %: 20.0 to 20.0 %)\tfaster",
-                   "published\t8.5 %\t\t19.6 %\t7.9 %"});
+                   "lambda_dssim\t0.1", "published against original\t20.0 % (95 %: 20.0 to 20.0 %)\tfaster",
+                   "in the paper\t8.5 %\t\t19.6 %\t7.9 %"});
 }
 
 /// A log as training on a GPU writes it, with everything that a report can show.

@@ -124,7 +124,7 @@ TEST(CompareSummary, KnowsWhichKernelsAreBalanced) {
   for (const char* name : {"dynamic", "gaussian-wise", "combined", "segmented"}) {
     EXPECT_TRUE(is_balanced_kernel(name)) << name;
   }
-  EXPECT_TRUE(may_balance(config_with("adaptive")) && may_balance(config_with("paper")));
+  EXPECT_TRUE(may_balance(config_with("adaptive")) && may_balance(config_with("published")));
   EXPECT_FALSE(may_balance(config_with("shared-memory")));
 }
 
@@ -174,12 +174,12 @@ TEST(CompareSummary, OnlyTheSameComparisonIsSetBesideThePaper) {
     return own;
   };
   const ComparisonSummary summary =
-      summarize_comparison({trained("naive", {history(10, 10)}), trained("paper", {history(9, 9)}), original("naive"),
-                            original("adaptive"), original("paper"), original("combined")},
+      summarize_comparison({trained("naive", {history(10, 10)}), trained("published", {history(9, 9)}),
+                            original("naive"), original("adaptive"), original("published"), original("combined")},
                            4000);
   ASSERT_EQ(summary.paper_comparisons.size(), 1u) << "not with another backward pass, another pair or a fixed kernel";
   EXPECT_EQ(summary.paper_comparisons[0].baseline, "original_naive");
-  EXPECT_EQ(summary.paper_comparisons[0].compared.name, "original_paper");
+  EXPECT_EQ(summary.paper_comparisons[0].compared.name, "original_published");
   EXPECT_TRUE(summary.paper_comparisons[0].compared.before);
   EXPECT_EQ(to_json(summary)["beside_paper"][0]["baseline"], "original_naive");
 }

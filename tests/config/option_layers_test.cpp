@@ -87,7 +87,7 @@ TEST(FormerOptions, AreAcceptedAndSayThatTheyHaveNoEffect) {
 
 TEST(FormerOptions, OfAFileAreLeftOut) {
   const nlohmann::ordered_json stored{{"growth", 0.05}, {"abs_grad_threshold", 0.0006}, {"seed", 3}, {"huber", 0.0}};
-  EXPECT_EQ(without_former_options(stored), (nlohmann::ordered_json{{"seed", 3}}));
+  EXPECT_EQ(present_options(stored), (nlohmann::ordered_json{{"seed", 3}}));
   const std::vector<std::string> lines = describe_former_options(stored);
   ASSERT_EQ(lines.size(), 1u) << "the others have the values that they always have now";
   EXPECT_EQ(lines[0], "--abs_grad_threshold 0.0006 has no effect: every Gaussian with an error may be split");
@@ -103,6 +103,23 @@ TEST(FormerOptions, OfAFileAreLeftOut) {
   TrainConfig config;
   stored_config_from_json(config, {{"split", "cover"}, {"opacity_decay", 0.9}}, "config.json");
   EXPECT_EQ(config.split, "preserve") << "the former splits are gone";
+}
+
+TEST(FormerOptions, FormerNamesOfValuesAreReadAndNamed) {
+  CommandLine line("train", "");
+  line.add(TrainConfig{}, "Training");
+  ASSERT_TRUE(line.parse({"--strategy", "balanced", "--preset", "original", "--kernel", "paper"}));
+  EXPECT_EQ(given_options(line, ""),
+            (GivenOptions{{"preset", "inria"}, {"strategy", "budget"}, {"kernel", "published"}}));
+  EXPECT_EQ(describe_former_names(line.given()),
+            (Words{"--strategy balanced is now --strategy budget", "--preset original is now --preset inria",
+                   "--kernel paper is now --kernel published"}));
+  EXPECT_TRUE(describe_former_names({{"strategy", "budget"}, {"kernel_policy", "paper"}}).empty());
+  const nlohmann::ordered_json stored{{"strategy", "balanced"}, {"preset", "original"}, {"kernel_policy", "paper"}};
+  TrainConfig config;
+  stored_config_from_json(config, stored, "config.json");
+  EXPECT_EQ(config.strategy + config.preset + config.kernel_policy, "budgetinriapaper");
+  EXPECT_FALSE(has_removed_options(stored)) << "so that a comparison can be resumed";
 }
 
 TEST(FormerOptions, AreLookedForOnlyInObjects) {
@@ -122,7 +139,7 @@ TEST(FormerOptions, AreLookedForOnlyInObjects) {
 TEST(Presets, HaveARowForEveryName) {
   ASSERT_EQ(presets().size(), std::size(kPresetNames));
   for (std::size_t i = 0; i < presets().size(); ++i) EXPECT_STREQ(presets()[i].name, kPresetNames[i]);
-  EXPECT_TRUE(presets()[0].values.empty()) << "original changes nothing";
+  EXPECT_TRUE(presets()[0].values.empty()) << "inria changes nothing";
 }
 
 TEST(Presets, EveryRowNamesOptionsOnceWithValuesInRange) {
@@ -146,14 +163,14 @@ TEST(Presets, StrategiesWithDefaultsExist) {
     const bool exists = std::count(kDensityStrategies.begin(), kDensityStrategies.end(), row.name) == 1;
     EXPECT_TRUE(exists || row.values.empty()) << row.name;
     if (!exists || row.values.empty()) continue;
-    const TrainConfig config = resolved({"--preset", "original", "--strategy", row.name});
+    const TrainConfig config = resolved({"--preset", "inria", "--strategy", row.name});
     const GivenOptions values = parse_values(row.values);
     for (const auto& [name, value] : values.items()) {
       EXPECT_EQ(config_to_json(config).at(name), value) << row.name << " " << name;
       if (name == "iterations") continue;  // given, it turns --max_epochs off
       const std::string given_value = value.is_string() ? value.get<std::string>() : value.dump();
-      EXPECT_TRUE(config_differences(config, resolved({"--preset", "original", "--strategy", row.name,
-                                                       "--" + name + "=" + given_value}))
+      EXPECT_TRUE(config_differences(
+                      config, resolved({"--preset", "inria", "--strategy", row.name, "--" + name + "=" + given_value}))
                       .empty());
     }
   }
@@ -184,18 +201,18 @@ TEST(Presets, HelpAndPageShowEveryValue) {
 }
 
 TEST(OptionLayers, OriginalIsTrainConfig) {
-  EXPECT_TRUE(config_differences(TrainConfig{}, resolved({"--preset", "original"})).empty());
+  EXPECT_TRUE(config_differences(TrainConfig{}, resolved({"--preset", "inria"})).empty());
 }
 
 TEST(OptionLayers, ThePresetIsQualityUnlessItOrAStrategyIsGiven) {
   EXPECT_TRUE(config_differences(resolved({"--preset", "quality"}), resolved({})).empty());
-  EXPECT_EQ(resolved({}).densify_until_iter, 16000) << "the schedule of balanced, scaled to 24,000 iterations";
+  EXPECT_EQ(resolved({}).densify_until_iter, 16000) << "the schedule of budget, scaled to 24,000 iterations";
   EXPECT_EQ(resolved({"--iterations", "12000"}).densify_until_iter, 8000) << "half of its schedule";
   EXPECT_EQ(resolved({"--preset", "fast", "--strategy", "default"}).densify_until_iter, 3000) << "a fifth of 15,000";
   for (const char* strategy : {"default", "mcmc"}) {
-    EXPECT_TRUE(config_differences(resolved({"--preset", "original", "--strategy", strategy}),
-                                   resolved({"--strategy", strategy}))
-                    .empty());
+    EXPECT_TRUE(
+        config_differences(resolved({"--preset", "inria", "--strategy", strategy}), resolved({"--strategy", strategy}))
+            .empty());
   }
   const TrainConfig fast = resolved({"--preset", "fast", "--strategy", "mcmc"});
   EXPECT_EQ(fast.preset, "fast");
@@ -204,14 +221,13 @@ TEST(OptionLayers, ThePresetIsQualityUnlessItOrAStrategyIsGiven) {
 }
 
 TEST(OptionLayers, AStrategyThatIsThePresetsOwnChangesNothing) {
-  EXPECT_TRUE(config_differences(resolved({}), resolved({"--strategy", "balanced"})).empty());
+  EXPECT_TRUE(config_differences(resolved({}), resolved({"--strategy", "budget"})).empty());
   EXPECT_TRUE(
-      config_differences(resolved({"--iterations", "900"}), resolved({"--strategy", "balanced", "--iterations", "900"}))
+      config_differences(resolved({"--iterations", "900"}), resolved({"--strategy", "budget", "--iterations", "900"}))
           .empty());
-  EXPECT_TRUE(
-      config_differences(resolved({"--preset", "fast"}), resolved({"--preset", "fast", "--strategy", "balanced"}))
-          .empty());
-  EXPECT_EQ(resolved({"--preset", "original", "--strategy", "balanced"}).gaussians_per_pixel, 1.2);
+  EXPECT_TRUE(config_differences(resolved({"--preset", "fast"}), resolved({"--preset", "fast", "--strategy", "budget"}))
+                  .empty());
+  EXPECT_EQ(resolved({"--preset", "inria", "--strategy", "budget"}).gaussians_per_pixel, 1.2);
 }
 
 TEST(OptionLayers, WhatDiffersFromThePresetIsWhatWasGiven) {
@@ -252,7 +268,7 @@ TEST(OptionLayers, TheCommandLineOverridesTheConfigFileWhichOverridesThePreset) 
 }
 
 TEST(OptionLayers, ErrorsNameTheOption) {
-  EXPECT_TRUE(test::fails_with<InputError>({"--preset (expected one of original, fast, quality, best"}, [&] {
+  EXPECT_TRUE(test::fails_with<InputError>({"--preset (expected one of inria, fast, quality, best"}, [&] {
     resolved({"--preset", "better"});
   }));
   EXPECT_TRUE(test::fails_with<InputError>({"--iterations (expected at least 1"}, [&] {
@@ -278,7 +294,7 @@ TEST(Schedule, OptionsCountedInIterationsAreMarked) {
 }
 
 TEST(Schedule, OfOriginalDoesNotFollowIterations) {
-  for (const Words& words : {Words{"--preset", "original"}, Words{"--strategy", "default"}}) {
+  for (const Words& words : {Words{"--preset", "inria"}, Words{"--strategy", "default"}}) {
     const TrainConfig config = resolved(joined(words, {"--iterations", "10000"}));
     EXPECT_EQ(config_differences(TrainConfig{}, config), Words{"iterations: 30000 -> 10000"});
   }
@@ -286,8 +302,8 @@ TEST(Schedule, OfOriginalDoesNotFollowIterations) {
 
 TEST(Schedule, OfAPresetOrStrategyFollowsIterations) {
   for (const Words& words : {Words{"--preset", "fast"}, Words{"--preset", "quality"}, Words{"--strategy", "mcmc"},
-                             Words{"--strategy", "balanced"}, Words{"--preset", "fast", "--strategy", "mcmc"},
-                             Words{"--preset", "original", "--strategy", "mcmc"}}) {
+                             Words{"--strategy", "budget"}, Words{"--preset", "fast", "--strategy", "mcmc"},
+                             Words{"--preset", "inria", "--strategy", "mcmc"}}) {
     SCOPED_TRACE(testing::PrintToString(words));
     const TrainConfig base = resolved(words);
     for (const int iterations : {10000, 333}) {
@@ -307,7 +323,7 @@ TEST(Schedule, OfAPresetOrStrategyFollowsIterations) {
 }
 
 TEST(Schedule, StepsScalerMultipliesAllAndIsAppliedOnce) {
-  const TrainConfig half = resolved({"--preset", "original", "--steps_scaler", "0.5", "--densify_until_iter", "101"});
+  const TrainConfig half = resolved({"--preset", "inria", "--steps_scaler", "0.5", "--densify_until_iter", "101"});
   EXPECT_EQ(half.steps_scaler, 1) << "a stored config must not be scaled again";
   EXPECT_EQ(half.iterations, 15000);
   EXPECT_EQ(half.densify_until_iter, 51) << "given, and rounded to the nearest";
@@ -316,7 +332,7 @@ TEST(Schedule, StepsScalerMultipliesAllAndIsAppliedOnce) {
   EXPECT_EQ(half.checkpoint_interval, 0) << "0 stays 0";
   EXPECT_EQ(half.max_gaussians, TrainConfig{}.max_gaussians);
   EXPECT_EQ(half.threads, TrainConfig{}.threads);
-  const TrainConfig tiny = resolved({"--preset", "original", "--steps_scaler", "1e-9"});
+  const TrainConfig tiny = resolved({"--preset", "inria", "--steps_scaler", "1e-9"});
   EXPECT_EQ(tiny.iterations, 1);
   EXPECT_EQ(tiny.densify_from_iter, 1);
   EXPECT_EQ(resolved({"--steps_scaler", "1e9"}).iterations, std::numeric_limits<int>::max());
@@ -327,9 +343,9 @@ TEST(Schedule, StepsScalerMultipliesAllAndIsAppliedOnce) {
 
 TEST(GivenMaxEpochs, IsOffIfIterationsAreGivenWithoutIt) {
   EXPECT_EQ(resolved({}).max_epochs, 400);
-  EXPECT_EQ(resolved({"--strategy", "balanced"}).max_epochs, 400);
-  for (const Words& words : {Words{"--preset", "original"}, Words{"--strategy", "mcmc"}, Words{"--iterations", "24000"},
-                             Words{"--strategy", "balanced", "--max_steps", "30000"}, Words{"--max_epochs", "0"},
+  EXPECT_EQ(resolved({"--strategy", "budget"}).max_epochs, 400);
+  for (const Words& words : {Words{"--preset", "inria"}, Words{"--strategy", "mcmc"}, Words{"--iterations", "24000"},
+                             Words{"--strategy", "budget", "--max_steps", "30000"}, Words{"--max_epochs", "0"},
                              Words{"--steps_scaler", "2", "--iterations", "500"}}) {
     EXPECT_EQ(resolved(words).max_epochs, 0) << testing::PrintToString(words);
   }
@@ -388,20 +404,20 @@ TEST(ResumedOptions, GivenOptionsChangeAndOthersKeepTheCheckpointsValues) {
   EXPECT_EQ(config.iterations, 12000);
   EXPECT_EQ(config.position_lr_max_steps, max_steps);
   TrainConfig original;
-  EXPECT_TRUE(test::fails_with<InputError>({"was started with --preset original"}, [&] {
+  EXPECT_TRUE(test::fails_with<InputError>({"was started with --preset inria"}, [&] {
     apply_at_resume(original, given({"--preset", "fast"}));
   }));
 }
 
 TEST(DescribeOptions, NamesPresetAndWhereValuesAreFrom) {
-  EXPECT_EQ(describe_options(resolve_options(given({"-s", "scene", "-m", "model", "--preset", "original"}))),
-            Words{"options     preset original, strategy default"});
-  EXPECT_EQ(describe_options(resolve_options(given({"--preset", "original", "--iterations", "7000"})))[0],
-            "options     preset original, strategy default, schedule of 30,000 iterations, whatever --iterations");
-  EXPECT_EQ(describe_options(resolve_options(given({"--preset", "original", "--steps_scaler", "0.5"})))[0],
-            "options     preset original, strategy default, all numbers of iterations x 0.5");
+  EXPECT_EQ(describe_options(resolve_options(given({"-s", "scene", "-m", "model", "--preset", "inria"}))),
+            Words{"options     preset inria, strategy default"});
+  EXPECT_EQ(describe_options(resolve_options(given({"--preset", "inria", "--iterations", "7000"})))[0],
+            "options     preset inria, strategy default, schedule of 30,000 iterations, whatever --iterations");
+  EXPECT_EQ(describe_options(resolve_options(given({"--preset", "inria", "--steps_scaler", "0.5"})))[0],
+            "options     preset inria, strategy default, all numbers of iterations x 0.5");
   EXPECT_EQ(describe_options(resolve_options(given({"-s", "scene"})))[0],
-            "options     preset quality, strategy balanced");
+            "options     preset quality, strategy budget");
   const Words lines = describe_options(
       resolve_options(given({"--preset", "fast", "--eval", "--iterations", "10000", "--tile", "16x8"})));
   std::string text;
@@ -416,7 +432,7 @@ TEST(DescribeOptions, NamesPresetAndWhereValuesAreFrom) {
   OptionLayers layers = resolve_options();
   layers.epoch_scale = limit_epochs(layers.config, 21, layers.given);
   EXPECT_EQ(describe_options(layers)[0],
-            "options     preset quality, strategy balanced, schedule x 0.147 for --max_epochs");
+            "options     preset quality, strategy budget, schedule x 0.147 for --max_epochs");
 }
 
 }  // namespace

@@ -1,4 +1,5 @@
-// Views split at the splats: projected in one rasterizer, drawn in another, and summed by the owner of the Gaussians.
+// Views split at the splats: projected in one rasterizer, rendered in another, and summed by the owner of the
+// Gaussians.
 #include <gtest/gtest.h>
 
 #include "raster/checks.h"
@@ -93,14 +94,14 @@ TEST(SplitView, HasTheCameraGradientOfAViewOfOneRasterizer) {
     const RenderedViewGrad grad = uneven_grad(scene.view, everywhere);
     RenderSettings with_camera = settings;
     with_camera.camera_gradient = true;
-    Rasterizer whole(torch::kCPU), owner(torch::kCPU), drawer(torch::kCPU);
+    Rasterizer whole(torch::kCPU), owner(torch::kCPU), renderer(torch::kCPU);
     whole.forward(scene.gaussians, scene.view, with_camera);
     GaussianTensors grads;
     const torch::Tensor expected = whole.backward(scene.gaussians, grad, grads).camera_grad.clone();
 
     const ViewSplats all = owner.project(scene.gaussians, scene.view, settings);
-    drawer.forward_splats(all, scene.view, settings);
-    const torch::Tensor sums = drawer.backward_splats(grad);
+    renderer.forward_splats(all, scene.view, settings);
+    const torch::Tensor sums = renderer.backward_splats(grad);
     std::vector<torch::Tensor> parts;  // of two owners
     const torch::Tensor gaussians = gaussians_of(all);
     const std::int64_t n = scene.gaussians.size(), n_first = (gaussians < n / 3).sum().item<std::int64_t>();
@@ -113,7 +114,7 @@ TEST(SplitView, HasTheCameraGradientOfAViewOfOneRasterizer) {
                                    scene.view, settings));
     }
     torch::Tensor ordered = torch::empty({all.size(), kCameraGradients});
-    ordered.index_copy_(0, drawer.order_of_splats(), torch::cat(parts));
+    ordered.index_copy_(0, renderer.order_of_splats(), torch::cat(parts));
     EXPECT_TRUE(same_bytes(sum_camera_parts(ordered), expected));
     EXPECT_GT(expected.abs().min().item<double>(), 0);
   }
@@ -186,21 +187,21 @@ TEST(SplitView, RefusesTensorsThatDoNotFit) {
   const ViewSplats good = rasterizer.project(scene.gaussians, scene.view, settings);
   const std::int64_t m = good.size();
   ASSERT_GT(m, 2);
-  const auto draw = [&](auto&& change) {
+  const auto render = [&](auto&& change) {
     ViewSplats splats = good;
     change(splats);
     rasterizer.forward_splats(splats, scene.view, settings);
   };
   EXPECT_TRUE(fails_with<LogicError>({"splats is [", ", 11]"}, [&] {
-    draw([](ViewSplats& s) { s.splats = s.splats.slice(1, 0, 11).contiguous(); });
+    render([](ViewSplats& s) { s.splats = s.splats.slice(1, 0, 11).contiguous(); });
   }));
-  EXPECT_TRUE(fails_with<LogicError>({"splats is undefined"}, [&] { draw([](ViewSplats& s) { s = {}; }); }));
+  EXPECT_TRUE(fails_with<LogicError>({"splats is undefined"}, [&] { render([](ViewSplats& s) { s = {}; }); }));
   EXPECT_TRUE(fails_with<LogicError>({"extents", "M is"},
-                                     [&] { draw([](ViewSplats& s) { s.extents = s.extents.slice(0, 1); }); }));
+                                     [&] { render([](ViewSplats& s) { s.extents = s.extents.slice(0, 1); }); }));
   EXPECT_TRUE(fails_with<LogicError>({"radii is Float", "expected int32"},
-                                     [&] { draw([](ViewSplats& s) { s.radii = s.radii.to(torch::kFloat32); }); }));
+                                     [&] { render([](ViewSplats& s) { s.radii = s.radii.to(torch::kFloat32); }); }));
   EXPECT_TRUE(fails_with<LogicError>({"splats is not aligned"}, [&] {
-    draw([&](ViewSplats& s) { s.splats = torch::zeros({12 * m + 1}).slice(0, 1).view({m, 12}); });
+    render([&](ViewSplats& s) { s.splats = torch::zeros({12 * m + 1}).slice(0, 1).view({m, 12}); });
   }));
   EXPECT_TRUE(fails_with<LogicError>({"camera"}, [&] {
     RenderSettings with_camera = settings;

@@ -151,7 +151,7 @@ TEST_F(TrainReport, NamesSceneOptionsAndMachine) {
   const Json report = data(60, true);
   EXPECT_EQ(report["settings"][0], Json::array({"source scene", "/scenes/garden"}));
   EXPECT_EQ(report["settings"][1],
-            Json::array({"options", "iterations 60; otherwise those of --preset original, --strategy default"}));
+            Json::array({"options", "iterations 60; otherwise those of --preset inria, --strategy default"}));
   EXPECT_EQ(report["machine"], Json({{"cpu", "a CPU"}}));
 }
 

@@ -181,7 +181,7 @@ TEST_F(KernelChooserTest, FixesTheKernelThatIsNamed) {
 }
 
 TEST_F(KernelChooserTest, DoesAsThePaperIfToldSo) {
-  config.kernel = kPaperKernel;
+  config.kernel = kPublishedKernel;
   KernelChooser own = chooser(2.0, 1.0);
   EXPECT_EQ(own.forward_name(), "combined");
   EXPECT_FALSE(own.is_due(at(1)));
@@ -196,15 +196,15 @@ TEST_F(KernelChooserTest, DoesAsThePaperIfToldSo) {
 
 TEST_F(KernelChooserTest, DoesNotTimeKernelsInDeterministicTraining) {
   config.deterministic = true;
-  KernelChooser paper(
+  KernelChooser published(
       [&] {
-        TrainConfig of_paper = config;
-        of_paper.kernel = kPaperKernel;
-        return of_paper;
+        TrainConfig of_published = config;
+        of_published.kernel = kPublishedKernel;
+        return of_published;
       }(),
       torch::kCPU);
-  EXPECT_FALSE(paper.is_due(at(1000)));
-  EXPECT_EQ(paper.apply({}).kernel, ForwardKernel::kSharedMemory);
+  EXPECT_FALSE(published.is_due(at(1000)));
+  EXPECT_EQ(published.apply({}).kernel, ForwardKernel::kSharedMemory);
   KernelChooser own(config, torch::kCPU);
   EXPECT_FALSE(own.is_due(at(1)));
   EXPECT_EQ(own.apply({}).kernel, ForwardKernel::kSharedMemory);

@@ -144,7 +144,7 @@ TrainConfig limited(const GivenOptions& given, const Scene& scene) {
 }
 
 TEST(EpochLimit, EndsTheTrainingAfterSoManyUsesOfEachPhotograph) {
-  const GivenOptions quality{{"preset", "quality"}}, balanced{{"preset", "original"}, {"strategy", "balanced"}};
+  const GivenOptions quality{{"preset", "quality"}}, budget{{"preset", "inria"}, {"strategy", "budget"}};
   const TrainConfig full = resolve_options(quality).config, config = limited(quality, scene_of(21));
   EXPECT_EQ(config.iterations, 21 * 168) << "400 x 21 / 50";
   EXPECT_EQ(config.max_epochs, 400);
@@ -156,7 +156,7 @@ TEST(EpochLimit, EndsTheTrainingAfterSoManyUsesOfEachPhotograph) {
   EXPECT_EQ(config.save_iterations, full.save_iterations);
   EXPECT_EQ(config.stats_interval, full.stats_interval);
   EXPECT_EQ(config.batch, full.batch);
-  EXPECT_EQ(limited(balanced, scene_of(21)).iterations, 21 * 168);
+  EXPECT_EQ(limited(budget, scene_of(21)).iterations, 21 * 168);
   EXPECT_EQ(limited({{"max_epochs", 1}}, scene_of(3)).iterations, 3);
 }
 
@@ -202,23 +202,23 @@ TEST(TrainingPhotographs, OverlapIsOfTheViewsThatSeeAPoint) {
 TEST(EpochLimit, LeavesTrainingsThatUsePhotographsLessOftenAsTheyAre) {
   for (const auto& [given, n] :
        {std::pair{GivenOptions{{"preset", "quality"}}, 60},
-        {GivenOptions{{"preset", "original"}, {"strategy", "balanced"}}, 75},
+        {GivenOptions{{"preset", "inria"}, {"strategy", "budget"}}, 75},
         {GivenOptions{{"preset", "fast"}}, 28},
         {GivenOptions{{"preset", "best"}}, 75},
-        {GivenOptions{{"preset", "original"}}, 1},
+        {GivenOptions{{"preset", "inria"}}, 1},
         {GivenOptions{{"strategy", "default"}}, 1},
         {GivenOptions{{"strategy", "mcmc"}}, 1},
         {GivenOptions{{"max_epochs", 0}}, 1},
         {GivenOptions{{"max_epochs", std::numeric_limits<int>::max()}}, 3},
         {GivenOptions{{"iterations", 24000}}, 1},
-        {GivenOptions{{"preset", "original"}, {"iterations", 9000}, {"strategy", "balanced"}}, 1}}) {
+        {GivenOptions{{"preset", "inria"}, {"iterations", 9000}, {"strategy", "budget"}}, 1}}) {
     const TrainConfig full = resolve_options(given).config;
     TrainConfig config = full;
     EXPECT_EQ(limit_epochs(config, static_cast<std::size_t>(n), given), 1);
     EXPECT_TRUE(config_differences(full, config).empty()) << given;
   }
   EXPECT_EQ(limited({{"preset", "quality"}}, scene_of(59)).iterations, 23600);
-  EXPECT_EQ(limited({{"preset", "original"}, {"strategy", "balanced"}}, scene_of(74)).iterations, 29600);
+  EXPECT_EQ(limited({{"preset", "inria"}, {"strategy", "budget"}}, scene_of(74)).iterations, 29600);
   TrainConfig config;
   config.max_epochs = std::numeric_limits<int>::max();
   EXPECT_EQ(limit_epochs(config, std::numeric_limits<std::size_t>::max(), GivenOptions::object()), 1);
@@ -249,8 +249,7 @@ TEST(EpochLimit, DoesNotScaleGivenOptions) {
 TEST(EpochLimit, GivenWithIterationsIsALimitToThem) {
   EXPECT_EQ(limited({{"iterations", 24000}, {"max_epochs", 600}}, scene_of(21)).iterations, 12600);
   EXPECT_EQ(limited({{"iterations", 1000}, {"max_epochs", 600}}, scene_of(21)).iterations, 1000);
-  const TrainConfig original =
-      limited({{"preset", "original"}, {"iterations", 6000}, {"max_epochs", 100}}, scene_of(30));
+  const TrainConfig original = limited({{"preset", "inria"}, {"iterations", 6000}, {"max_epochs", 100}}, scene_of(30));
   EXPECT_EQ(original.iterations, 3000);
   EXPECT_EQ(original.densify_until_iter, 7500) << "half of its schedule, which does not follow --iterations";
 }
@@ -265,7 +264,7 @@ TEST(EpochLimit, IsScaledByStepsScaler) {
 
 TEST(EpochLimit, ShortensASceneAsStepsScalerDoes) {
   for (const GivenOptions& given :
-       {GivenOptions{{"preset", "quality"}}, GivenOptions{{"preset", "original"}, {"strategy", "balanced"}}}) {
+       {GivenOptions{{"preset", "quality"}}, GivenOptions{{"preset", "inria"}, {"strategy", "budget"}}}) {
     for (const std::size_t n : {1, 5, 21, 37}) {
       const TrainConfig config = limited(given, scene_of(n));
       GivenOptions scaled = given;

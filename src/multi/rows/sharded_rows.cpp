@@ -193,18 +193,18 @@ torch::Tensor gather_rows_on_first(Communicator& ranks, const torch::Tensor& own
   return whole;
 }
 
-torch::Tensor gather_view_rows(Communicator& ranks, const torch::Tensor& drawn, const std::vector<int>& drawers) {
+torch::Tensor gather_view_rows(Communicator& ranks, const torch::Tensor& rendered, const std::vector<int>& renderers) {
   std::vector<std::int64_t> counts(static_cast<std::size_t>(ranks.size()), 0), places;
-  for (const int drawer : drawers) places.push_back(counts.at(static_cast<std::size_t>(drawer))++);
+  for (const int renderer : renderers) places.push_back(counts.at(static_cast<std::size_t>(renderer))++);
   const std::int64_t n_own = counts[static_cast<std::size_t>(ranks.rank())];
-  B3DGS_CHECK(drawn.size(0) == n_own, drawn.size(0), " rows of ", n_own, " views that this rank draws");
-  if (ranks.size() == 1) return drawn;
+  B3DGS_CHECK(rendered.size(0) == n_own, rendered.size(0), " rows of ", n_own, " views that this rank renders");
+  if (ranks.size() == 1) return rendered;
   const std::int64_t n_most = *std::max_element(counts.begin(), counts.end());  // parts of one size are faster
-  torch::Tensor part = torch::zeros(sizes_with_rows(drawn, n_most), drawn.options());
-  part.slice(0, 0, n_own).copy_(drawn);
+  torch::Tensor part = torch::zeros(sizes_with_rows(rendered, n_most), rendered.options());
+  part.slice(0, 0, n_own).copy_(rendered);
   std::fill(counts.begin(), counts.end(), n_most);
   const torch::Tensor all = ranks.all_gather_rows(part, counts);
-  for (std::size_t v = 0; v < drawers.size(); ++v) places[v] += drawers[v] * n_most;
+  for (std::size_t v = 0; v < renderers.size(); ++v) places[v] += renderers[v] * n_most;
   return all.index_select(0, torch::tensor(places, torch::kInt64).to(all.device()));
 }
 

@@ -43,9 +43,9 @@ void stream_rows_to_first(Communicator& ranks, const torch::Tensor& own, const R
 torch::Tensor gather_rows_on_first(Communicator& ranks, const torch::Tensor& own, const RowOwners& owners,
                                    std::int64_t piece_bytes = kExchangePieceBytes);
 
-/// What the rank that draws a view tells all ranks: view v is drawn by rank drawers[v]. `drawn` has a row for each view
-/// that this rank draws, in their order. Returns a row for each view. One exchange.
-torch::Tensor gather_view_rows(Communicator& ranks, const torch::Tensor& drawn, const std::vector<int>& drawers);
+/// What the rank that renders a view tells all ranks: view v is rendered by rank renderers[v]. `rendered` has a row for
+/// each view that this rank renders, in their order. Returns a row for each view. One exchange.
+torch::Tensor gather_view_rows(Communicator& ranks, const torch::Tensor& rendered, const std::vector<int>& renderers);
 
 /// 32-bit words of one row.
 std::int64_t words_per_row(const torch::Tensor& rows);

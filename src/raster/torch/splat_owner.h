@@ -1,5 +1,5 @@
-// For a rank whose splats another rank draws: stores the sums that come back where Rasterizer::backward_to_splats() and
-// Rasterizer::score() would have stored them.
+// For a rank whose splats another rank renders: stores the sums that come back where Rasterizer::backward_to_splats()
+// and Rasterizer::score() would have stored them.
 #pragma once
 
 #include "raster/torch/rasterizer.h"

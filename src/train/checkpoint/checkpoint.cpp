@@ -243,7 +243,7 @@ Checkpoint read_checkpoint(const std::filesystem::path& path, const Scene& scene
   // Which columns of statistics a checkpoint holds depends on the strategy.
   state.statistics =
       make_density_strategy(checkpoint.config, scene.extent)->make_statistics(/*n_gaussians=*/0, torch::kCPU);
-  // Of strategy balanced, in checkpoints of earlier versions.
+  // Of strategy budget, in checkpoints of earlier versions.
   file.tensors.erase(std::remove_if(file.tensors.begin(), file.tensors.end(),
                                     [](const auto& named) { return named.first == "statistics.abs_grad_sum"; }),
                      file.tensors.end());

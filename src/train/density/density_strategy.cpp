@@ -4,7 +4,7 @@
 #include <string_view>
 
 #include "core/check.h"
-#include "train/density/strategies/balanced_strategy.h"
+#include "train/density/strategies/budget_strategy.h"
 #include "train/density/strategies/default_strategy.h"
 #include "train/density/strategies/mcmc_strategy.h"
 
@@ -19,7 +19,7 @@ struct StrategyRow {
 constexpr std::array kStrategies{
     StrategyRow{kDefaultStrategy, make_default_strategy},
     StrategyRow{"mcmc", make_mcmc_strategy},
-    StrategyRow{"balanced", make_balanced_strategy},
+    StrategyRow{"budget", make_budget_strategy},
 };
 
 constexpr bool has_a_row_for_each_name() {

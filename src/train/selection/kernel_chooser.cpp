@@ -44,7 +44,7 @@ KernelSelectorOptions forward_options(const TrainConfig& config, torch::Device d
   KernelSelectorOptions options = selector_options(config, device);
   options.reference = kForwardReference;
   options.candidates = measured_candidates(config);
-  if (config.kernel == kPaperKernel) options.policy = KernelPolicy::kPublished;
+  if (config.kernel == kPublishedKernel) options.policy = KernelPolicy::kPublished;
   return options;
 }
 

@@ -144,18 +144,19 @@ TEST_F(TrainRanksOnCpu, AGivenBatchStands) {
 
 TEST_F(TrainRanksOnCpu, RefusesFewerViewsInAStepThanRanks) {
   expect_refused({"--ranks", "3", "--device", "cpu", "--batch", "2"},
-                 "--batch 2 is too small for 3 ranks, each of which draws at least one view of a step; use --batch 3 "
+                 "--batch 2 is too small for 3 ranks, each of which renders at least one view of a step; use --batch 3 "
                  "or more, or at most 2 ranks\n");
   expect_refused({"--ranks", "33", "--device", "cpu"},
-                 "--batch 32 is too small for 33 ranks, each of which draws at least one view of a step; use at most "
+                 "--batch 32 is too small for 33 ranks, each of which renders at least one view of a step; use at most "
                  "32 ranks\n");
   ASSERT_EQ(train({"--device", "cpu", "--checkpoint_iterations", "4"}).exit_code, 0);
   const Outcome outcome =
       run_b3dgs({"train", "-m", model(), "--resume", "auto", "--iterations", "8", "--ranks", "2", "--device", "cpu"});
   EXPECT_EQ(outcome.exit_code, 2);
-  EXPECT_EQ(outcome.err,
-            "error: --batch 1 is too small for 2 ranks, each of which draws at least one view of a step; use --batch 2 "
-            "or more, or at most 1 rank\n");
+  EXPECT_EQ(
+      outcome.err,
+      "error: --batch 1 is too small for 2 ranks, each of which renders at least one view of a step; use --batch 2 "
+      "or more, or at most 1 rank\n");
 }
 
 TEST_F(TrainRanksOnCpu, AResumedTrainingKeepsItsBatch) {

@@ -79,15 +79,15 @@ void expect_counted_pairs(const TestScene& scene, const RenderSettings& settings
   ASSERT_EQ(offsets.back(), n_pairs) << "fewer pairs were written than counted";
   std::vector<std::int64_t> next = offsets;
   std::int64_t n_wrong = 0;
-  for (std::size_t rank = 0; rank < splats.size(); ++rank) {
-    const auto gaussian = static_cast<std::size_t>(splats[rank].gaussian);
-    visit_tile_rows(grid, settings.culling, splats[rank], projected.extents[gaussian], projected.radii[gaussian],
+  for (std::size_t depth_index = 0; depth_index < splats.size(); ++depth_index) {
+    const auto gaussian = static_cast<std::size_t>(splats[depth_index].gaussian);
+    visit_tile_rows(grid, settings.culling, splats[depth_index], projected.extents[gaussian], projected.radii[gaussian],
                     [&](std::int32_t row, TileSpan span) {
                       for (std::int32_t column = span.begin; column < span.end; ++column) {
                         const auto tile = static_cast<std::size_t>(row * grid.columns + column);
                         const std::int64_t place = next[tile]++;
                         n_wrong += place >= offsets[tile + 1] ||
-                                   ids[static_cast<std::size_t>(place)] != static_cast<std::int32_t>(rank);
+                                   ids[static_cast<std::size_t>(place)] != static_cast<std::int32_t>(depth_index);
                       }
                     });
   }

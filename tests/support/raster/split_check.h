@@ -1,4 +1,4 @@
-// For tests: a view projected in one or several rasterizers and drawn in another has the same bytes as one that a
+// For tests: a view projected in one or several rasterizers and rendered in another has the same bytes as one that a
 // single rasterizer renders.
 #pragma once
 
@@ -80,7 +80,7 @@ inline void expect_rows_of_view(const OwnedView& found, const OwnedView& all, co
 }
 
 /// The Gaussians of a scene, in shards that are dealt out one by one and projected by different objects of type Split,
-/// and drawn by another. Split has the passes of Rasterizer and SplatOwner on host tensors:
+/// and rendered by another. Split has the passes of Rasterizer and SplatOwner on host tensors:
 ///   std::optional<ViewSplats> project(GaussianTensors, PinholeView, RenderSettings), without a value for an invalid
 ///     Gaussian;
 ///   std::optional<WholeView> whole(scene, settings, grad, error) and
@@ -119,16 +119,16 @@ bool expect_same_through_splats(const TestScene& scene, const RenderSettings& se
   }
   together = {torch::cat(parts[0]), torch::cat(parts[1]), torch::cat(parts[2])};
   const torch::Tensor order = torch::argsort(torch::cat(global));  // all different
-  Split drawer;
-  const RenderedView images = drawer.forward_splats(rows_of_splats(together, order), scene.view, settings);
+  Split renderer;
+  const RenderedView images = renderer.forward_splats(rows_of_splats(together, order), scene.view, settings);
   EXPECT_TRUE(same_bytes(images.color, expected->images.color)) << "colour";
   EXPECT_TRUE(same_bytes(images.depth, expected->images.depth)) << "depth";
   EXPECT_TRUE(same_bytes(images.alpha, expected->images.alpha)) << "alpha";
 
-  // Back to the owners: row order[k] of `together` is row k of the drawer.
+  // Back to the owners: row order[k] of `together` is row k of the renderer.
   const torch::Tensor place = torch::argsort(order);
-  const torch::Tensor sums = drawer.backward_splats(grad).index_select(0, place);
-  const torch::Tensor scores = drawer.score_splats(error).index_select(0, place);
+  const torch::Tensor sums = renderer.backward_splats(grad).index_select(0, place);
+  const torch::Tensor scores = renderer.score_splats(error).index_select(0, place);
   EXPECT_EQ(scores.select(1, 5).count_nonzero().template item<int>(), 0) << "padding";
   std::int64_t begin = 0;
   for (std::size_t shard = 0; shard < own.size(); ++shard) {

@@ -139,15 +139,16 @@ Cloud cloud_over(const PinholeView& view, int n, double margin) {
 
 /// Each Gaussian gets a different depth; the order of depths is not that of the indices.
 void add_cloud(SceneBuilder& builder, const Cloud& cloud, Random& random) {
-  std::vector<int> ranks(cloud.n);
-  for (int i = 0; i < cloud.n; ++i) ranks[i] = i;
-  for (int i = cloud.n - 1; i > 0; --i) std::swap(ranks[i], ranks[static_cast<int>(random.uniform(0, i + 1))]);
+  std::vector<int> depth_index(cloud.n);
+  for (int i = 0; i < cloud.n; ++i) depth_index[i] = i;
+  for (int i = cloud.n - 1; i > 0; --i)
+    std::swap(depth_index[i], depth_index[static_cast<int>(random.uniform(0, i + 1))]);
   for (int i = 0; i < cloud.n; ++i) {
     Splat2D splat;
     splat.x = random.uniform(cloud.x_min, cloud.x_max);
     splat.y = random.uniform(cloud.y_min, cloud.y_max);
-    const double rank = (ranks[i] + random.uniform(0.2, 0.8)) / cloud.n;
-    splat.depth = cloud.depth_min + (cloud.depth_max - cloud.depth_min) * rank;
+    const double place = (depth_index[i] + random.uniform(0.2, 0.8)) / cloud.n;
+    splat.depth = cloud.depth_min + (cloud.depth_max - cloud.depth_min) * place;
     for (double& size : splat.size) size = random.log_uniform(cloud.size_min, cloud.size_max);
     for (double& c : splat.quat) c = random.uniform(-1, 1);
     splat.opacity = random.uniform(cloud.opacity_min, cloud.opacity_max);

@@ -31,10 +31,10 @@ inline TrainConfig eventful_config() {
   return config;
 }
 
-/// Strategy balanced: rounds at 10, 15, 20, ... with 3 scored steps before each, removals by weight at 20.
-inline TrainConfig eventful_balanced_config() {
+/// Strategy budget: rounds at 10, 15, 20, ... with 3 scored steps before each, removals by weight at 20.
+inline TrainConfig eventful_budget_config() {
   TrainConfig config = eventful_config();
-  config.strategy = "balanced";
+  config.strategy = "budget";
   config.iterations = 24;
   config.max_gaussians = 200;
   config.densify_until_iter = 22;

@@ -197,7 +197,7 @@ TEST(BilateralGrid, DeferredStepsAreThoseOfAdamOnAllGrids) {
 TEST(BilateralGridTraining, ResumedEqualsUninterruptedBitForBitOnAnyNumberOfThreads) {
   const Scene scene = test::make_jittered_scene();
   const test::TempDir temp;
-  TrainConfig config = test::eventful_balanced_config();
+  TrainConfig config = test::eventful_budget_config();
   config.bilateral_grid = true;
   config.coarse_scale = 2;
   config.coarse_until = 40;

@@ -48,7 +48,7 @@ TEST(ExposureTraining, ResumedEqualsUninterruptedBitForBitOnAnyNumberOfThreads) 
 TEST(ExposureTraining, ResumesExactlyWhileTheRateFallsAndGaussiansAreScored) {
   const Scene scene = test::make_jittered_scene();
   const test::TempDir temp;
-  TrainConfig config = test::eventful_balanced_config();
+  TrainConfig config = test::eventful_budget_config();
   config.exposure = true;
   const Trained whole = train(config, scene, temp / "whole");
   for (const int stop : {4, 14}) {
@@ -65,7 +65,7 @@ TEST(ExposureTraining, ResumesExactlyWhileTheRateFallsAndGaussiansAreScored) {
 TEST(ExposureTraining, WithARateOfZeroTheGaussiansAreThoseOfATrainingWithout) {
   const Scene scene = test::make_jittered_scene();
   const test::TempDir temp;
-  for (TrainConfig config : {test::eventful_config(), test::eventful_balanced_config()}) {
+  for (TrainConfig config : {test::eventful_config(), test::eventful_budget_config()}) {
     const Trained without = train(config, scene, temp / "without");
     config.exposure = true;
     config.exposure_lr_init = config.exposure_lr_final = 0;

@@ -8,7 +8,7 @@
 #include "core/parallel.h"
 #include "support/approx.h"
 #include "support/train/tiny_scene.h"
-#include "train/optimizer/gaussian_step.h"
+#include "train/optimizer/gaussian_optimizer.h"
 
 namespace b3dgs {
 namespace {
@@ -58,19 +58,19 @@ AdamState step_along(std::size_t n_views, GaussianTensors& gaussians, const Rend
                      const RegularizationWeights& weights = {}) {
   AdamState state = make_adam_state(gaussians);
   Rasterizer rasterizer(torch::kCPU);
-  GaussianStepper stepper(rasterizer);
+  GaussianOptimizer optimizer(rasterizer);
   const std::vector<BatchView3> views = [] {
     torch::manual_seed(2);
     return some_views();
   }();
   for (std::size_t v = 0; v < n_views; ++v) {
-    stepper.forward(gaussians, state, views[v].view, settings);
-    stepper.make_room_for_view(gaussians);
-    stepper.keep_view({views[v].image_grad, {}, {}}, gaussians, weights);
+    optimizer.forward(gaussians, state, views[v].view, settings);
+    optimizer.make_room_for_view(gaussians);
+    optimizer.keep_view({views[v].image_grad, {}, {}}, gaussians, weights);
   }
-  EXPECT_EQ(stepper.n_kept_views(), static_cast<int>(n_views));
-  stepper.step_views(kRates, gaussians, state, nullptr);
-  EXPECT_EQ(stepper.n_kept_views(), 0);
+  EXPECT_EQ(optimizer.n_kept_views(), static_cast<int>(n_views));
+  optimizer.step_views(kRates, gaussians, state, nullptr);
+  EXPECT_EQ(optimizer.n_kept_views(), 0);
   EXPECT_EQ(state.steps, static_cast<std::int64_t>(n_views));
   return state;
 }
@@ -224,14 +224,14 @@ TEST(BatchStep, ForgetsViewsThatAreDropped) {
   GaussianTensors gaussians = some_gaussians();
   AdamState state = make_adam_state(gaussians);
   Rasterizer rasterizer(torch::kCPU);
-  GaussianStepper stepper(rasterizer);
-  stepper.forward(gaussians, state, some_views()[0].view, settings_of(false));
-  stepper.make_room_for_view(gaussians);
-  stepper.keep_view({torch::ones({40, 50, 3}), {}, {}}, gaussians);
-  stepper.drop_views();
-  EXPECT_EQ(stepper.n_kept_views(), 0);
-  EXPECT_GT(stepper.kept_bytes(), 0) << "memory is kept for the next step";
-  EXPECT_THROW(stepper.step_views(kRates, gaussians, state, nullptr), LogicError);
+  GaussianOptimizer optimizer(rasterizer);
+  optimizer.forward(gaussians, state, some_views()[0].view, settings_of(false));
+  optimizer.make_room_for_view(gaussians);
+  optimizer.keep_view({torch::ones({40, 50, 3}), {}, {}}, gaussians);
+  optimizer.drop_views();
+  EXPECT_EQ(optimizer.n_kept_views(), 0);
+  EXPECT_GT(optimizer.kept_bytes(), 0) << "memory is kept for the next step";
+  EXPECT_THROW(optimizer.step_views(kRates, gaussians, state, nullptr), LogicError);
 }
 
 TEST(BatchSteps, EndAtMultiplesAndAtTheLastIteration) {

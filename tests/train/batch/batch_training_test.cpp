@@ -20,7 +20,7 @@ using test::Trained;
 
 /// Steps of 3 views, the last one of 2; density control falls within steps.
 TrainConfig batched_config(const std::string& strategy = "default") {
-  TrainConfig config = strategy == "balanced" ? test::eventful_balanced_config() : test::eventful_config();
+  TrainConfig config = strategy == "budget" ? test::eventful_budget_config() : test::eventful_config();
   config.strategy = strategy;
   if (strategy == "mcmc") config.max_gaussians = 160;
   config.iterations = 23;
@@ -40,7 +40,7 @@ void expect_exact_resume_on_any_threads(TrainConfig config, const Scene& scene, 
 TEST(BatchTraining, ResumedEqualsUninterruptedBitForBitOnAnyNumberOfThreads) {
   const Scene scene = test::make_tiny_scene();
   const test::TempDir temp;
-  for (const char* strategy : {"default", "mcmc", "balanced"}) {
+  for (const char* strategy : {"default", "mcmc", "budget"}) {
     SCOPED_TRACE(strategy);
     expect_exact_resume_on_any_threads(batched_config(strategy), scene, temp / strategy);
   }

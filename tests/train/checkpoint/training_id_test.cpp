@@ -197,13 +197,13 @@ TEST(DiskSpace, PredictsTheSizesOfTheFiles) {
   EXPECT_EQ(free_disk_bytes(temp / "none"), -1);
 
   // Statistics of every strategy, 3D filters, appearance.
-  TrainConfig balanced = config, filtered = config, grids = config, exposures = config;
-  balanced.strategy = "balanced";
+  TrainConfig budget = config, filtered = config, grids = config, exposures = config;
+  budget.strategy = "budget";
   filtered.antialiasing = true;
   grids.bilateral_grid = true;
   exposures.exposure = true;
   int i = 0;
-  for (const TrainConfig& own : {config, balanced, filtered, grids, exposures}) {
+  for (const TrainConfig& own : {config, budget, filtered, grids, exposures}) {
     const fs::path folder = temp / std::to_string(i++);
     const fs::path path = train(own, scene, folder).result.checkpoint;
     const TrainState state = read_checkpoint(path, scene, torch::kCPU).state;

@@ -7,7 +7,7 @@
 #include "support/temp_dir.h"
 #include "support/train/tiny_scene.h"
 #include "support/train/training.h"
-#include "train/optimizer/gaussian_step.h"
+#include "train/optimizer/gaussian_optimizer.h"
 
 namespace b3dgs {
 namespace {
@@ -45,14 +45,14 @@ RenderSettings settings_of(int sh_degree) {
 
 /// Takes a step along `views`.
 void step_along(const std::vector<PinholeView>& views, const RenderSettings& settings, const torch::Tensor& image_grad,
-                GaussianStepper& stepper, GaussianTensors& gaussians, AdamState& state,
+                GaussianOptimizer& optimizer, GaussianTensors& gaussians, AdamState& state,
                 const RegularizationWeights& weights = {}) {
   for (const PinholeView& view : views) {
-    stepper.forward(gaussians, state, view, settings);
-    stepper.make_room_for_view(gaussians);
-    stepper.keep_view({image_grad, {}, {}}, gaussians, weights);
+    optimizer.forward(gaussians, state, view, settings);
+    optimizer.make_room_for_view(gaussians);
+    optimizer.keep_view({image_grad, {}, {}}, gaussians, weights);
   }
-  stepper.step_views(kRates, gaussians, state, nullptr);
+  optimizer.step_views(kRates, gaussians, state, nullptr);
 }
 
 TEST(BatchOnGpu, EqualsTheCpu) {
@@ -68,11 +68,11 @@ TEST(BatchOnGpu, EqualsTheCpu) {
         GaussianTensors gaussians = copy_to(start, device);
         AdamState state = make_adam_state(gaussians);
         Rasterizer rasterizer(device);
-        GaussianStepper stepper(rasterizer);
+        GaussianOptimizer optimizer(rasterizer);
         RenderSettings settings = settings_of(sh_degree);
         settings.antialiasing = antialiasing;
-        step_along(views, settings, image_grad.to(device), stepper, gaussians, state, {0.01, 0.02});
-        stepper.flush(gaussians, state);
+        step_along(views, settings, image_grad.to(device), optimizer, gaussians, state, {0.01, 0.02});
+        optimizer.flush(gaussians, state);
         EXPECT_EQ(state.steps, 3);
         return copy_to(state.m, torch::kCPU);
       };
@@ -93,18 +93,18 @@ TEST(BatchOnGpu, UpdatesGiveTheSameBitsWheneverTheyAreFlushed) {
   GaussianTensors often = copy_to(some_gaussians(), kGpu), late = copy_to(often, kGpu);
   AdamState often_state = make_adam_state(often), late_state = make_adam_state(often);
   Rasterizer rasterizer(kGpu);
-  GaussianStepper often_stepper(rasterizer), late_stepper(rasterizer);
+  GaussianOptimizer often_optimizer(rasterizer), late_optimizer(rasterizer);
   const torch::Tensor image_grad = torch::randn({70, 90, 3}).to(kGpu) * 1e-3;
   for (int k = 0; k < kSteps; ++k) {
     std::vector<PinholeView> views;
     for (int v = 0; v <= k % 3; ++v) views.push_back(view_from(0.7 * ((k * k + v) % 7 - 3), k % 5 == 0 ? -2.5 : -1.2));
     const RenderSettings settings = settings_of(std::min(k / 20, 3));
-    step_along(views, settings, image_grad, late_stepper, late, late_state);
-    step_along(views, settings, image_grad, often_stepper, often, often_state);
-    often_stepper.flush(often, often_state);
+    step_along(views, settings, image_grad, late_optimizer, late, late_state);
+    step_along(views, settings, image_grad, often_optimizer, often, often_state);
+    often_optimizer.flush(often, often_state);
   }
   EXPECT_FALSE(torch::equal(late.shN, often.shN)) << "nothing was deferred";
-  late_stepper.flush(late, late_state);
+  late_optimizer.flush(late, late_state);
   for (std::size_t i = 0; i < often.all().size(); ++i) {
     EXPECT_TRUE(torch::equal(*late.all()[i], *often.all()[i])) << GaussianTensors::kNames[i];
     EXPECT_TRUE(torch::equal(*late_state.m.all()[i], *often_state.m.all()[i])) << GaussianTensors::kNames[i];
@@ -116,10 +116,9 @@ TEST(BatchOnGpu, DeterministicTrainingsRepeatAndResumeExactly) {
   B3DGS_NEEDS_GPU();
   const Scene scene = test::make_tiny_scene();
   const test::TempDir temp;
-  for (const char* strategy : {"default", "mcmc", "balanced"}) {
+  for (const char* strategy : {"default", "mcmc", "budget"}) {
     SCOPED_TRACE(strategy);
-    TrainConfig config =
-        strategy == std::string("balanced") ? test::eventful_balanced_config() : test::eventful_config();
+    TrainConfig config = strategy == std::string("budget") ? test::eventful_budget_config() : test::eventful_config();
     config.strategy = strategy;
     config.max_gaussians = 200;
     config.device = "cuda";

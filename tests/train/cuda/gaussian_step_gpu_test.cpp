@@ -1,6 +1,6 @@
 // The fused optimizer step on the GPU, compared with its two halves: stored gradients, and Adam on the CPU. Deferred
 // updates, compared with immediate ones.
-#include "train/optimizer/gaussian_step.h"
+#include "train/optimizer/gaussian_optimizer.h"
 
 #include <gtest/gtest.h>
 
@@ -85,11 +85,11 @@ TEST_P(GaussianStepOnGpu, EqualsGradientsFollowedByAdam) {
   AdamState expected_state = copy_to(moments, torch::kCPU);
   adam_step(kRates, copy_to(grads, torch::kCPU), expected, expected_state);
 
-  GaussianStepper stepper(rasterizer);
+  GaussianOptimizer optimizer(rasterizer);
   const torch::Tensor color = image.color.clone();
-  EXPECT_TRUE(torch::equal(stepper.forward(stepped, stepped_state, view, settings).color, color));
-  statistics = stepper.step(kRates, view_grad, stepped, stepped_state, nullptr);
-  stepper.flush(stepped, stepped_state);
+  EXPECT_TRUE(torch::equal(optimizer.forward(stepped, stepped_state, view, settings).color, color));
+  statistics = optimizer.step(kRates, view_grad, stepped, stepped_state, nullptr);
+  optimizer.flush(stepped, stepped_state);
   EXPECT_EQ(stepped_state.steps, 42);
   EXPECT_TRUE(
       test::within(statistics.means2d_grad.cpu(), means2d_grad, 1e-6 * means2d_grad.abs().max().item<double>()));
@@ -130,11 +130,11 @@ TEST(RegularizationOnGpu, EqualsThatOnTheCpu) {
     GaussianTensors gaussians = copy_to(start, device);
     AdamState state = make_adam_state(gaussians);
     Rasterizer rasterizer(device);
-    GaussianStepper stepper(rasterizer);
-    const RenderedView image = stepper.forward(gaussians, state, view_from(0, -6), settings_of(3));
-    const ViewStatistics statistics = stepper.step(kRates, {torch::zeros_like(image.color), {}, {}}, gaussians, state,
-                                                   nullptr, RegularizationWeights{0.4, 0.9});
-    stepper.flush(gaussians, state);
+    GaussianOptimizer optimizer(rasterizer);
+    const RenderedView image = optimizer.forward(gaussians, state, view_from(0, -6), settings_of(3));
+    const ViewStatistics statistics = optimizer.step(kRates, {torch::zeros_like(image.color), {}, {}}, gaussians, state,
+                                                     nullptr, RegularizationWeights{0.4, 0.9});
+    optimizer.flush(gaussians, state);
     EXPECT_GT((statistics.radii == 0).sum().item<int>(), 150);
     return copy_to(state.m, torch::kCPU);
   };
@@ -157,30 +157,30 @@ TEST(DeferredSh, UpdatesGiveTheSameBitsWheneverTheyAreFlushed) {
             late_state = make_adam_state(often);
   const torch::Tensor start = often.shN.clone();
   Rasterizer rasterizer(kGpu);
-  GaussianStepper often_stepper(rasterizer), rarely_stepper(rasterizer), late_stepper(rasterizer);
+  GaussianOptimizer often_optimizer(rasterizer), rarely_optimizer(rasterizer), late_optimizer(rasterizer);
   const torch::Tensor image_grad = torch::randn({70, 90, 3}).to(kGpu) * 1e-3;
   torch::Tensor n_seen = torch::zeros({often.size()});
   for (int k = 0; k < kSteps; ++k) {
     const PinholeView view = view_from(0.7 * (k * k % 7 - 3), k % 5 == 0 ? -2.5 : -1.2);
     const RenderSettings settings = settings_of(std::min(k / 20, 3));
-    const auto step = [&](GaussianStepper& stepper, GaussianTensors& gaussians, AdamState& state) {
-      stepper.forward(gaussians, state, view, settings);
-      if (k % 11 == 5 && &stepper == &rarely_stepper)
-        stepper.flush(gaussians, state);  // including Gaussians that a view has just seen
-      return stepper.step(kRates, {image_grad, {}, {}}, gaussians, state, nullptr);
+    const auto step = [&](GaussianOptimizer& optimizer, GaussianTensors& gaussians, AdamState& state) {
+      optimizer.forward(gaussians, state, view, settings);
+      if (k % 11 == 5 && &optimizer == &rarely_optimizer)
+        optimizer.flush(gaussians, state);  // including Gaussians that a view has just seen
+      return optimizer.step(kRates, {image_grad, {}, {}}, gaussians, state, nullptr);
     };
-    step(late_stepper, late, late_state);
-    step(rarely_stepper, rarely, rarely_state);
-    const ViewStatistics statistics = step(often_stepper, often, often_state);
+    step(late_optimizer, late, late_state);
+    step(rarely_optimizer, rarely, rarely_state);
+    const ViewStatistics statistics = step(often_optimizer, often, often_state);
     n_seen += (statistics.radii > 0).cpu().to(torch::kFloat32);
-    often_stepper.flush(often, often_state);
+    often_optimizer.flush(often, often_state);
     if (k % 37 == 0) {
-      rarely_stepper.flush(rarely, rarely_state);
+      rarely_optimizer.flush(rarely, rarely_state);
       ASSERT_TRUE(is_equal(rarely, rarely_state, often, often_state)) << "after step " << k;
     }
   }
   EXPECT_FALSE(torch::equal(late.shN, often.shN)) << "nothing was deferred";
-  late_stepper.flush(late, late_state);
+  late_optimizer.flush(late, late_state);
   EXPECT_TRUE(is_equal(late, late_state, often, often_state));
   EXPECT_GT((n_seen == 0).sum().item<int>(), 100) << "never seen";
   EXPECT_GT(((n_seen > 0).logical_and(n_seen < kSteps / 2)).sum().item<int>(), 100) << "seen in some views";
@@ -193,16 +193,16 @@ TEST(DeferredSh, RejectsOtherTensorsWhileUpdatesAreDeferred) {
   GaussianTensors gaussians = copy_to(some_gaussians(2), kGpu);
   AdamState state = make_adam_state(gaussians);
   Rasterizer rasterizer(kGpu);
-  GaussianStepper stepper(rasterizer);
+  GaussianOptimizer optimizer(rasterizer);
   const torch::Tensor image_grad = torch::randn({70, 90, 3}).to(kGpu);
   const auto step = [&] {
-    stepper.forward(gaussians, state, view_from(0, -6), settings_of(2));
-    stepper.step(kRates, {image_grad, {}, {}}, gaussians, state, nullptr);
+    optimizer.forward(gaussians, state, view_from(0, -6), settings_of(2));
+    optimizer.step(kRates, {image_grad, {}, {}}, gaussians, state, nullptr);
   };
   step();
   state.m.shN = state.m.shN.clone();
   EXPECT_THROW(step(), LogicError);
-  EXPECT_THROW(stepper.flush(gaussians, state), LogicError);
+  EXPECT_THROW(optimizer.flush(gaussians, state), LogicError);
 }
 
 INSTANTIATE_TEST_SUITE_P(ByDegree, GaussianStepOnGpu,

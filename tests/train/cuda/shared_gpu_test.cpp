@@ -47,7 +47,7 @@ INSTANTIATE_TEST_SUITE_P(Ranks, TransferOnSharedGpu,
 
 INSTANTIATE_TEST_SUITE_P(Ranks, TrainOnSharedGpu,
                          testing::Combine(testing::Values(2, 3),
-                                          testing::Values("default", "mcmc", "balanced", "parts", "resume", "failure")),
+                                          testing::Values("default", "mcmc", "budget", "parts", "resume", "failure")),
                          name_of);
 
 }  // namespace

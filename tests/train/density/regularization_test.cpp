@@ -10,7 +10,7 @@
 #include "support/approx.h"
 #include "support/finite_difference.h"
 #include "support/train/tiny_scene.h"
-#include "train/optimizer/gaussian_step.h"
+#include "train/optimizer/gaussian_optimizer.h"
 
 namespace b3dgs {
 namespace {
@@ -53,12 +53,12 @@ GaussianTensors moments_after_step(const RegularizationWeights& weights, float i
   GaussianTensors gaussians = some_gaussians();
   AdamState state = make_adam_state(gaussians);
   Rasterizer rasterizer(torch::kCPU);
-  GaussianStepper stepper(rasterizer);
+  GaussianOptimizer optimizer(rasterizer);
   RenderSettings settings;
   settings.sh_degree = 1;
-  stepper.forward(gaussians, state, tiny_view(), settings);
+  optimizer.forward(gaussians, state, tiny_view(), settings);
   const RenderedViewGrad grad{torch::full({30, 40, 3}, image_grad), {}, {}};
-  radii = stepper.step({1e-3, 1e-3, 1e-3, 1e-3, 1e-3, 1e-3}, grad, gaussians, state, nullptr, weights).radii.clone();
+  radii = optimizer.step({1e-3, 1e-3, 1e-3, 1e-3, 1e-3, 1e-3}, grad, gaussians, state, nullptr, weights).radii.clone();
   return state.m;
 }
 

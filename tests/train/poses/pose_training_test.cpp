@@ -80,10 +80,10 @@ TEST(PoseTraining, ResumedEqualsUninterruptedBitForBitOnAnyNumberOfThreads) {
 
 TEST(PoseTraining, WorksWithEveryStrategyAndAntialiasing) {
   const Scene scene = test::make_tiny_scene();
-  for (const char* strategy : {"mcmc", "balanced"}) {
+  for (const char* strategy : {"mcmc", "budget"}) {
     SCOPED_TRACE(strategy);
     const test::TempDir temp;
-    TrainConfig config = refining_config(test::eventful_balanced_config());
+    TrainConfig config = refining_config(test::eventful_budget_config());
     config.strategy = strategy;
     config.antialiasing = true;
     const Trained whole = train(config, scene, temp / "whole");

@@ -11,7 +11,7 @@
 #include "config/train_config.h"
 #include "core/check.h"
 #include "dist/communicator.h"
-#include "multi/draw_plan.h"
+#include "multi/render_plan.h"
 #include "multi/rows/move_rows.h"
 #include "multi/rows/row_owners.h"
 #include "multi/rows/sharded_row_edit.h"
@@ -294,9 +294,9 @@ ViewSplats own_splats(const WholeView& view, const RowOwners& owners) {
   return own;
 }
 
-void check_step(Communicator& ranks, std::int64_t n_global, const std::vector<int>& drawers) {
-  const int n_views = static_cast<int>(drawers.size());
-  const auto is_drawn_here = [&](int v) { return drawers[static_cast<std::size_t>(v)] == ranks.rank(); };
+void check_step(Communicator& ranks, std::int64_t n_global, const std::vector<int>& renderers) {
+  const int n_views = static_cast<int>(renderers.size());
+  const auto is_rendered_here = [&](int v) { return renderers[static_cast<std::size_t>(v)] == ranks.rank(); };
   const RowOwners owners = random_owners(ranks, n_global);
   std::vector<WholeView> views;
   for (int v = 0; v < n_views; ++v) views.push_back(random_view(n_global, v == 1 ? 0 : 0.2 * v + 0.1));
@@ -311,18 +311,18 @@ void check_step(Communicator& ranks, std::int64_t n_global, const std::vector<in
 
   SplatExchange exchange(ranks);
   for (int step = 0; step < 2; ++step) {
-    const std::vector<ViewSplats> drawn = exchange.to_drawers(own, counts, drawers, owners.own());
+    const std::vector<ViewSplats> splats = exchange.to_renderers(own, counts, renderers, owners.own());
     std::size_t i = 0;
     for (int v = 0; v < n_views; ++v) {
-      if (!is_drawn_here(v)) continue;
+      if (!is_rendered_here(v)) continue;
       const ViewSplats& expected = views[static_cast<std::size_t>(v)].splats;
-      expect(i < drawn.size(), "views drawn here");
-      expect_same(drawn[i].splats, expected.splats, "splats at the drawer");
-      expect_same(drawn[i].extents, expected.extents, "extents at the drawer");
-      expect_same(drawn[i].radii, expected.radii, "radii at the drawer");
+      expect(i < splats.size(), "views rendered here");
+      expect_same(splats[i].splats, expected.splats, "splats at the renderer");
+      expect_same(splats[i].extents, expected.extents, "extents at the renderer");
+      expect_same(splats[i].radii, expected.radii, "radii at the renderer");
       ++i;
     }
-    expect(drawn.size() == i, "views drawn here");
+    expect(splats.size() == i, "views rendered here");
 
     for (const auto& [n_columns, type] : {std::pair{std::int64_t{12}, torch::kFloat32}, {5, torch::kInt32}}) {
       std::vector<torch::Tensor> sums, from_here;
@@ -330,7 +330,7 @@ void check_step(Communicator& ranks, std::int64_t n_global, const std::vector<in
         sums.push_back(random_words({view.rows.size(0), n_columns}).view(type));
       }
       for (int v = 0; v < n_views; ++v) {
-        if (is_drawn_here(v)) from_here.push_back(sums[static_cast<std::size_t>(v)]);
+        if (is_rendered_here(v)) from_here.push_back(sums[static_cast<std::size_t>(v)]);
       }
       const std::vector<torch::Tensor> received = exchange.to_owners(from_here, n_columns, type);
       expect(received.size() == views.size(), "views at the owner");
@@ -338,9 +338,9 @@ void check_step(Communicator& ranks, std::int64_t n_global, const std::vector<in
         expect_same(received[v], sums[v].index_select(0, places_of(views[v], owners, ranks.rank())),
                     "sums at the owner");
       }
-      const std::vector<torch::Tensor> returned = exchange.columns_to_drawers(received, n_columns, type);
-      expect(returned.size() == from_here.size(), "views at the drawer");
-      for (std::size_t v = 0; v < returned.size(); ++v) expect_same(returned[v], from_here[v], "sums at the drawer");
+      const std::vector<torch::Tensor> returned = exchange.columns_to_renderers(received, n_columns, type);
+      expect(returned.size() == from_here.size(), "views at the renderer");
+      for (std::size_t v = 0; v < returned.size(); ++v) expect_same(returned[v], from_here[v], "sums at the renderer");
     }
   }
 }
@@ -349,14 +349,14 @@ void check_view_rows(Communicator& ranks) {
   for (std::size_t n_views = 0; n_views <= 9; ++n_views) {
     std::vector<int> uneven(n_views, 0);  // all but one view on rank 0
     if (n_views > 2) uneven[2] = ranks.size() - 1;
-    for (const std::vector<int>& drawers : {equal_drawers(n_views, ranks.size()), uneven}) {
+    for (const std::vector<int>& renderers : {equal_renderers(n_views, ranks.size()), uneven}) {
       const torch::Tensor all = random_words({static_cast<std::int64_t>(n_views), 5}).view(torch::kFloat32);
       std::vector<std::int64_t> own;
       for (std::size_t v = 0; v < n_views; ++v) {
-        if (drawers[v] == ranks.rank()) own.push_back(static_cast<std::int64_t>(v));
+        if (renderers[v] == ranks.rank()) own.push_back(static_cast<std::int64_t>(v));
       }
-      const torch::Tensor drawn = all.index_select(0, torch::tensor(own, torch::kInt64));
-      expect_same(gather_view_rows(ranks, drawn, drawers), all, "rows of views");
+      const torch::Tensor rendered = all.index_select(0, torch::tensor(own, torch::kInt64));
+      expect_same(gather_view_rows(ranks, rendered, renderers), all, "rows of views");
     }
   }
   expect_failure("rows of", [&] { gather_view_rows(ranks, torch::empty({2, 5}), {0}); });
@@ -366,7 +366,7 @@ void check_splats(Communicator& ranks) {
   check_view_rows(ranks);
   for (const std::int64_t n_global : {0, 700, 9000}) {
     for (std::size_t n_views = 0; n_views <= 5; ++n_views) {
-      const std::vector<int> in_turn = equal_drawers(n_views, ranks.size());
+      const std::vector<int> in_turn = equal_renderers(n_views, ranks.size());
       check_step(ranks, n_global, in_turn);
       check_step(ranks, n_global, {in_turn.rbegin(), in_turn.rend()});
       check_step(ranks, n_global, std::vector<int>(n_views, ranks.size() - 1));  // all by one rank
@@ -454,24 +454,24 @@ void check_misfits(Communicator& ranks) {
   const std::vector<ViewSplats> splats{own_splats(view, owners)};
   SplatExchange exchange(ranks);
   const torch::Tensor& rows = owners.own();
-  expect_failure("views", [&] { exchange.to_drawers({splats[0], splats[0]}, counts, {0, 0}, rows); });
-  expect_failure("ranks", [&] { exchange.to_drawers(splats, {}, {0}, rows); });
-  expect_failure("drawers of", [&] { exchange.to_drawers(splats, counts, {}, rows); });
-  expect_failure("is drawn by rank", [&] { exchange.to_drawers(splats, counts, {ranks.size()}, rows); });
+  expect_failure("views", [&] { exchange.to_renderers({splats[0], splats[0]}, counts, {0, 0}, rows); });
+  expect_failure("ranks", [&] { exchange.to_renderers(splats, {}, {0}, rows); });
+  expect_failure("renderers of", [&] { exchange.to_renderers(splats, counts, {}, rows); });
+  expect_failure("is rendered by rank", [&] { exchange.to_renderers(splats, counts, {ranks.size()}, rows); });
   std::vector<Counts> wrong = counts;
   ++wrong[static_cast<std::size_t>(ranks.rank())][0];
-  expect_failure("splats of view 0", [&] { exchange.to_drawers(splats, wrong, {0}, rows); });
+  expect_failure("splats of view 0", [&] { exchange.to_renderers(splats, wrong, {0}, rows); });
   ViewSplats without_radii = splats[0];
   without_radii.radii = torch::Tensor();
-  expect_failure("splats of view 0", [&] { exchange.to_drawers({without_radii}, counts, {0}, rows); });
-  const std::vector<ViewSplats> drawn = exchange.to_drawers(splats, counts, {0}, rows);
+  expect_failure("splats of view 0", [&] { exchange.to_renderers({without_radii}, counts, {0}, rows); });
+  const std::vector<ViewSplats> rendered = exchange.to_renderers(splats, counts, {0}, rows);
   expect_failure("views of the step", [&] {
-    exchange.to_owners(std::vector<torch::Tensor>(drawn.size() + 1, torch::empty({0, 2})), 2, torch::kFloat32);
+    exchange.to_owners(std::vector<torch::Tensor>(rendered.size() + 1, torch::empty({0, 2})), 2, torch::kFloat32);
   });
-  if (drawn.empty()) {
+  if (rendered.empty()) {
     exchange.to_owners({}, 2, torch::kFloat32);
   } else {
-    const std::int64_t n = drawn[0].size();
+    const std::int64_t n = rendered[0].size();
     expect_failure("expected [", [&] { exchange.to_owners({torch::empty({n, 3})}, 2, torch::kFloat32); });
     expect_failure("expected [", [&] { exchange.to_owners({torch::empty({n + 1, 2})}, 2, torch::kFloat32); });
     expect_failure("expected [", [&] { exchange.to_owners({torch::empty({n, 2})}, 2, torch::kInt32); });

@@ -52,13 +52,13 @@ INSTANTIATE_TEST_SUITE_P(Ranks, TrainRanks,
 
 INSTANTIATE_TEST_SUITE_P(Ranks, TrainTogether,
                          testing::Combine(testing::Values(2, 3, 4),
-                                          testing::Values("default", "mcmc", "balanced", "options", "parts", "few",
+                                          testing::Values("default", "mcmc", "budget", "options", "parts", "few",
                                                           "empty", "resume", "invalid", "stop", "appearance", "poses",
                                                           "memory", "exhausted", "failure", "scenes")),
                          name_of);
 
 INSTANTIATE_TEST_SUITE_P(Ranks, TrainThroughRankZero,
-                         testing::Combine(testing::Values(2, 3), testing::Values("balanced", "parts", "failure")),
+                         testing::Combine(testing::Values(2, 3), testing::Values("budget", "parts", "failure")),
                          name_of);
 
 }  // namespace

@@ -96,11 +96,11 @@ void expect_same(const Files& together, const Files& alone, const std::string& w
 }
 
 TrainConfig config_of(const std::string& strategy) {
-  TrainConfig config = strategy == "balanced" ? test::eventful_balanced_config() : test::eventful_config();
+  TrainConfig config = strategy == "budget" ? test::eventful_budget_config() : test::eventful_config();
   config.strategy = strategy;
   if (strategy == "mcmc") config.max_gaussians = 160;
   config.iterations = 23;  // the last step has fewer views
-  config.batch = 3;        // with four ranks, one draws nothing, as in a step of which views are skipped
+  config.batch = 3;        // with four ranks, one renders nothing, as in a step of which views are skipped
   config.threads = 1;
   config.deterministic = true;
   if (runs_on_gpu()) {
@@ -124,7 +124,7 @@ void check_options(Communicator& ranks) {
   options.masked = true;
   Scene scene = test::make_tiny_scene(options);
   scene.test.assign(scene.train.begin(), scene.train.begin() + 3);
-  TrainConfig config = config_of("balanced");
+  TrainConfig config = config_of("budget");
   config.test_iterations = {7, 12};
   config.save_iterations = {9};
   config.antialiasing = true;
@@ -143,7 +143,7 @@ void check_parts(Communicator& ranks) {
   test::TinySceneOptions options;
   options.masked = true;
   const Scene scene = test::make_tiny_scene(options);
-  TrainConfig config = config_of("balanced");
+  TrainConfig config = config_of("budget");
   config.batch = 5;
   for (const std::int64_t splats_at_a_time : {1, 250}) check_strategy(config, scene, ranks, splats_at_a_time);
   config.exposure = true;
@@ -163,7 +163,7 @@ void check_few(Communicator& ranks) {
   check_strategy(config, test::make_tiny_scene(options), ranks);
 }
 
-/// The first rank says that no view shows anything, once all have been drawn and at the end.
+/// The first rank says that no view shows anything, once all have been rendered and at the end.
 void check_empty(Communicator& ranks) {
   Scene scene = test::make_tiny_scene();
   for (std::size_t i = 1; i < scene.points.positions.size(); i += 3) scene.points.positions[i] += 1000;
@@ -183,7 +183,7 @@ void check_empty(Communicator& ranks) {
 void check_resume(Communicator& ranks) {
   const Scene scene = test::make_tiny_scene();
   const SharedFolder folder(ranks);
-  TrainConfig config = config_of("balanced");
+  TrainConfig config = config_of("budget");
   config.checkpoint_interval = 6;
   config.keep_checkpoints = 10;
   const Files alone = train_alone(config, scene, folder / "alone", ranks);

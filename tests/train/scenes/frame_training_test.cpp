@@ -90,7 +90,7 @@ TEST_F(FrameTraining, ResultsAreTheSameInEveryUnitPlaceAndOrientation) {
   const double c = std::cos(1.0), s = std::sin(1.0);
   const std::array<double, 9> turn{c, -s, 0, s, c, 0, 0, 0, 1};
   const Scene given = load_moved("given", {});
-  for (const std::string strategy : {"balanced", "mcmc"}) {
+  for (const std::string strategy : {"budget", "mcmc"}) {
     config_.strategy = strategy;
     const test::Trained base = test::train(config_, given, folder_ / ("model_" + strategy));
     const double psnr = base.result.evaluations.back().second.mean.psnr;

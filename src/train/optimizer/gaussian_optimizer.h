@@ -15,11 +15,11 @@ namespace b3dgs {
 /// rendered, followed by make_room_for_view() and keep_view(); then step_views(). On a GPU, updates of SH coefficients
 /// beyond degree 0 are deferred until a view sees the Gaussian (deferred_sh.h): call flush() before these coefficients
 /// or their moments are read, and before any tensor is replaced.
-class GaussianStepper {
+class GaussianOptimizer {
  public:
   /// `rasterizer` must outlive this.
-  explicit GaussianStepper(Rasterizer& rasterizer);
-  ~GaussianStepper();
+  explicit GaussianOptimizer(Rasterizer& rasterizer);
+  ~GaussianOptimizer();
 
   /// Rasterizer::forward() for a training step.
   RenderedView forward(GaussianTensors& gaussians, AdamState& state, const PinholeView& view, RenderSettings settings);
@@ -35,7 +35,7 @@ class GaussianStepper {
   ViewStatistics keep_view(const RenderedViewGrad& view_grad, const GaussianTensors& gaussians,
                            const RegularizationWeights& regularization = {});
 
-  /// Of several ranks, each projects its Gaussians for every view of the step, another may draw the view, and each
+  /// Of several ranks, each projects its Gaussians for every view of the step, another may render the view, and each
   /// keeps the sums of its splats: project_views() instead of forward(), keep_splats() instead of keep_view().
   /// `n_splats`: of the view, on all ranks. keep_splats() allocates; project_views() throws as forward() does.
   std::vector<ViewSplats> project_views(GaussianTensors& gaussians, AdamState& state,

@@ -1,4 +1,4 @@
-#include "train/optimizer/gaussian_step.h"
+#include "train/optimizer/gaussian_optimizer.h"
 
 #include <cmath>
 
@@ -60,7 +60,7 @@ GaussianArrays arrays_of(const GaussianTensors& g) {
 
 }  // namespace
 
-struct GaussianStepper::Impl {
+struct GaussianOptimizer::Impl {
   explicit Impl(Rasterizer& with) : rasterizer(with) {}
 
   Rasterizer& rasterizer;
@@ -74,11 +74,11 @@ struct GaussianStepper::Impl {
 #endif
 };
 
-GaussianStepper::GaussianStepper(Rasterizer& rasterizer) : impl_(std::make_unique<Impl>(rasterizer)) {}
-GaussianStepper::~GaussianStepper() = default;
+GaussianOptimizer::GaussianOptimizer(Rasterizer& rasterizer) : impl_(std::make_unique<Impl>(rasterizer)) {}
+GaussianOptimizer::~GaussianOptimizer() = default;
 
-RenderedView GaussianStepper::forward(GaussianTensors& gaussians, AdamState& state, const PinholeView& view,
-                                      RenderSettings settings) {
+RenderedView GaussianOptimizer::forward(GaussianTensors& gaussians, AdamState& state, const PinholeView& view,
+                                        RenderSettings settings) {
   impl_->view = view;
   impl_->settings = settings;
 #if B3DGS_TORCH_CUDA
@@ -93,9 +93,9 @@ RenderedView GaussianStepper::forward(GaussianTensors& gaussians, AdamState& sta
   return impl_->rasterizer.forward(gaussians, view, settings);
 }
 
-ViewStatistics GaussianStepper::step(const AdamRates& rates, const RenderedViewGrad& view_grad,
-                                     GaussianTensors& gaussians, AdamState& state, StageRecorder* stages,
-                                     const RegularizationWeights& regularization) {
+ViewStatistics GaussianOptimizer::step(const AdamRates& rates, const RenderedViewGrad& view_grad,
+                                       GaussianTensors& gaussians, AdamState& state, StageRecorder* stages,
+                                       const RegularizationWeights& regularization) {
   const RegularizationGrad regularization_grad =
       b3dgs::regularization_grad(regularization, impl_->rasterizer.view_size().n_splats);
 #if B3DGS_TORCH_CUDA
@@ -121,11 +121,11 @@ ViewStatistics GaussianStepper::step(const AdamRates& rates, const RenderedViewG
   return statistics;
 }
 
-void GaussianStepper::make_room_for_view(const GaussianTensors& gaussians) {
+void GaussianOptimizer::make_room_for_view(const GaussianTensors& gaussians) {
   make_room(gaussians, impl_->rasterizer.view_size().n_splats);
 }
 
-void GaussianStepper::make_room(const GaussianTensors& gaussians, std::int64_t n_splats) {
+void GaussianOptimizer::make_room(const GaussianTensors& gaussians, std::int64_t n_splats) {
   impl_->batch.make_room(gaussians.size(), n_splats, gaussians.means.device());
   if (!gaussians.means.is_cpu()) return;
   for (std::size_t i = 0; i < gaussians.all().size(); ++i) {
@@ -135,17 +135,17 @@ void GaussianStepper::make_room(const GaussianTensors& gaussians, std::int64_t n
   }
 }
 
-ViewStatistics GaussianStepper::keep_view(const RenderedViewGrad& view_grad, const GaussianTensors& gaussians,
-                                          const RegularizationWeights& regularization) {
+ViewStatistics GaussianOptimizer::keep_view(const RenderedViewGrad& view_grad, const GaussianTensors& gaussians,
+                                            const RegularizationWeights& regularization) {
   const ViewStatistics statistics = impl_->rasterizer.backward_to_splats(gaussians, view_grad, impl_->batch.room());
   impl_->batch.add(impl_->view, impl_->settings,
                    b3dgs::regularization_grad(regularization, impl_->rasterizer.view_size().n_splats));
   return statistics;
 }
 
-std::vector<ViewSplats> GaussianStepper::project_views(GaussianTensors& gaussians, AdamState& state,
-                                                       const std::vector<PinholeView>& views,
-                                                       const std::vector<RenderSettings>& settings) {
+std::vector<ViewSplats> GaussianOptimizer::project_views(GaussianTensors& gaussians, AdamState& state,
+                                                         const std::vector<PinholeView>& views,
+                                                         const std::vector<RenderSettings>& settings) {
   if (views.empty()) return {};
 #if B3DGS_TORCH_CUDA
   if (!gaussians.means.is_cpu()) {
@@ -163,21 +163,21 @@ std::vector<ViewSplats> GaussianStepper::project_views(GaussianTensors& gaussian
   return impl_->rasterizer.project_views(gaussians, views, settings);
 }
 
-ViewStatistics GaussianStepper::keep_splats(const ViewSplats& own, const torch::Tensor& sums, const PinholeView& view,
-                                            const RenderSettings& settings, const GaussianTensors& gaussians,
-                                            std::int64_t n_splats, const RegularizationWeights& regularization) {
+ViewStatistics GaussianOptimizer::keep_splats(const ViewSplats& own, const torch::Tensor& sums, const PinholeView& view,
+                                              const RenderSettings& settings, const GaussianTensors& gaussians,
+                                              std::int64_t n_splats, const RegularizationWeights& regularization) {
   make_room(gaussians, own.size());
   const ViewStatistics statistics = impl_->owner.keep(own, sums, gaussians.size(), impl_->batch.room());
   impl_->batch.add(view, settings, b3dgs::regularization_grad(regularization, n_splats));
   return statistics;
 }
 
-int GaussianStepper::n_kept_views() const {
+int GaussianOptimizer::n_kept_views() const {
   return impl_->batch.n_views();
 }
 
-void GaussianStepper::step_views(const AdamRates& rates, GaussianTensors& gaussians, AdamState& state,
-                                 StageRecorder* stages) {
+void GaussianOptimizer::step_views(const AdamRates& rates, GaussianTensors& gaussians, AdamState& state,
+                                   StageRecorder* stages) {
   const int n_views = impl_->batch.n_views();
   B3DGS_CHECK(n_views > 0, "a step without views");
   AdamRates scaled = rates;
@@ -208,15 +208,15 @@ void GaussianStepper::step_views(const AdamRates& rates, GaussianTensors& gaussi
   end_stage(stages);
 }
 
-void GaussianStepper::drop_views() {
+void GaussianOptimizer::drop_views() {
   impl_->batch.clear();
 }
 
-std::int64_t GaussianStepper::kept_bytes() const {
+std::int64_t GaussianOptimizer::kept_bytes() const {
   return impl_->batch.bytes();
 }
 
-void GaussianStepper::flush(GaussianTensors& gaussians, AdamState& state) {
+void GaussianOptimizer::flush(GaussianTensors& gaussians, AdamState& state) {
 #if B3DGS_TORCH_CUDA
   if (!gaussians.means.is_cpu()) impl_->deferred_sh.flush(rest_arrays(gaussians, state), torch_launch_context());
 #endif

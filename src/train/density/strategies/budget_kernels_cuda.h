@@ -1,9 +1,9 @@
-// CUDA kernels that apply balanced_kernels.h to all rows, without torch. All are asynchronous.
+// CUDA kernels that apply budget_kernels.h to all rows, without torch. All are asynchronous.
 #pragma once
 
 #include <cuda_runtime_api.h>
 
-#include "train/density/strategies/balanced_kernels.h"
+#include "train/density/strategies/budget_kernels.h"
 
 namespace b3dgs::cuda {
 

@@ -1,4 +1,4 @@
-#include "multi/draw_plan.h"
+#include "multi/render_plan.h"
 
 #include <algorithm>
 #include <cmath>
@@ -7,14 +7,14 @@
 
 namespace b3dgs {
 
-std::vector<int> equal_drawers(std::size_t n_views, int n_ranks) {
-  std::vector<int> drawers(n_views);
-  for (std::size_t v = 0; v < n_views; ++v) drawers[v] = static_cast<int>(v % static_cast<std::size_t>(n_ranks));
-  return drawers;
+std::vector<int> equal_renderers(std::size_t n_views, int n_ranks) {
+  std::vector<int> renderers(n_views);
+  for (std::size_t v = 0; v < n_views; ++v) renderers[v] = static_cast<int>(v % static_cast<std::size_t>(n_ranks));
+  return renderers;
 }
 
-std::vector<int> counted_drawers(const std::vector<std::int64_t>& work, int n_ranks) {
-  if (work.size() <= static_cast<std::size_t>(n_ranks)) return equal_drawers(work.size(), n_ranks);
+std::vector<int> counted_renderers(const std::vector<std::int64_t>& work, int n_ranks) {
+  if (work.size() <= static_cast<std::size_t>(n_ranks)) return equal_renderers(work.size(), n_ranks);
   struct Load {
     std::int64_t work = 0;
     int n_views = 0;
@@ -23,16 +23,16 @@ std::vector<int> counted_drawers(const std::vector<std::int64_t>& work, int n_ra
   std::vector<std::size_t> order(work.size());
   std::iota(order.begin(), order.end(), std::size_t{0});
   std::stable_sort(order.begin(), order.end(), [&](std::size_t a, std::size_t b) { return work[a] > work[b]; });
-  std::vector<int> drawers(work.size());
+  std::vector<int> renderers(work.size());
   for (const std::size_t v : order) {
     const auto least = std::min_element(loads.begin(), loads.end(), [](const Load& a, const Load& b) {
       return std::tie(a.work, a.n_views) < std::tie(b.work, b.n_views);
     });
-    drawers[v] = static_cast<int>(least - loads.begin());
+    renderers[v] = static_cast<int>(least - loads.begin());
     least->work += work[v];
     ++least->n_views;
   }
-  return drawers;
+  return renderers;
 }
 
 std::size_t views_at_a_time(double splats, std::int64_t most_splats, int n_ranks) {
@@ -40,21 +40,21 @@ std::size_t views_at_a_time(double splats, std::int64_t most_splats, int n_ranks
   return static_cast<std::size_t>(std::max(1.0, n_of_each)) * static_cast<std::size_t>(n_ranks);
 }
 
-std::int64_t DrawPlan::expected_work(std::int32_t view) const {
+std::int64_t RenderPlan::expected_work(std::int32_t view) const {
   if (const auto known = work_.find(view); known != work_.end()) return known->second;
   std::int64_t sum = 0;
   for (const auto& [other, work] : work_) sum += work;
   return work_.empty() ? 1 : sum / static_cast<std::int64_t>(work_.size());
 }
 
-const std::vector<int>& DrawPlan::drawers(int iteration, const std::vector<std::int32_t>& views) {
+const std::vector<int>& RenderPlan::renderers(int iteration, const std::vector<std::int32_t>& views) {
   Step& step = steps_[iteration];
-  if (step.views == views) return step.drawers;
+  if (step.views == views) return step.renderers;
   step.views = views;
   std::vector<std::int64_t> work;
   for (const std::int32_t view : views) work.push_back(expected_work(view));
-  step.drawers = counted_drawers(work, n_ranks_);
-  return step.drawers;
+  step.renderers = counted_renderers(work, n_ranks_);
+  return step.renderers;
 }
 
 }  // namespace b3dgs

@@ -1,4 +1,4 @@
-// Strategy balanced for one Gaussian: the key by which parents are drawn, and the two parts that replace a parent. CPU
+// Strategy budget for one Gaussian: the key by which parents are drawn, and the two parts that replace a parent. CPU
 // and GPU share this arithmetic, in double, so that they differ by about one ulp.
 #pragma once
 

@@ -1,4 +1,4 @@
-// Strategy balanced on the GPU.
+// Strategy budget on the GPU.
 #include <gtest/gtest.h>
 
 #include "support/approx.h"
@@ -6,7 +6,7 @@
 #include "support/temp_dir.h"
 #include "support/train/tiny_scene.h"
 #include "support/train/training.h"
-#include "train/density/strategies/balanced_strategy.h"
+#include "train/density/strategies/budget_strategy.h"
 #include "train/loss/error_image.h"
 
 namespace b3dgs {
@@ -15,7 +15,7 @@ namespace {
 using test::train;
 using test::Trained;
 
-TEST(BalancedOnGpu, PlansTheRoundThatTheCpuPlans) {
+TEST(BudgetOnGpu, PlansTheRoundThatTheCpuPlans) {
   B3DGS_NEEDS_GPU();
   torch::manual_seed(4);
   constexpr std::int64_t kCount = 5000;
@@ -23,13 +23,13 @@ TEST(BalancedOnGpu, PlansTheRoundThatTheCpuPlans) {
   const GaussianTensors host{torch::randn({kCount, 3}),  torch::randn({kCount, 3}) - 2, torch::randn({kCount, 4}),
                              torch::randn({kCount}) * 3, torch::randn({kCount, 1, 3}),  torch::randn({kCount, 3, 3})};
   TrainConfig config;
-  config.strategy = "balanced";
+  config.strategy = "budget";
   config.max_gaussians = 9000;
   config.densification_interval = 500;
   for (const std::string split : {"moments", "preserve"}) {
     SCOPED_TRACE(split);
     config.split = split;
-    const std::unique_ptr<DensityStrategy> strategy = make_balanced_strategy(config, 1);
+    const std::unique_ptr<DensityStrategy> strategy = make_budget_strategy(config, 1);
     DensityStatistics seen = strategy->make_statistics(kCount, torch::kCPU);
     for (DensityStatistics::Column& column : seen.extra) column.values = torch::rand({kCount}) * 2;
     seen.extra[2].values *= 20;  // scored views
@@ -60,7 +60,7 @@ TEST(BalancedOnGpu, PlansTheRoundThatTheCpuPlans) {
   }
 }
 
-TEST(BalancedOnGpu, ErrorImageIsThatOfTheCpu) {
+TEST(BudgetOnGpu, ErrorImageIsThatOfTheCpu) {
   B3DGS_NEEDS_GPU();
   torch::manual_seed(5);
   const torch::Tensor rendered = torch::randn({33, 47, 3}), truth = torch::randint(256, {33, 47, 3}, torch::kUInt8),
@@ -71,11 +71,11 @@ TEST(BalancedOnGpu, ErrorImageIsThatOfTheCpu) {
   EXPECT_TRUE(test::within(device.error().to(torch::kCPU), host.error(), 1e-5));
 }
 
-TEST(BalancedOnGpu, GivesTheSameBytesTwiceAndAfterAResumeIfDeterministic) {
+TEST(BudgetOnGpu, GivesTheSameBytesTwiceAndAfterAResumeIfDeterministic) {
   B3DGS_NEEDS_GPU();
   const Scene scene = test::make_tiny_scene();
   const test::TempDir temp;
-  TrainConfig config = test::eventful_balanced_config();
+  TrainConfig config = test::eventful_budget_config();
   config.device = "cuda";
   config.deterministic = true;
   const Trained whole = train(config, scene, temp / "a"), again = train(config, scene, temp / "b");
@@ -90,7 +90,7 @@ TEST(BalancedOnGpu, GivesTheSameBytesTwiceAndAfterAResumeIfDeterministic) {
   }
 }
 
-TEST(BalancedOnGpu, LearnsAsOnTheCpu) {
+TEST(BudgetOnGpu, LearnsAsOnTheCpu) {
   B3DGS_NEEDS_GPU();
   test::TinySceneOptions options;
   options.n_gaussians = 60;
@@ -98,7 +98,7 @@ TEST(BalancedOnGpu, LearnsAsOnTheCpu) {
   const Scene scene = test::make_tiny_scene(options);
   const test::TempDir temp;
   TrainConfig config;
-  config.strategy = "balanced";
+  config.strategy = "budget";
   config.iterations = 400;
   config.densify_from_iter = 100;
   config.densify_until_iter = 350;

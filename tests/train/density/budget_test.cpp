@@ -1,6 +1,6 @@
-// Strategy balanced: its parts against plain formulas, and whole trainings.
+// Strategy budget: its parts against plain formulas, and whole trainings.
 
-#include "train/density/strategies/balanced_strategy.h"
+#include "train/density/strategies/budget_strategy.h"
 
 #include <gtest/gtest.h>
 
@@ -22,9 +22,9 @@ namespace {
 
 using Rows = std::vector<std::int64_t>;
 
-TrainConfig balanced_config() {
+TrainConfig budget_config() {
   TrainConfig config;
-  config.strategy = "balanced";
+  config.strategy = "budget";
   config.score_views = 10;
   config.prune_weight = 0.01;
   config.max_gaussians = 1000;
@@ -47,17 +47,17 @@ Model make_model(std::int64_t n) {
   g.logit_opacities = torch::zeros({n});
   g.sh0 = torch::zeros({n, 1, 3});
   g.shN = torch::zeros({n, 0, 3});
-  model.statistics = make_balanced_strategy(balanced_config(), 1)->make_statistics(n, torch::kCPU);
+  model.statistics = make_budget_strategy(budget_config(), 1)->make_statistics(n, torch::kCPU);
   model.statistics.extra[0].values.fill_(1);
   return model;
 }
 
-torch::Tensor& column(Model& model, BalancedColumn which) {
+torch::Tensor& column(Model& model, BudgetColumn which) {
   return model.statistics.extra.at(static_cast<std::size_t>(which)).values;
 }
 
 DensityRound plan_round(const TrainConfig& config, const Model& model, int iteration, std::int64_t limit = 0) {
-  return make_balanced_strategy(config, 1)->plan_round(model.gaussians, model.statistics, iteration, limit);
+  return make_budget_strategy(config, 1)->plan_round(model.gaussians, model.statistics, iteration, limit);
 }
 
 Rows to_rows(const torch::Tensor& tensor) {
@@ -82,13 +82,13 @@ Rows parents_of(const DensityRound& round) {
 
 constexpr int kLastRound = 14900;  // closes the whole distance to the budget
 
-TEST(BalancedStrategy, DrawsParentsInProportionToTheirScores) {
+TEST(BudgetStrategy, DrawsParentsInProportionToTheirScores) {
   const std::int64_t n = 400, n_drawn = 60;
   Model model = make_model(n);
-  torch::Tensor& scores = column(model, BalancedColumn::kErrorSum);
+  torch::Tensor& scores = column(model, BudgetColumn::kErrorSum);
   scores.copy_(torch::arange(n).remainder(7) * torch::arange(n).remainder(5));  // some 0: never drawn
   model.gaussians.logit_opacities.slice(0, 300, 310).fill_(-6);                 // pruned
-  TrainConfig config = balanced_config();
+  TrainConfig config = budget_config();
   config.max_gaussians = n - 10 + n_drawn;
   config.seed = 5;
   const Rows found = parents_of(plan_round(config, model, kLastRound));
@@ -108,11 +108,11 @@ TEST(BalancedStrategy, DrawsParentsInProportionToTheirScores) {
   EXPECT_EQ(found, expected);
 }
 
-TEST(BalancedStrategy, DrawsAsOftenAsTheScoresSay) {
+TEST(BudgetStrategy, DrawsAsOftenAsTheScoresSay) {
   // Two of three rows, with scores 1, 1 and 8: the last is left out with probability 2 x 1/10 x 1/9.
   Model model = make_model(3);
-  column(model, BalancedColumn::kErrorSum).copy_(torch::tensor({1.0f, 1.0f, 8.0f}));
-  TrainConfig config = balanced_config();
+  column(model, BudgetColumn::kErrorSum).copy_(torch::tensor({1.0f, 1.0f, 8.0f}));
+  TrainConfig config = budget_config();
   config.max_gaussians = 5;
   int n_without = 0;
   constexpr int kDraws = 2000;
@@ -124,12 +124,12 @@ TEST(BalancedStrategy, DrawsAsOftenAsTheScoresSay) {
   EXPECT_NEAR(n_without, kDraws * 2.0 / 90, 5 * std::sqrt(kDraws * 2.0 / 90));
 }
 
-TEST(BalancedStrategy, SplitsAlongTheLongestAxis) {
+TEST(BudgetStrategy, SplitsAlongTheLongestAxis) {
   const std::int64_t n = 20;
   const Model model = make_model(n);
   for (const std::string rule : {"moments", "preserve"}) {
     SCOPED_TRACE(rule);
-    TrainConfig config = balanced_config();
+    TrainConfig config = budget_config();
     config.split = rule;
     const DensityRound round = plan_round(config, model, kLastRound);
     ASSERT_EQ(parents_of(round).size(), static_cast<std::size_t>(n));
@@ -169,7 +169,7 @@ double split_image_error(const std::string& rule, double opacity) {
   model.gaussians.log_scales.copy_(torch::tensor({{1.0f, 0.8f, 0.1f}}).log());
   model.gaussians.quats.copy_(torch::tensor({{1.0f, 0.0f, 0.0f, 0.0f}}));
   model.gaussians.logit_opacities.fill_(std::log(opacity / (1 - opacity)));
-  TrainConfig config = balanced_config();
+  TrainConfig config = budget_config();
   config.split = rule;
   const DensityRound round = plan_round(config, model, kLastRound);
   const auto alpha = [](const torch::Tensor& mean, const torch::Tensor& log_scale, double logit, double x, double y) {
@@ -194,7 +194,7 @@ double split_image_error(const std::string& rule, double opacity) {
   return std::sqrt(difference / total);
 }
 
-TEST(BalancedStrategy, PartsThatPreserveTheImageDo) {
+TEST(BudgetStrategy, PartsThatPreserveTheImageDo) {
   for (const double opacity : {0.02, 0.3, 0.6, 0.9, 0.99}) {
     SCOPED_TRACE(opacity);
     EXPECT_LT(split_image_error("preserve", opacity), 0.02 + 0.09 * opacity);
@@ -202,7 +202,7 @@ TEST(BalancedStrategy, PartsThatPreserveTheImageDo) {
   }
 }
 
-TEST(BalancedStrategy, GrowsAlongTheCurveToTheBudget) {
+TEST(BudgetStrategy, GrowsAlongTheCurveToTheBudget) {
   TrainConfig config;
   constexpr std::int64_t kStart = 10000, kBudget = 150000;
   std::int64_t n = kStart;
@@ -220,9 +220,9 @@ TEST(BalancedStrategy, GrowsAlongTheCurveToTheBudget) {
   EXPECT_FALSE(is_growth_round(config, 15000));
 }
 
-TEST(BalancedStrategy, KeepsWithinTheLimitAndSaysHowManyItLeavesOut) {
+TEST(BudgetStrategy, KeepsWithinTheLimitAndSaysHowManyItLeavesOut) {
   const Model model = make_model(10);
-  TrainConfig config = balanced_config();
+  TrainConfig config = budget_config();
   config.max_gaussians = 18;
   EXPECT_EQ(parents_of(plan_round(config, model, kLastRound)).size(), 8u);
   const DensityRound short_of_memory = plan_round(config, model, kLastRound, /*limit=*/13);
@@ -235,27 +235,27 @@ TEST(BalancedStrategy, KeepsWithinTheLimitAndSaysHowManyItLeavesOut) {
   EXPECT_EQ(parents_of(plan_round(config, model, 600)).size(), 10u) << "no budget: all candidates";
 }
 
-TEST(BalancedStrategy, ChangesNothingWithoutCandidates) {
+TEST(BudgetStrategy, ChangesNothingWithoutCandidates) {
   Model model = make_model(6);
-  column(model, BalancedColumn::kErrorSum).zero_();
+  column(model, BudgetColumn::kErrorSum).zero_();
   for (const int iteration : {kLastRound, 15000}) {
-    const DensityRound round = plan_round(balanced_config(), model, iteration);
+    const DensityRound round = plan_round(budget_config(), model, iteration);
     EXPECT_EQ(to_rows(round.edit.sources), (Rows{0, 1, 2, 3, 4, 5}));
     EXPECT_EQ(round.edit.n_kept, 6);
     EXPECT_EQ(round.edit.new_means.sizes(), (std::vector<std::int64_t>{0, 3}));
     EXPECT_EQ(round.n_pruned + round.n_split + round.n_over_limit, 0);
   }
-  const DensityRound empty = plan_round(balanced_config(), make_model(0), kLastRound);
+  const DensityRound empty = plan_round(budget_config(), make_model(0), kLastRound);
   EXPECT_EQ(empty.edit.sources.numel(), 0);
 }
 
-TEST(BalancedStrategy, RemovesTransparentOnesAndThoseThatHardlyContribute) {
+TEST(BudgetStrategy, RemovesTransparentOnesAndThoseThatHardlyContribute) {
   Model model = make_model(5);
-  column(model, BalancedColumn::kErrorSum).zero_();
+  column(model, BudgetColumn::kErrorSum).zero_();
   model.gaussians.logit_opacities[0] = std::log(0.004f / 0.996f);
-  column(model, BalancedColumn::kScoreViews).copy_(torch::tensor({40.0f, 20.0f, 19.0f, 20.0f, 0.0f}));
-  column(model, BalancedColumn::kMaxWeight).copy_(torch::tensor({0.9f, 0.0099f, 0.0f, 0.0101f, 0.0f}));
-  TrainConfig config = balanced_config();
+  column(model, BudgetColumn::kScoreViews).copy_(torch::tensor({40.0f, 20.0f, 19.0f, 20.0f, 0.0f}));
+  column(model, BudgetColumn::kMaxWeight).copy_(torch::tensor({0.9f, 0.0099f, 0.0f, 0.0101f, 0.0f}));
+  TrainConfig config = budget_config();
   EXPECT_EQ(to_rows(plan_round(config, model, 600).edit.sources), (Rows{1, 2, 3, 4})) << "opacity, in any round";
   const DensityRound round = plan_round(config, model, 3000);
   EXPECT_EQ(to_rows(round.edit.sources), (Rows{2, 3, 4})) << "row 2 was seen by too few views, row 3 contributes";
@@ -266,12 +266,12 @@ TEST(BalancedStrategy, RemovesTransparentOnesAndThoseThatHardlyContribute) {
   EXPECT_EQ(to_rows(plan_round(config, model, 3000).edit.sources), (Rows{1, 2, 3, 4}));
 }
 
-TEST(BalancedStrategy, RemembersWeightsBetweenTheRoundsThatUseThem) {
-  TrainConfig config = balanced_config();
+TEST(BudgetStrategy, RemembersWeightsBetweenTheRoundsThatUseThem) {
+  TrainConfig config = budget_config();
   const auto sums_after = [&](int iteration) {
     Model model = make_model(4);
     for (torch::Tensor* own : model.statistics.all()) own->fill_(1);
-    make_balanced_strategy(config, 1)->end_round(iteration, model.statistics);
+    make_budget_strategy(config, 1)->end_round(iteration, model.statistics);
     std::vector<double> sums;
     for (const torch::Tensor* own : model.statistics.all()) sums.push_back(own->sum().item<double>());
     return sums;
@@ -282,11 +282,11 @@ TEST(BalancedStrategy, RemembersWeightsBetweenTheRoundsThatUseThem) {
   EXPECT_EQ(sums_after(600), std::vector<double>(6, 0.0));
 }
 
-TEST(BalancedStrategy, ScoresTheStepsBeforeEachRound) {
-  TrainConfig config = balanced_config();
+TEST(BudgetStrategy, ScoresTheStepsBeforeEachRound) {
+  TrainConfig config = budget_config();
   std::vector<int> scored;
   for (int i = 1; i <= 30000; ++i) {
-    const DensityPlan plan = balanced_plan(config, i);
+    const DensityPlan plan = budget_plan(config, i);
     if (plan.score) scored.push_back(i);
     EXPECT_EQ(plan.statistics, plan.score);
     EXPECT_EQ(plan.after_step, plan.score);
@@ -299,12 +299,12 @@ TEST(BalancedStrategy, ScoresTheStepsBeforeEachRound) {
   EXPECT_EQ(scored.back(), 27000);
   EXPECT_EQ(scored.size(), 10u * 265);
   config.prune_weight = 0;
-  EXPECT_FALSE(balanced_plan(config, 15000).score);
+  EXPECT_FALSE(budget_plan(config, 15000).score);
   config.score_views = 1000;
-  EXPECT_TRUE(balanced_plan(config, 501).score);
+  EXPECT_TRUE(budget_plan(config, 501).score);
 }
 
-TEST(BalancedStrategy, AccumulatesScoresOfItsSteps) {
+TEST(BudgetStrategy, AccumulatesScoresOfItsSteps) {
   const Scene scene = test::make_tiny_scene();
   const GaussianTensors gaussians = [] {
     Model model = make_model(30);
@@ -321,8 +321,8 @@ TEST(BalancedStrategy, AccumulatesScoresOfItsSteps) {
   const ViewStatistics statistics = rasterizer.backward(gaussians, {grad, {}, {}}, grads);
   const torch::Tensor error = torch::rand({camera.height, camera.width});
 
-  TrainConfig config = balanced_config();
-  const std::unique_ptr<DensityStrategy> strategy = make_balanced_strategy(config, 1);
+  TrainConfig config = budget_config();
+  const std::unique_ptr<DensityStrategy> strategy = make_budget_strategy(config, 1);
   DensityStatistics sums = strategy->make_statistics(gaussians.size(), torch::kCPU);
   const auto take_step = [&](int iteration) {
     const auto add_scores = [&](const GaussianScores& scores) { rasterizer.score(error, scores); };
@@ -351,21 +351,21 @@ TEST(ErrorImage, IsTheSquareOfTheMeanDifferenceOverTheChannels) {
 
 // Whole trainings.
 
-TEST(BalancedTraining, ResumedEqualsUninterruptedBitForBit) {
+TEST(BudgetTraining, ResumedEqualsUninterruptedBitForBit) {
   const Scene scene = test::make_tiny_scene();
   const test::TempDir temp;
-  TrainConfig config = test::eventful_balanced_config();
-  ASSERT_TRUE(balanced_plan(config, 13).score && balanced_plan(config, 14).score);
+  TrainConfig config = test::eventful_budget_config();
+  ASSERT_TRUE(budget_plan(config, 13).score && budget_plan(config, 14).score);
   const test::Trained whole = test::train(config, scene, temp / "whole");
   EXPECT_EQ(whole.result.n_gaussians, 200);
   // in a window of scored steps, at rounds, after the last one
   test::expect_exact_resume(config, scene, whole, temp.path(), {9, 13, 14, 15, 20, 21});
 }
 
-TEST(BalancedTraining, GivesTheSameBytesOnAnyNumberOfThreads) {
+TEST(BudgetTraining, GivesTheSameBytesOnAnyNumberOfThreads) {
   const Scene scene = test::make_tiny_scene();
   const test::TempDir temp;
-  TrainConfig config = test::eventful_balanced_config();
+  TrainConfig config = test::eventful_budget_config();
   const test::Trained first = test::train(config, scene, temp / "a");
   for (const int threads : {1, 3}) {
     config.threads = threads;
@@ -373,14 +373,14 @@ TEST(BalancedTraining, GivesTheSameBytesOnAnyNumberOfThreads) {
   }
 }
 
-TEST(BalancedTraining, LearnsASceneWithinItsBudget) {
+TEST(BudgetTraining, LearnsASceneWithinItsBudget) {
   test::TinySceneOptions options;
   options.n_gaussians = 60;
   options.n_views = 24;
   const Scene scene = test::make_tiny_scene(options);
   const test::TempDir temp;
   TrainConfig config;
-  config.strategy = "balanced";
+  config.strategy = "budget";
   config.score_views = 10;
   config.prune_weight = 0.01;
   config.iterations = 800;

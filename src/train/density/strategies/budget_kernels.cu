@@ -1,7 +1,7 @@
-// Strategy balanced, one thread per Gaussian, candidate or part.
+// Strategy budget, one thread per Gaussian, candidate or part.
 
 #include "core/cuda_rows.cuh"
-#include "train/density/strategies/balanced_kernels_cuda.h"
+#include "train/density/strategies/budget_kernels_cuda.h"
 
 namespace b3dgs::cuda {
 namespace {

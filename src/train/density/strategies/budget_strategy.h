@@ -1,4 +1,4 @@
-// Strategy balanced: the number of Gaussians grows along a curve to a budget (--max_gaussians), by splitting Gaussians
+// Strategy budget: the number of Gaussians grows along a curve to a budget (--max_gaussians), by splitting Gaussians
 // that contribute most to large errors. Uses ideas of FastGS (errors over several views) and Improved-GS (budget curve,
 // splits along the longest axis); see docs/recipes.md.
 //
@@ -18,7 +18,7 @@
 
 namespace b3dgs {
 
-std::unique_ptr<DensityStrategy> make_balanced_strategy(const TrainConfig& config, double extent);
+std::unique_ptr<DensityStrategy> make_budget_strategy(const TrainConfig& config, double extent);
 
 // The strategy's parts, as stateless functions that tests can call.
 
@@ -28,9 +28,9 @@ std::unique_ptr<DensityStrategy> make_balanced_strategy(const TrainConfig& confi
 inline constexpr int kPruneViews = 20;
 
 /// Columns of DensityStatistics::extra.
-enum class BalancedColumn { kErrorSum, kMaxWeight, kScoreViews };
+enum class BudgetColumn { kErrorSum, kMaxWeight, kScoreViews };
 
-DensityPlan balanced_plan(const TrainConfig& config, int iteration);
+DensityPlan budget_plan(const TrainConfig& config, int iteration);
 
 /// Whether Gaussians may be split in this iteration.
 bool is_growth_round(const TrainConfig& config, int iteration);

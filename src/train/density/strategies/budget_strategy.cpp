@@ -1,4 +1,4 @@
-#include "train/density/strategies/balanced_strategy.h"
+#include "train/density/strategies/budget_strategy.h"
 
 #include <algorithm>
 #include <cmath>
@@ -6,11 +6,11 @@
 #include "core/check.h"
 #include "core/parallel.h"
 #include "raster/math/opacity.h"
-#include "train/density/strategies/balanced_kernels.h"
+#include "train/density/strategies/budget_kernels.h"
 
 #if B3DGS_TORCH_CUDA
 #include "raster/torch/torch_launch.h"
-#include "train/density/strategies/balanced_kernels_cuda.h"
+#include "train/density/strategies/budget_kernels_cuda.h"
 #endif
 
 namespace b3dgs {
@@ -19,7 +19,7 @@ namespace {
 constexpr const char* kColumnNames[] = {"error_sum", "max_weight", "score_views"};
 
 template <class Statistics>
-auto& column(Statistics& statistics, BalancedColumn which) {
+auto& column(Statistics& statistics, BudgetColumn which) {
   return statistics.extra.at(static_cast<std::size_t>(which)).values;
 }
 
@@ -90,9 +90,9 @@ int next_multiple(int iteration, int interval) {
   return (iteration + interval - 1) / interval * interval;
 }
 
-class BalancedStrategy final : public DensityStrategy {
+class BudgetStrategy final : public DensityStrategy {
  public:
-  explicit BalancedStrategy(const TrainConfig& config)
+  explicit BudgetStrategy(const TrainConfig& config)
       : config_(config), rule_(config.split == "moments" ? SplitRule::kMoments : SplitRule::kPreserve) {}
 
   DensityStatistics make_statistics(std::int64_t n_gaussians, torch::Device device) const override {
@@ -103,12 +103,12 @@ class BalancedStrategy final : public DensityStrategy {
     return statistics;
   }
 
-  DensityPlan plan(int iteration) const override { return balanced_plan(config_, iteration); }
+  DensityPlan plan(int iteration) const override { return budget_plan(config_, iteration); }
 
   void after_view(const DensityStep& step, DensityStatistics& statistics) const override {
     if (!plan(step.iteration).score) return;
-    step.add_scores({column(statistics, BalancedColumn::kErrorSum), column(statistics, BalancedColumn::kMaxWeight),
-                     column(statistics, BalancedColumn::kScoreViews), torch::Tensor()});
+    step.add_scores({column(statistics, BudgetColumn::kErrorSum), column(statistics, BudgetColumn::kMaxWeight),
+                     column(statistics, BudgetColumn::kScoreViews), torch::Tensor()});
   }
 
   DensityRound plan_round(const GaussianTensors& gaussians, const DensityStatistics& statistics, int iteration,
@@ -116,8 +116,8 @@ class BalancedStrategy final : public DensityStrategy {
     DensityRound round;
     torch::Tensor stays = gaussians.logit_opacities >= logit(config_.prune_opacity);
     if (is_weight_prune_round(config_, iteration)) {
-      const torch::Tensor has_views = column(statistics, BalancedColumn::kScoreViews) >= kPruneViews;
-      const torch::Tensor is_faint = column(statistics, BalancedColumn::kMaxWeight) < config_.prune_weight;
+      const torch::Tensor has_views = column(statistics, BudgetColumn::kScoreViews) >= kPruneViews;
+      const torch::Tensor is_faint = column(statistics, BudgetColumn::kMaxWeight) < config_.prune_weight;
       stays.logical_and_(has_views.logical_and_(is_faint).logical_not_());
     }
     const std::int64_t n = gaussians.size(), n_stay = stays.sum().item<std::int64_t>();
@@ -138,8 +138,8 @@ class BalancedStrategy final : public DensityStrategy {
   void end_round(int iteration, DensityStatistics& statistics) const override {
     const bool keeps_weights = config_.prune_weight > 0 && !is_weight_prune_round(config_, iteration);
     for (torch::Tensor* own : statistics.all()) {
-      const bool is_weight = own == &column(statistics, BalancedColumn::kMaxWeight) ||
-                             own == &column(statistics, BalancedColumn::kScoreViews);
+      const bool is_weight =
+          own == &column(statistics, BudgetColumn::kMaxWeight) || own == &column(statistics, BudgetColumn::kScoreViews);
       if (!is_weight || !keeps_weights) own->zero_();
     }
   }
@@ -153,7 +153,7 @@ class BalancedStrategy final : public DensityStrategy {
   /// allows beside the `n_stay` rows that stay.
   torch::Tensor choose_parents(const DensityStatistics& statistics, const torch::Tensor& stays, int iteration,
                                std::int64_t n_stay, std::int64_t max_gaussians, std::int64_t& n_over_limit) const {
-    const torch::Tensor& scores = column(statistics, BalancedColumn::kErrorSum);
+    const torch::Tensor& scores = column(statistics, BudgetColumn::kErrorSum);
     const torch::Tensor rows = rows_of((scores > 0).logical_and_(stays));
     std::int64_t n_wanted = rows.size(0);
     if (config_.max_gaussians > 0) {
@@ -174,8 +174,8 @@ class BalancedStrategy final : public DensityStrategy {
 
 }  // namespace
 
-std::unique_ptr<DensityStrategy> make_balanced_strategy(const TrainConfig& config, double /*extent*/) {
-  return std::make_unique<BalancedStrategy>(config);
+std::unique_ptr<DensityStrategy> make_budget_strategy(const TrainConfig& config, double /*extent*/) {
+  return std::make_unique<BudgetStrategy>(config);
 }
 
 bool is_growth_round(const TrainConfig& config, int iteration) {
@@ -189,7 +189,7 @@ bool is_weight_prune_round(const TrainConfig& config, int iteration) {
          iteration % config.opacity_reset_interval == 0;
 }
 
-DensityPlan balanced_plan(const TrainConfig& config, int iteration) {
+DensityPlan budget_plan(const TrainConfig& config, int iteration) {
   DensityPlan plan;
   plan.densify = is_growth_round(config, iteration) || is_weight_prune_round(config, iteration);
   // Also for rounds beyond config.iterations: the training may be resumed with more iterations.

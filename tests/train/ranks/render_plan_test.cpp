@@ -1,0 +1,91 @@
+// Which rank renders which view.
+#include "multi/render_plan.h"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <random>
+
+namespace b3dgs {
+namespace {
+
+using Work = std::vector<std::int64_t>;
+using Ranks = std::vector<int>;
+
+/// Work of each rank.
+Work work_of_ranks(const Ranks& renderers, const Work& work, int n_ranks) {
+  Work sums(static_cast<std::size_t>(n_ranks));
+  for (std::size_t v = 0; v < renderers.size(); ++v) sums[static_cast<std::size_t>(renderers[v])] += work[v];
+  return sums;
+}
+
+TEST(RenderPlan, DealsViewsInTurnWithoutCounts) {
+  EXPECT_EQ(equal_renderers(5, 2), (Ranks{0, 1, 0, 1, 0}));
+  EXPECT_EQ(equal_renderers(2, 4), (Ranks{0, 1}));
+  EXPECT_EQ(equal_renderers(0, 4), Ranks{});
+}
+
+TEST(RenderPlan, GivesTheLargestViewToTheIdlestRank) {
+  EXPECT_EQ(counted_renderers({1, 9, 2, 3}, 2), (Ranks{1, 0, 1, 1}));
+  EXPECT_EQ(work_of_ranks({1, 0, 1, 1}, {1, 9, 2, 3}, 2), (Work{9, 6}));
+}
+
+TEST(RenderPlan, EqualWorkIsDealtInTurn) {
+  EXPECT_EQ(counted_renderers({7, 7, 7, 7, 7}, 2), equal_renderers(5, 2));
+  EXPECT_EQ(counted_renderers({0, 0, 0, 0}, 2), equal_renderers(4, 2)) << "views of nothing";
+}
+
+TEST(RenderPlan, EachRankGetsOneOfAsManyViews) {
+  EXPECT_EQ(counted_renderers({1, 100, 3}, 3), (Ranks{0, 1, 2}));
+  EXPECT_EQ(counted_renderers({1, 100}, 3), (Ranks{0, 1}));
+}
+
+TEST(RenderPlan, RanksDifferByAtMostAView) {
+  std::mt19937 random(3);
+  for (int round = 0; round < 200; ++round) {
+    const int n_ranks = 2 + round % 4;
+    Work work(static_cast<std::size_t>(n_ranks + 1 + round % 20));
+    for (std::int64_t& w : work) w = 1 + static_cast<std::int64_t>(random() % 1000);
+    const Work loads = work_of_ranks(counted_renderers(work, n_ranks), work, n_ranks);
+    const auto [least, most] = std::minmax_element(loads.begin(), loads.end());
+    EXPECT_LE(*most - *least, *std::max_element(work.begin(), work.end()));
+  }
+}
+
+TEST(RenderPlan, TakesAsManyViewsAtATimeAsRanksHaveRoomFor) {
+  EXPECT_EQ(views_at_a_time(350000, 2000000, 2), 10u) << "five for each";
+  EXPECT_EQ(views_at_a_time(1900000, 2000000, 8), 8u);
+  EXPECT_EQ(views_at_a_time(1e8, 2000000, 8), 8u) << "one for each is the least";
+  EXPECT_GE(views_at_a_time(0, 2000000, 2), 32u) << "all views of a step";
+}
+
+TEST(RenderPlan, ViewsWithoutACountAreExpectedToBeAverage) {
+  RenderPlan plan(2);
+  EXPECT_EQ(plan.renderers(0, {4, 5, 6}), (Ranks{0, 1, 0})) << "nothing is known";
+  plan.set_work(1, 10);
+  plan.set_work(2, 30);
+  // View 9 counts as 20: 30 to rank 0, 20 and then 10 to rank 1.
+  EXPECT_EQ(plan.renderers(3, {1, 9, 2}), (Ranks{1, 1, 0}));
+}
+
+TEST(RenderPlan, AStepKeepsItsAnswerUntilItIsForgotten) {
+  RenderPlan plan(2);
+  const std::vector<std::int32_t> views{0, 1, 2};
+  const Ranks first = plan.renderers(6, views);
+  plan.set_work(0, 1), plan.set_work(1, 1), plan.set_work(2, 100);
+  EXPECT_EQ(plan.renderers(6, views), first) << "it has been read ahead for";
+  plan.forget_before(6);
+  EXPECT_EQ(plan.renderers(6, views), first) << "the step after iteration 6 is not before it";
+  EXPECT_EQ(plan.renderers(9, views), (Ranks{1, 1, 0}));
+  plan.forget_before(9);
+  EXPECT_EQ(plan.renderers(6, views), (Ranks{1, 1, 0}));
+}
+
+TEST(RenderPlan, OtherViewsAreDecidedAnew) {
+  RenderPlan plan(2);
+  plan.renderers(0, {1, 2, 3});
+  EXPECT_EQ(plan.renderers(0, {1, 2, 7, 3}).size(), 4u);
+}
+
+}  // namespace
+}  // namespace b3dgs
