@@ -229,11 +229,11 @@ int train(const CommandLine& line, const TrainCommandOptions& options, const std
   hooks.on_result = [&] { record_previews(*owned, scene, folder, has_peers ? &ranks : nullptr); };
   std::optional<WatchedTraining> watched;
   std::unique_ptr<ViewServer> server;
-  if (options.view) {
+  if (!options.view.empty()) {
     watched.emplace(config, scene, request_stop);
     watched->attach(hooks);
     watched->set_save([&] { return owned->save(); });
-    server = start_view_server(*watched, options.page, status);
+    server = start_view_server(*watched, parse_view_place(options.view), status);
   }
   owned = std::make_unique<Trainer>(config, scene, folder, hooks);
   Trainer& trainer = *owned;
@@ -306,11 +306,28 @@ int train_alone(const CommandLine& line, const TrainCommandOptions& options, con
   }
 }
 
-void check_view_options(const CommandLine& line, const TrainCommandOptions& options, const RankPlan& plan) {
-  if (!options.view && (line.was_given("view_port") || line.was_given("view_address"))) {
-    input_error("--view_port and --view_address are for the page that --view shows; add --view");
+/// The options that --view ADDRESS:PORT has replaced.
+void add_former_view_options(CommandLine& line) {
+  for (const char* name : {"view_port", "view_address"}) {
+    OptionSpec spec = OptionSpec::of_type<std::string>();
+    spec.name = name;
+    spec.is_ignored = true;
+    line.add(spec);
   }
-  if (options.view && (plan.n_to_start > 1 || plan.place.size > 1)) {
+}
+
+void take_former_view_options(const CommandLine& line, std::string& view) {
+  if (!line.was_given("view_port") && !line.was_given("view_address")) return;
+  const std::string port = line.given().value("view_port", "-1");
+  view = line.given().value("view_address", ViewOptions{}.address) + ":" + (port == "-1" ? "auto" : port);
+  std::cerr << "warning: --view_port and --view_address are now --view PORT and --view ADDRESS:PORT: --view " + view +
+                   '\n';
+}
+
+void check_view_options(const TrainCommandOptions& options, const RankPlan& plan) {
+  if (options.view.empty()) return;
+  parse_view_place(options.view);
+  if (plan.n_to_start > 1 || plan.place.size > 1) {
     input_error(
         "--view: a training on several ranks cannot be shown yet; train on one (--ranks 1), or leave out --view");
   }
@@ -324,13 +341,15 @@ int run_train(const std::vector<std::string>& words) {
   line.add(options, "Run");
   line.add(resolve_options().config, "Training", {"source_path"});
   add_former_options(line);
+  add_former_view_options(line);
   line.set_notes(presets_help());
-  if (!line.parse(split_view_port(words))) return 0;
+  if (!line.parse(join_view_place(words))) return 0;
+  take_former_view_options(line, options.view);
   std::signal(SIGPIPE, SIG_IGN);
 
   const std::string device = resolve_options(given_options(line, options.config)).config.device;
   const RankPlan plan = plan_ranks(options.rank, device);
-  check_view_options(line, options, plan);
+  check_view_options(options, plan);
   if (plan.n_to_start > 0) {
     StatusLine silent = StatusLine::silent();
     make_plan(line, silent, options, plan.n_to_start);  // an error of the options appears once, not for each rank

@@ -6,7 +6,6 @@
 #include <string>
 
 #include "app/ranks/rank_setup.h"
-#include "app/view/view_options.h"
 #include "config/option_layers.h"
 #include "config/train_config.h"
 #include "core/options/command_line.h"
@@ -23,8 +22,7 @@ struct TrainCommandOptions {
   std::string resume;
   bool overwrite = false;
   bool quiet = false;
-  bool view = false;
-  ViewOptions page;
+  std::string view;  // empty: not shown; see parse_view_place()
   RankOptions rank;
 };
 
@@ -38,11 +36,8 @@ void visit_fields(TrainCommandOptions& c, Visitor&& field) {
         "GPUs of this machine to train on, a process for each: a number, or auto for all");
   field(Option{"ranks"}, c.rank.ranks, InRange{0, kMaxStartedRanks},
         "processes to train with (0 = as many as a launcher started; 1 = this one alone)");
-  field(Option{"view"}, c.view, Any{}, "show the training in a browser; --view PORT is short for --view_port, too");
-  field(Option{"view_port"}, c.page.port, InRange{-1, 65535},
-        "port of the page (-1 = the first free one from 8080 on, 0 = any free one)");
-  field(Option{"view_address"}, c.page.address, Any{},
-        "address the page listens on; the default is for this machine only");
+  field(Option{"view"}, c.view, Any{},
+        "show the training in a browser; may name PORT (0 = any free one) or ADDRESS:PORT");
   field(Option{"quiet"}.common(), c.quiet, Any{}, "print results and warnings only");
 }
 

@@ -33,7 +33,7 @@ failures=0
 train() {
   local name=$1
   shift
-  "$@" "$b3dgs" train "$folder/scene" -m "$folder/$name" "${options[@]}" --checkpoint_interval 100 --resume auto \
+  "$@" "$b3dgs" train "$folder/scene" -m "$folder/$name" "${options[@]}" --checkpoint_iterations 100 200 300 --resume auto \
     >>"$folder/$name.log" 2>&1
 }
 report() {

@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # Makes docs/sample_report.html and docs/images/report.png, a screenshot of it: the report of a short training on a
-# synthetic scene on the CPU, which takes less than a minute. The screenshot needs chromium and pngquant.
+# synthetic scene on the CPU, which takes a few minutes. The screenshot needs chromium and pngquant.
 # Usage: scripts/sample_report.sh B3DGS [WORK_FOLDER [TRAIN_OPTIONS...]]    default: output/sample
 #   scripts/sample_report.sh build/cpu/app/b3dgs output/sample --seed 1
 set -euo pipefail
@@ -32,9 +32,9 @@ scene=$work/orbit
 if [[ ! -d $scene ]]; then
   "$b3dgs" synth orbit "$scene" --points 4000 --views 48 --width 240 --height 180 --quiet
 fi
-"$b3dgs" train "$scene" -m "$work/model" --eval --device cpu --preset inria --iterations 600 --sh_increase_interval 150 \
-  --densify_from_iter 100 --densify_until_iter 500 --opacity_reset_interval 1000 --kernel_check_interval 150 \
-  --stats_interval 100 --kernel_times_interval 100 --test_iterations 100 200 300 400 500 600 --overwrite --quiet "$@"
+"$b3dgs" train "$scene" -m "$work/model" --eval --device cpu --preset inria --iterations 2000 --sh_increase_interval 500 \
+  --densify_from_iter 300 --densify_until_iter 1600 --test_iterations 250 500 750 1000 1250 1500 1750 2000 \
+  --overwrite --quiet "$@"
 
 report=$work/model/report.html
 small "$report" "$max_page_bytes"

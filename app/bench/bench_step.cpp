@@ -183,8 +183,7 @@ int run_bench_step(const std::vector<std::string>& words) {
                    "b3dgs bench step scenes/garden --steps 200");
   line.add(options, "Benchmark");
   line.add(resolve_options().config, "Training", {"source_path"},
-           {"model_path", "iterations", "max_epochs", "test_iterations", "save_iterations", "checkpoint_iterations",
-            "checkpoint_interval", "keep_checkpoints"});
+           {"model_path", "iterations", "max_epochs", "test_iterations", "save_iterations", "checkpoint_iterations"});
   if (!line.parse(words)) return 0;
   StatusLine status = StatusLine::for_stderr(false);
   for (const std::string& former : describe_former_names(line.given())) status.warn(former);

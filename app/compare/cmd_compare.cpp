@@ -98,13 +98,7 @@ ComparisonPlan make_plan(const CommandLine& line, const CompareOptions& options)
   const std::string planned_preset = plan.base.preset;
   GivenOptions& given = plan.given;
   given.update(given_options(line, options.config));
-  if (!options.resume) {
-    given.emplace("eval", default_config().eval);
-    // By default, a comparison times all candidate kernels over the whole training.
-    if (!line.was_given("kernel_times_interval") && given.value("kernel_times_interval", 0) == 0) {
-      given["kernel_times_interval"] = given.value("stats_interval", TrainConfig{}.stats_interval);
-    }
-  }
+  if (!options.resume) given.emplace("eval", default_config().eval);
   plan.base = resolve_options(given).config;
   if (options.resume && !given.contains("preset") && plan.base.preset != planned_preset) {
     // The comparison was started by a version with another default preset.

@@ -42,16 +42,14 @@ InterleavedTraining::InterleavedTraining(const ComparisonPlan& plan, std::int64_
   // Here the budget is divided equally.
   const std::int64_t share = image_budget(-1, choose_device(plan.base.device), plan.base.gpu_memory_gb) /
                              static_cast<std::int64_t>(configurations.size());
-  for (const Configuration& configuration : configurations) {
-    const bool is_open = configuration.config.image_cache_gb < 0;
-    add(plan, configuration, seed, scene, is_open ? std::optional(share) : std::nullopt);
-  }
+  for (const Configuration& configuration : configurations) add(plan, configuration, seed, scene, share);
 }
 
 void InterleavedTraining::add(const ComparisonPlan& plan, const Configuration& configuration, std::int64_t seed,
-                              const Scene& scene, std::optional<std::int64_t> image_budget) {
+                              const Scene& scene, std::int64_t image_budget) {
   const ModelFolder folder = plan.folder(configuration, seed);
-  const TrainConfig config = with_scene_limits(run_config(configuration, folder, seed), scene);
+  TrainConfig config = with_scene_limits(run_config(configuration, folder, seed), scene);
+  config.kernel_times_interval = config.stats_interval;  // over the whole training, whatever kernel is in use
   turns_.push_back(std::make_unique<Turn>(
       Turn{configuration, folder, std::make_unique<FolderLock>(folder.root()), nullptr, {}, Eta(config.iterations)}));
   Turn& turn = *turns_.back();
@@ -166,7 +164,6 @@ double warm_up(const ComparisonPlan& plan, const Scene& scene) {
   Configuration common{"", plan.base};
   common.config.kernel = std::string(forward_kernel_name(ForwardKernel::kNaive));
   common.config.backward_kernel = kStandardBackwardKernel;
-  common.config.kernel_times_interval = 0;
   train(common);
   double loading_ms = 0;
   for (const bool chooses : {true, false}) {

@@ -37,7 +37,7 @@ class InterleavedTraining {
   };
 
   void add(const ComparisonPlan& plan, const Configuration& configuration, std::int64_t seed, const Scene& scene,
-           std::optional<std::int64_t> image_budget);
+           std::int64_t image_budget);
   bool take_turns();
   void write_checkpoints();
   void show(Turn& turn, const TrainProgress& progress);

@@ -24,8 +24,8 @@ int report(const std::string& message, ExitCode code) {
 
 int report_out_of_memory(const std::string& what) {
   return report(what.substr(0, what.find('\n')) +
-                    "; use smaller images (-r 2), limit the Gaussians (--max_gaussians), cache fewer images on the GPU "
-                    "(--image_cache_gb 1), or free memory and resume from the last checkpoint (--resume auto)",
+                    "; use smaller images (-r 2), limit the Gaussians (--max_gaussians), "
+                    "or free memory and resume from the last checkpoint (--resume auto)",
                 kFailed);
 }
 

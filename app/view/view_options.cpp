@@ -1,11 +1,30 @@
 #include "app/view/view_options.h"
 
-#include <algorithm>
+#include <charconv>
 #include <iostream>
+#include <string_view>
+#include <system_error>
 
+#include "core/check.h"
 #include "view/access.h"
 
 namespace b3dgs {
+namespace {
+
+constexpr const char* kAutoPort = "auto";
+
+/// A port, or an address in digits or `localhost` and a port; anything else after --view is the next argument.
+bool is_place(const std::string& word) {
+  const std::size_t colon = word.rfind(':');
+  const std::string address = colon == std::string::npos ? "" : word.substr(0, colon), port = word.substr(colon + 1);
+  const auto consists_of = [](const std::string& text, std::string_view characters) {
+    return !text.empty() && text.find_first_not_of(characters) == std::string::npos;
+  };
+  return consists_of(port, "0123456789") &&
+         (colon == std::string::npos || address == "localhost" || consists_of(address, "0123456789abcdefABCDEF.:[]"));
+}
+
+}  // namespace
 
 std::unique_ptr<ViewServer> start_view_server(FrameSource& source, const ViewOptions& options, StatusLine& status) {
   ViewServerOptions server;
@@ -13,7 +32,7 @@ std::unique_ptr<ViewServer> start_view_server(FrameSource& source, const ViewOpt
   if (options.port >= 0) server.port = options.port;
   auto started = std::make_unique<ViewServer>(source, server);
   if (!is_loopback(options.address)) {
-    status.warn("--view_address " + options.address +
+    status.warn("address " + options.address +
                 ": other machines can reach the page, and what is sent is not encrypted: whoever reads the token can "
                 "watch and stop the training; an ssh tunnel to 127.0.0.1 is safer");
   }
@@ -21,14 +40,30 @@ std::unique_ptr<ViewServer> start_view_server(FrameSource& source, const ViewOpt
   return started;
 }
 
-std::vector<std::string> split_view_port(const std::vector<std::string>& words) {
+ViewOptions parse_view_place(const std::string& place) {
+  ViewOptions options;
+  const std::size_t colon = place.rfind(':');
+  if (colon != std::string::npos) options.address = place.substr(0, colon);
+  if (!options.address.empty() && options.address.front() == '[' && options.address.back() == ']') {
+    options.address = options.address.substr(1, options.address.size() - 2);
+  }
+  const std::string port = place.substr(colon == std::string::npos ? 0 : colon + 1);
+  if (port == kAutoPort && !options.address.empty()) return options;
+  const auto [end, error] = std::from_chars(port.data(), port.data() + port.size(), options.port);
+  const bool is_read = error == std::errc() && end == port.data() + port.size();
+  if (!is_read || options.port < 0 || options.port > 65535 || options.address.empty()) {
+    input_error("--view ", place, ": not a place for the page (expected PORT or ADDRESS:PORT, such as 127.0.0.1:8080)");
+  }
+  return options;
+}
+
+std::vector<std::string> join_view_place(const std::vector<std::string>& words) {
   std::vector<std::string> result;
   for (std::size_t i = 0; i < words.size(); ++i) {
     result.push_back(words[i]);
-    const bool has_port =
-        words[i] == "--view" && i + 1 < words.size() && !words[i + 1].empty() &&
-        std::all_of(words[i + 1].begin(), words[i + 1].end(), [](char c) { return c >= '0' && c <= '9'; });
-    if (has_port) result.emplace_back("--view_port");
+    if (words[i] != "--view") continue;
+    const bool is_followed = i + 1 < words.size() && is_place(words[i + 1]);
+    result.back() += "=" + (is_followed ? words[++i] : std::string(kAutoPort));
   }
   return result;
 }

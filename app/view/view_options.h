@@ -19,7 +19,10 @@ struct ViewOptions {
 /// Starts the server and says how to reach it; warns if other machines can. @throws InputError if it cannot listen
 std::unique_ptr<ViewServer> start_view_server(FrameSource& source, const ViewOptions& options, StatusLine& status);
 
-/// "--view 8080" as "--view --view_port 8080".
-std::vector<std::string> split_view_port(const std::vector<std::string>& words);
+/// Of `train --view PLACE`: "8080", "0.0.0.0:8080" or "auto". @throws InputError
+ViewOptions parse_view_place(const std::string& place);
+
+/// "--view 8080" as "--view=8080", and "--view" before anything else as "--view=auto".
+std::vector<std::string> join_view_place(const std::vector<std::string>& words);
 
 }  // namespace b3dgs

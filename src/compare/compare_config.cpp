@@ -26,8 +26,7 @@ constexpr const char *kNaiveKernels = "naive-kernels", *kFormerNaiveKernels = "o
 constexpr std::pair<const char*, const char*> kNaiveKernelsOptions[] = {
     {"kernel", "naive"}, {"backward_kernel", "per-pixel"}, {"culling", "square"}, {"tile", "16x16"}};
 
-constexpr const char* kForwardKernelOptions[] = {"kernel", "kernel_policy", "kernel_candidates",
-                                                 "kernel_check_interval", "kernel_times_interval"};
+constexpr const char* kForwardKernelOptions[] = {"kernel", "kernel_policy", "kernel_candidates"};
 
 std::vector<std::string> split(const std::string& text, char separator) {
   std::vector<std::string> parts;

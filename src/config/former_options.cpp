@@ -27,7 +27,7 @@ constexpr FormerOption kFormerOptions[] = {
     {"convert_SHs_python", nullptr, kOriginal},
     {"optimizer_type", "\"default\"", kOriginal},
     {"ip", "\"127.0.0.1\"", kOriginal},
-    {"port", "6009", "the page of a training is at --view_port"},
+    {"port", "6009", "the page of a training is at --view PORT"},
     {"debug_from", "-1", kOriginal},
     {"position_lr_delay_mult", "0.01", kOriginal},
     {"exposure_lr_delay_steps", "0", kOriginal},
@@ -62,6 +62,12 @@ constexpr FormerOption kFormerOptions[] = {
     {"prune_interval", kVaries, "removals by --prune_weight follow --opacity_reset_interval"},
     {"prune_until_iter", kVaries, "removals by --prune_weight end with 14/15 of --position_lr_max_steps"},
     {"kernel_check_views", "5", "a check times 5 views"},
+    {"kernel_check_interval", kVaries, "kernels are timed every 1000 iterations"},
+    {"kernel_times_interval", kVaries, "compare logs the times of all candidates every 1000 iterations"},
+    {"stats_interval", kVaries, "load statistics are logged every 1000 iterations"},
+    {"checkpoint_interval", kVaries, "--checkpoint_minutes and --checkpoint_iterations say when to write checkpoints"},
+    {"keep_checkpoints", "2", "the 2 newest checkpoints are kept"},
+    {"image_cache_gb", "-1", "photographs take up to half of the free GPU memory"},
 };
 
 struct FormerName {

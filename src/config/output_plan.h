@@ -27,7 +27,7 @@ inline OutputPlan output_plan(const TrainConfig& config, int iteration, bool has
   plan.log = plan.evaluate || is_last || iteration % kLogInterval == 0;
   // The load is most uneven in the first iteration.
   plan.statistics = config.stats_interval > 0 && (iteration == 1 || iteration % config.stats_interval == 0);
-  plan.kernel_times = config.kernel_times_interval > 0 && iteration % config.kernel_times_interval == 0;
+  plan.kernel_times = config.kernel_times_interval > 0 && (is_last || iteration % config.kernel_times_interval == 0);
   plan.save = is_last || is_in(config.save_iterations);
   plan.checkpoint = is_last || is_in(config.checkpoint_iterations) ||
                     (config.checkpoint_interval > 0 && iteration % config.checkpoint_interval == 0);

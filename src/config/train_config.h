@@ -35,9 +35,6 @@ struct TrainConfig {
   bool invert_masks = false;
   std::string mask_mode = "ignore";
   std::string device = "auto";
-  // -1: up to half of the free GPU memory, which leaves the other half to the Gaussians. A few hundred photographs at
-  // the default 1600 px take 1 to 3 GB. The cache affects speed only: photographs outside it are uploaded ahead of use.
-  double image_cache_gb = -1;
   double gpu_memory_gb = 0;  // 0: all free memory
   double host_memory_gb = -1;
 
@@ -59,11 +56,9 @@ struct TrainConfig {
   std::vector<int> test_iterations{7000, 30000};
   std::vector<int> save_iterations{7000, 30000};
   std::vector<int> checkpoint_iterations{};
-  int checkpoint_interval = 0;
   double checkpoint_minutes = 10;  // of training
-  int keep_checkpoints = 2;
-  int coarse_scale = 1;      // 1: full size throughout
-  int coarse_until = 15000;  // as in DashGaussian: when densification ends
+  int coarse_scale = 1;            // 1: full size throughout
+  int coarse_until = 15000;        // as in DashGaussian: when densification ends
 
   // Learning rates
   double position_lr_init = 0.00016;     // times the scene extent
@@ -112,20 +107,24 @@ struct TrainConfig {
   std::string kernel = "adaptive";
   std::string kernel_policy = "paper";
   std::vector<std::string> kernel_candidates{"segmented", "shared-memory"};
-  int kernel_check_interval = 1000;
   std::string backward_kernel = "per-splat";
   std::string tile = "auto";
   std::string culling = "ellipse";
   bool deterministic = false;
   int threads = 0;  // 0 = all cores
 
-  // Log (train.jsonl)
-  int stats_interval = 1000;
-  int kernel_times_interval = 0;  // 0: never; in b3dgs compare: stats_interval
-
   // No options, and not in files: constants that tests change.
-  double pose_opt_lr = 0.0005;    // rad, and of the scene extent; falls to a hundredth over position_lr_max_steps
-  double bilateral_grid_tv = 10;  // weight of the total variation
+  // Photographs cached on the GPU. -1: up to half of the free GPU memory, which leaves the other half to the Gaussians.
+  // A few hundred photographs at the default 1600 px take 1 to 3 GB. The cache affects speed only: photographs outside
+  // it are uploaded ahead of use.
+  double image_cache_gb = -1;
+  int checkpoint_interval = 0;  // iterations; 0: no checkpoints by iterations, but those of checkpoint_iterations
+  int keep_checkpoints = 2;
+  int kernel_check_interval = 1000;  // iterations between checks; more if they cost over 0.5 % of the training
+  int stats_interval = 1000;         // load statistics in train.jsonl every N iterations; 0: never
+  int kernel_times_interval = 0;     // times of all candidate kernels there, and at the end; b3dgs compare sets it
+  double pose_opt_lr = 0.0005;       // rad, and of the scene extent; falls to a hundredth over position_lr_max_steps
+  double bilateral_grid_tv = 10;     // weight of the total variation
   double prune_opacity = 0.005;
   // The original code intends to prune Gaussians with a radius above 20 px, but zeroes the radii before testing them
   // (its issue 123), so it never prunes by screen size. 0 does the same; 20 is the intended rule.
@@ -133,7 +132,6 @@ struct TrainConfig {
   double init_opacity = 0.1;
   double init_scale = 1;    // times the root mean square distance to the 3 nearest neighbours
   double noise_lr = 50000;  // of mcmc, times the learning rate of the means
-  int kernel_check_views = 5;
 };
 
 /// Whether depth maps are part of the loss.

@@ -41,8 +41,6 @@ void for_each_option(TrainConfig& c, const std::function<void(const TrainOption&
         "ignore what masks leave out, or segment: nothing may be there");
   field(Option{"device", '\0', {"data_device"}}.common().group("Device and memory"), c.device,
         OneOf{{"auto", "cpu", "cuda"}}, "where to train; auto: a GPU if there is one");
-  field(Option{"image_cache_gb"}, c.image_cache_gb, AtLeast{-1},
-        "photographs to cache on the GPU, GB (-1 = up to half of its free memory)");
   field(Option{"gpu_memory_gb"}.common(), c.gpu_memory_gb, AtLeast{0},
         "GPU memory limit, GB; limits the number of Gaussians (0 = all free memory)");
   field(Option{"host_memory_gb"}, c.host_memory_gb, AtLeast{-1},
@@ -75,11 +73,8 @@ void for_each_option(TrainConfig& c, const std::function<void(const TrainOption&
         AtLeast{1}, "write a PLY after these iterations, and at the end");
   field(Option{"checkpoint_iterations"}.in_steps(Steps::kOutput), c.checkpoint_iterations, AtLeast{1},
         "write a checkpoint after these iterations, and at the end");
-  field(Option{"checkpoint_interval"}.in_steps(Steps::kOutput), c.checkpoint_interval, AtLeast{0},
-        "write a checkpoint every N iterations (0 = never)");
   field(Option{"checkpoint_minutes"}, c.checkpoint_minutes, AtLeast{0},
         "write a checkpoint every X minutes of training (0 = never)");
-  field(Option{"keep_checkpoints"}, c.keep_checkpoints, AtLeast{1}, "number of newest checkpoints to keep");
   field(Option{"coarse_scale"}, c.coarse_scale, InRange{1, 8},
         "train at 1/N of the image size at first, full size at coarse_until (1 = always)");
   field(Option{"coarse_until"}.in_steps(), c.coarse_until, AtLeast{1},
@@ -156,8 +151,6 @@ void for_each_option(TrainConfig& c, const std::function<void(const TrainOption&
         "of adaptive; paper: switch at most once; tracking: keep re-checking");
   field(Option{"kernel_candidates"}, c.kernel_candidates, candidates,
         "kernels that adaptive chooses from; training starts with the first");
-  field(Option{"kernel_check_interval"}.in_steps(Steps::kOutput), c.kernel_check_interval, AtLeast{1},
-        "re-time kernels every N iterations; less often if it cost over 0.5 % of training");
   field(Option{"backward_kernel"}, c.backward_kernel, backward_kernels,
         "backward kernel on the GPU; adaptive: the fastest, by --kernel_policy");
   field(Option{"tile"}, c.tile, OneOf{{"auto", "16x16", "16x8"}}, "tile size, px; auto: 16x8 on a GPU, 16x16 on a CPU");
@@ -167,11 +160,6 @@ void for_each_option(TrainConfig& c, const std::function<void(const TrainOption&
         "same result every run; turns off kernel auto-selection, slower on a GPU");
   field(Option{"threads"}.group("Device and memory"), c.threads, AtLeast{0},
         "CPU threads (0 = all cores, or with ranks this rank's share of the machine's)");
-
-  field(Option{"stats_interval"}.in_steps(Steps::kOutput).group("Schedule"), c.stats_interval, AtLeast{0},
-        "log how evenly tiles and pixels are loaded every N iterations (0 = never)");
-  field(Option{"kernel_times_interval"}.in_steps(Steps::kOutput).group("Kernels"), c.kernel_times_interval, AtLeast{0},
-        "log all candidates' times every N iterations (0 = never)");
 }
 
 }  // namespace b3dgs

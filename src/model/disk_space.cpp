@@ -22,11 +22,10 @@ std::string disk_warning(const std::filesystem::path& folder, std::int64_t free_
                          int n_checkpoints) {
   const std::int64_t wanted = files.ply_bytes + (n_checkpoints + 1) * files.checkpoint_bytes;
   if (free_bytes < 0 || free_bytes >= wanted) return "";
-  return detail::concat(folder.string(), ": ", format_bytes(free_bytes), " free on this disk, expected ",
-                        format_bytes(wanted), " or more: the size of a PLY and ", n_checkpoints + 1,
-                        " checkpoints of the ", files.n_gaussians,
-                        " Gaussians that training starts with, before densification; free some space, or ",
-                        "lower --keep_checkpoints or --max_gaussians");
+  return detail::concat(
+      folder.string(), ": ", format_bytes(free_bytes), " free on this disk, expected ", format_bytes(wanted),
+      " or more: the size of a PLY and ", n_checkpoints + 1, " checkpoints of the ", files.n_gaussians,
+      " Gaussians that training starts with, before densification; free some space, or ", "lower --max_gaussians");
 }
 
 }  // namespace b3dgs

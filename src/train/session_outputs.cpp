@@ -7,6 +7,7 @@
 #include "train/checkpoint/checkpoint.h"
 #include "train/checkpoint/checkpoint_scene.h"
 #include "train/gaussians/floaters.h"
+#include "train/selection/kernel_chooser.h"
 #include "train/session.h"
 
 namespace b3dgs {
@@ -110,8 +111,7 @@ BlendInput Session::kernel_check_input() {
   input.render = [this](const PinholeView& view, const RenderSettings& settings) {
     return stepper_->render(view, settings);
   };
-  for (const std::int32_t view :
-       training_.views.upcoming(training_.state.view_order, static_cast<std::size_t>(config.kernel_check_views))) {
+  for (const std::int32_t view : training_.views.upcoming(training_.state.view_order, KernelChooser::kViews)) {
     input.views.push_back(training_.views.images.stored_view(view).camera);
   }
   return input;

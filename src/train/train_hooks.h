@@ -48,7 +48,7 @@ struct TrainHooks : TrainListeners {
   bool wait_for_files = false;      // each file is on disk before the next iteration
   std::function<std::unique_ptr<KernelTimer>()> make_kernel_timer;  // times candidate kernels; the device's if empty
   std::shared_ptr<MemorySource> memory;                             // the device's if null
-  // Bytes of photographs that stay on the device, overriding --image_cache_gb, for trainers that share a device.
+  // Bytes of photographs that stay on the device, overriding image_cache_gb, for trainers that share a device.
   std::optional<std::int64_t> image_budget;
 };
 

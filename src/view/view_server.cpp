@@ -108,8 +108,7 @@ struct ViewServer::Impl final : HttpHandler {
         return;
       }
     }
-    if (first == 0)
-      input_error("--view_address ", address, ": cannot listen there (expected an address of this machine)");
+    if (first == 0) input_error("cannot listen on ", address, " (expected an address of this machine)");
     input_error("cannot listen on ", address, wanted ? detail::concat(" port ", first) : std::string(),
                 wanted ? "" : detail::concat(" ports ", first, " to ", first + n - 1),
                 " (taken, or not an address of this machine); choose another port, or 0 for any free one");

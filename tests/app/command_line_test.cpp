@@ -1,11 +1,10 @@
 // Option names, conversions, precedence and help texts, mostly with the training options.
 #include "core/options/command_line.h"
-#include "config/train_options.h"
 #include "core/options/nearest_name.h"
 
 #include <gtest/gtest.h>
 
-#include "config/train_config.h"
+#include "config/train_options.h"
 #include "core/files/atomic_file.h"
 #include "data_synth/synth_config.h"
 #include "support/temp_dir.h"
@@ -149,7 +148,7 @@ TEST(CommandLine, RejectsUnknownAndRepeatedNamesInLists) {
         << value << ": " << found;
   }
   EXPECT_NE(complaint({"--kernel_policy", "eager"}).find("one of paper, tracking"), std::string::npos);
-  EXPECT_NE(complaint({"--kernel_check_interval", "0"}).find("at least 1"), std::string::npos);
+  EXPECT_NE(complaint({"--densification_interval", "0"}).find("at least 1"), std::string::npos);
   EXPECT_NE(complaint({"--kernel", "fastest"}).find("segmented, published, adaptive"), std::string::npos);
   EXPECT_NE(complaint({"--backward_kernel", "naive"}).find("per-pixel, per-splat, adaptive"), std::string::npos);
 }
@@ -319,12 +318,12 @@ TEST(CommandLine, HelpAllListsEveryOptionInGroupsWithKernelsLast) {
   });
   EXPECT_NE(help.find("training iterations (default 30000; at least 1; also --max_steps)"), std::string::npos) << help;
   EXPECT_NE(help.find("default 7000 30000"), std::string::npos);
-  EXPECT_NE(help.find("(0 = never; default 0; at least 0)"), std::string::npos) << "one pair of parentheses";
+  EXPECT_NE(help.find("(0 = never; default 10; at least 0)"), std::string::npos) << "one pair of parentheses";
   const std::size_t kernels = help.find("\nKernels:\n");
   ASSERT_NE(kernels, std::string::npos);
   EXPECT_EQ(help.find(":\n", kernels + 10), std::string::npos) << "the last group";
-  EXPECT_GT(help.find("--kernel_times_interval"), kernels);
-  EXPECT_LT(help.find("--stats_interval"), kernels) << "a later row that names an earlier group";
+  EXPECT_GT(help.find("--culling"), kernels);
+  EXPECT_LT(help.find("--threads"), kernels) << "a later row that names an earlier group";
 }
 
 TEST(CommandLine, HelpTellsHowToTurnOffAFlagThatIsOn) {

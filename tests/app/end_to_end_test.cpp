@@ -47,7 +47,7 @@ class EndToEnd : public ::testing::Test {
     options.signal = signal;
     options.n_signals = n_signals;
     options.signal_when = [&] { return !checkpoints().empty(); };
-    return train({"--iterations", "1000000", "--checkpoint_interval", "5"}, options);
+    return train({"--iterations", "1000000", "--checkpoint_iterations", "5"}, options);
   }
 
   std::vector<fs::path> checkpoints(const std::string& name = "model") const {

@@ -4,7 +4,6 @@
 #include <algorithm>
 #include <csignal>
 
-#include "config/train_config.h"
 #include "config/train_options.h"
 #include "core/files/atomic_file.h"
 #include "core/files/remove_tree.h"
@@ -266,7 +265,7 @@ TEST_F(Resume, ASecondTrainingInAFolderIsRefused) {
     return true;
   };
   const Outcome first =
-      train({"-s", scene(), "-m", a.root(), "--iterations", "1000000", "--checkpoint_interval", "5"}, options);
+      train({"-s", scene(), "-m", a.root(), "--iterations", "1000000", "--checkpoint_iterations", "5"}, options);
   EXPECT_EQ(first.exit_code, 143) << first.err;
   expect_refused(second, {"model folder in use: ", a.root(), " train -s "});
 }
@@ -274,9 +273,8 @@ TEST_F(Resume, ASecondTrainingInAFolderIsRefused) {
 TEST_F(Resume, AFullDiskDuringTrainingDoesNotEndIt) {
   test::RunOptions full;
   full.file_size_limit = 60000;
-  const Outcome outcome = train({"-s", scene(), "-m", a.root(), "--iterations", "8", "--checkpoint_iterations", "4",
-                                 "--stats_interval", "0", "--quiet"},
-                                full);
+  const Outcome outcome =
+      train({"-s", scene(), "-m", a.root(), "--iterations", "8", "--checkpoint_iterations", "4", "--quiet"}, full);
   expect_refused(outcome, {"warning: ", "cannot write ", "iteration_4.b3dgs", "error: ", "File too large"});
   EXPECT_NE(outcome.err.find("last checkpoint: none was written; start the training again"), std::string::npos)
       << outcome.err;

@@ -181,7 +181,7 @@ TEST(Verdict, NamesNoPsnrWhereOnlyKernelsDiffer) {
   original.name = "original";
   original.config.culling = "square";
   original.config.backward_kernel = "per-pixel";
-  original.config.stats_interval = 7;
+  original.config.save_iterations = {7};
   const std::string text =
       verdict(summarize_comparison({original, trained("naive", {with_quality(history(10, 10), 25, 1000)})}, 4000));
   EXPECT_EQ(text.find("PSNR"), std::string::npos) << text;

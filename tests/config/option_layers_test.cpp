@@ -78,7 +78,7 @@ TEST(FormerOptions, AreAcceptedAndSayThatTheyHaveNoEffect) {
   const std::vector<std::string> lines = describe_former_options(line.given());
   ASSERT_EQ(lines.size(), 4u);
   EXPECT_EQ(lines[0], "--debug has no effect: only the original 3DGS code has it");
-  EXPECT_EQ(lines[1], "--port 6010 has no effect: the page of a training is at --view_port");
+  EXPECT_EQ(lines[1], "--port 6010 has no effect: the page of a training is at --view PORT");
   EXPECT_EQ(lines[2], "--huber 0.03 has no effect: the loss is L1 and D-SSIM");
   EXPECT_EQ(lines[3].rfind("--parents top has no effect: ", 0), 0u) << lines[3];
   EXPECT_EQ(given_options(line, ""), (GivenOptions{{"seed", 3}}));
@@ -316,7 +316,6 @@ TEST(Schedule, OfAPresetOrStrategyFollowsIterations) {
       EXPECT_EQ(config.sh_increase_interval, nearest_step(base.sh_increase_interval * scale));
       EXPECT_EQ(config.densify_from_iter, nearest_step(base.densify_from_iter * scale)) << "also TrainConfig's own";
       EXPECT_EQ(config.test_iterations, base.test_iterations) << "no part of the schedule";
-      EXPECT_EQ(config.stats_interval, base.stats_interval);
       EXPECT_EQ(config.opacity_lr, base.opacity_lr);
     }
   }
@@ -328,8 +327,7 @@ TEST(Schedule, StepsScalerMultipliesAllAndIsAppliedOnce) {
   EXPECT_EQ(half.iterations, 15000);
   EXPECT_EQ(half.densify_until_iter, 51) << "given, and rounded to the nearest";
   EXPECT_EQ(half.test_iterations, (std::vector<int>{3500, 15000}));
-  EXPECT_EQ(half.stats_interval, 500);
-  EXPECT_EQ(half.checkpoint_interval, 0) << "0 stays 0";
+  EXPECT_EQ(half.lr_decay_from_iter, 0) << "0 stays 0";
   EXPECT_EQ(half.max_gaussians, TrainConfig{}.max_gaussians);
   EXPECT_EQ(half.threads, TrainConfig{}.threads);
   const TrainConfig tiny = resolved({"--preset", "inria", "--steps_scaler", "1e-9"});

@@ -1,5 +1,4 @@
 // Training configurations as JSON: config.json, --config and the header of checkpoints.
-#include "config/train_config.h"
 #include "config/train_options.h"
 #include "core/json_text.h"
 #include "fuzz/fuzz_target.h"

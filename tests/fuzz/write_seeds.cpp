@@ -159,7 +159,7 @@ void write_config_seeds(const fs::path& folder) {
   write_file(folder / "defaults", config_to_json(config).dump(2));
   config.source_path = "scene";
   config.checkpoint_iterations = {5, 10};
-  config.image_cache_gb = 1.5;
+  config.gpu_memory_gb = 1.5;
   write_file(folder / "one_line", config_to_json(config).dump());
   write_file(folder / "some", R"({"iterations": 300, "kernel": "dynamic", "eval": true, "opacity_lr": 0.05})");
 }

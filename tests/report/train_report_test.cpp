@@ -1,6 +1,5 @@
 // The data of the report of one training, from a model folder.
 #include "report/train_report.h"
-#include "config/train_options.h"
 
 #include <gtest/gtest.h>
 
@@ -8,6 +7,7 @@
 #include <fstream>
 #include <nlohmann/json.hpp>
 
+#include "config/train_options.h"
 #include "report/run_info.h"
 #include "scene/images/image_io.h"
 #include "support/files.h"

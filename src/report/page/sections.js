@@ -212,7 +212,7 @@ function load_histograms(events, field, name, item, caption) {
 
 function load_section({load_statistics: loads}) {
   const tiles = loads.filter((event) => event.tile_lists), pixels = loads.filter((event) => event.pixel_processed);
-  if (tiles.length === 0 && pixels.length === 0) return soft("Load statistics were not recorded (--stats_interval 0).");
+  if (tiles.length === 0 && pixels.length === 0) return soft("Load statistics were not recorded.");
   const per_tile = "Gaussians per tile", per_pixel = "Gaussians processed per pixel";
   return [
     load_figure(tiles, "tile_lists", per_tile, "Number of Gaussians in a tile's list: quantiles over all tiles."),

@@ -29,7 +29,7 @@ struct TrainView {
   std::int64_t n_valid = 0;  // px
 };
 
-/// --image_cache_gb in bytes. For -1: half of the GPU memory that is free now, or of gpu_memory_gb if that is less.
+/// image_cache_gb in bytes. For -1: half of the GPU memory that is free now, or of gpu_memory_gb if that is less.
 std::int64_t image_budget(double image_cache_gb, torch::Device device, double gpu_memory_gb = 0);
 
 /// Where photographs are stored, for the user.

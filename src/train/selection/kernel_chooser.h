@@ -43,6 +43,8 @@ class KernelChooser {
  public:
   /// Share of the training time that the checks of both passes may take together.
   static constexpr double kCostShare = 0.005;
+  /// Views that a check times, unless fewer are conclusive.
+  static constexpr std::size_t kViews = 5;
 
   /// The CPU has only one backward kernel, so only the forward kernel is selected there.
   KernelChooser(const TrainConfig& config, torch::Device device, KernelCheckTools tools = {});

@@ -4,7 +4,6 @@
 #include <filesystem>
 #include <nlohmann/json.hpp>
 
-#include "config/train_config.h"
 #include "config/train_options.h"
 #include "core/files/atomic_file.h"
 #include "model/model_folder.h"

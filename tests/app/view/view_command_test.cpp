@@ -139,8 +139,8 @@ TEST_F(ViewPrograms, ATrainingThatIsShownEndsByItself) {
 }
 
 TEST_F(ViewPrograms, AnotherAddressIsWarnedOf) {
-  const test::Outcome trained = test::run_b3dgs({"train", "--view", "0", "--view_address", "0.0.0.0", scene(), "-m",
-                                                 (folder_.path() / "open").string(), "--iterations", "20"});
+  const test::Outcome trained = test::run_b3dgs(
+      {"train", "--view", "0.0.0.0:0", scene(), "-m", (folder_.path() / "open").string(), "--iterations", "20"});
   EXPECT_EQ(trained.exit_code, 0) << trained.err;
   EXPECT_NE(trained.err.find("other machines can reach the page"), std::string::npos) << trained.err;
 }
@@ -156,21 +156,36 @@ TEST_F(ViewPrograms, ATakenPortIsAnErrorBeforeTraining) {
 }
 
 TEST_F(ViewPrograms, OptionsThatDoNotGoTogether) {
-  EXPECT_TRUE(fails_with<InputError>({"--view_port", "add --view"}, [&] {
-    run_train({scene(), "--view_port", "8080"});
-  }));
   EXPECT_TRUE(fails_with<InputError>({"--view", "several ranks"}, [&] {
     run_train({scene(), "--view", "--ranks", "2", "--device", "cpu"});
   }));
-  EXPECT_TRUE(fails_with<InputError>({"--view_port"}, [&] { run_train({scene(), "--view", "70000"}); }));
+  EXPECT_TRUE(fails_with<InputError>({"--view 127.0.0.1:70000"}, [&] {
+    run_train({scene(), "--view", "--view_port", "70000"});
+  })) << "by its former name";
+  EXPECT_TRUE(fails_with<InputError>({"--view 70000"}, [&] { run_train({scene(), "--view", "70000"}); }));
   EXPECT_TRUE(fails_with<InputError>({"not found"}, [&] { run_view({(folder_.path() / "none").string()}); }));
 }
 
-TEST(ViewOptions, APortMayFollowTheOption) {
-  EXPECT_EQ(split_view_port({"--view", "8080", "scene"}), (Words{"--view", "--view_port", "8080", "scene"}));
-  EXPECT_EQ(split_view_port({"--view", "scene"}), (Words{"--view", "scene"}));
-  EXPECT_EQ(split_view_port({"scene", "--view"}), (Words{"scene", "--view"}));
-  EXPECT_EQ(split_view_port({"-r", "4", "--view", "-m", "2"}), (Words{"-r", "4", "--view", "-m", "2"}));
+TEST(ViewOptions, APlaceMayFollowTheOption) {
+  EXPECT_EQ(join_view_place({"--view", "8080", "scene"}), (Words{"--view=8080", "scene"}));
+  EXPECT_EQ(join_view_place({"--view", "[::1]:80", "scene"}), (Words{"--view=[::1]:80", "scene"}));
+  EXPECT_EQ(join_view_place({"--view", "scene"}), (Words{"--view=auto", "scene"}));
+  EXPECT_EQ(join_view_place({"--view", "host:80"}), (Words{"--view=auto", "host:80"})) << "a folder";
+  EXPECT_EQ(join_view_place({"scene", "--view"}), (Words{"scene", "--view=auto"}));
+  EXPECT_EQ(join_view_place({"-r", "4", "--view", "-m", "2"}), (Words{"-r", "4", "--view=auto", "-m", "2"}));
+}
+
+TEST(ViewOptions, APlaceIsAPortOrAnAddressAndAPort) {
+  EXPECT_EQ(parse_view_place("auto").port, -1);
+  EXPECT_EQ(parse_view_place("::1:auto").address, "::1") << "as the former --view_address";
+  EXPECT_EQ(parse_view_place("8080").port, 8080);
+  EXPECT_EQ(parse_view_place("8080").address, ViewOptions{}.address);
+  EXPECT_EQ(parse_view_place("0.0.0.0:0").port, 0);
+  EXPECT_EQ(parse_view_place("0.0.0.0:0").address, "0.0.0.0");
+  EXPECT_EQ(parse_view_place("[::1]:80").address, "::1");
+  for (const char* place : {"", "-1", "65536", "8080x", "127.0.0.1:", ":8080", "127.0.0.1"}) {
+    EXPECT_TRUE(fails_with<InputError>({"PORT or ADDRESS:PORT"}, [&] { parse_view_place(place); })) << place;
+  }
 }
 
 }  // namespace

@@ -1,5 +1,4 @@
 #include "train/checkpoint/checkpoint.h"
-#include "config/train_options.h"
 #include "train/checkpoint/checkpoint_scene.h"
 
 #include <gtest/gtest.h>
@@ -7,6 +6,7 @@
 #include <cmath>
 #include <functional>
 
+#include "config/train_options.h"
 #include "core/check.h"
 #include "core/files/own_files.h"
 #include "support/expect_error.h"
