@@ -54,8 +54,8 @@ Comparison comparison_of(const std::vector<std::pair<std::string, std::vector<Tr
     comparison.configurations.push_back({name, comparison.plan.base});
     TrainConfig& config = comparison.configurations.back().config;
     config.kernel = find_forward_kernel(name) || name == kPublishedKernel ? name : kAdaptive;
-    if (name == "original" || name == kPublishedKernel) config.backward_kernel = "per-pixel";
-    if (name == "original" || name == "naive_again") config.kernel = "naive";
+    if (name == "naive-kernels" || name == kPublishedKernel) config.backward_kernel = "per-pixel";
+    if (name == "naive-kernels" || name == "naive_again") config.kernel = "naive";
     histories.push_back({name, config, by_seed});
     comparison.runs.emplace_back();
     for (std::size_t i = 0; i < by_seed.size(); ++i) {
@@ -190,13 +190,13 @@ TEST_F(ReportInBrowser, ShowsRunToRunVariationBesideEveryDifference) {
 
 TEST_F(ReportInBrowser, ShowsPublishedResultsBesideTheSameComparison) {
   const TrainHistory original = history(10), published = history(8, 51), late = history(8);
-  Comparison comparison = comparison_of({{"original", {original, original}}, {"published", {published, late}}});
+  Comparison comparison = comparison_of({{"naive-kernels", {original, original}}, {"published", {published, late}}});
   comparison.configurations[0].config.lambda_dssim = 0.1;
   const std::string text = shown(comparison);
   if (text.empty()) GTEST_SKIP() << "chromium is not installed";
   expect_in_order(text,
                   {"Quality has not been measured yet.", "51 in 1 of 2 seeds", "was not measured (--noise does that)",
-                   "lambda_dssim\t0.1", "published against original\t20.0 % (95 %: 20.0 to 20.0 %)\tfaster",
+                   "lambda_dssim\t0.1", "published against naive-kernels\t20.0 % (95 %: 20.0 to 20.0 %)\tfaster",
                    "in the paper\t8.5 %\t\t19.6 %\t7.9 %"});
 }
 

@@ -178,7 +178,7 @@ TEST(Verdict, NamesThePsnrOfConfigurationsThatLearnDifferently) {
 
 TEST(Verdict, NamesNoPsnrWhereOnlyKernelsDiffer) {
   ConfigurationHistory original = trained("naive", {with_quality(history(20, 20), 28, 1000)});
-  original.name = "original";
+  original.name = "naive-kernels";
   original.config.culling = "square";
   original.config.backward_kernel = "per-pixel";
   original.config.save_iterations = {7};
@@ -189,19 +189,20 @@ TEST(Verdict, NamesNoPsnrWhereOnlyKernelsDiffer) {
 
 TEST(Verdict, SeparatesLoadBalancingFromOtherOptions) {
   ConfigurationHistory original = trained("naive", {history(20, 20)});
-  original.name = "original";
+  original.name = "naive-kernels";
   original.config.culling = "square";
   original.config.backward_kernel = "per-pixel";
-  EXPECT_EQ(verdict(summarize_comparison(
-                {original, trained("naive", {history(10, 10)}), trained("shared-memory", {history(5, 5)}),
-                 trained("adaptive", {with_kernel(history(4, 4), "segmented")})},
-                4000)),
-            "Load balancing saved 20.0 % of the training time of shared-memory, the fastest kernel without load "
-            "balancing; shared-memory "
-            "saved 50.0 % of the training time of naive; in total adaptive saved 60.0 % of the training time of naive "
-            "(adaptive 16.0 s, shared-memory 20.0 s, "
-            "naive 40.0 s). The configuration adaptive saved 80.0 % of the training time of original, from which it "
-            "differs in the forward kernel, backward_kernel and culling (adaptive 16.0 s, original 80.0 s).");
+  EXPECT_EQ(
+      verdict(summarize_comparison(
+          {original, trained("naive", {history(10, 10)}), trained("shared-memory", {history(5, 5)}),
+           trained("adaptive", {with_kernel(history(4, 4), "segmented")})},
+          4000)),
+      "Load balancing saved 20.0 % of the training time of shared-memory, the fastest kernel without load "
+      "balancing; shared-memory "
+      "saved 50.0 % of the training time of naive; in total adaptive saved 60.0 % of the training time of naive "
+      "(adaptive 16.0 s, shared-memory 20.0 s, "
+      "naive 40.0 s). The configuration adaptive saved 80.0 % of the training time of naive-kernels, from which it "
+      "differs in the forward kernel, backward_kernel and culling (adaptive 16.0 s, naive-kernels 80.0 s).");
 }
 
 TEST(Verdict, SavingsOfUnbalancedKernelsAreNotLoadBalancing) {
