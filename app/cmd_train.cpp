@@ -9,7 +9,6 @@
 #include <iostream>
 #include <memory>
 #include <optional>
-#include <utility>
 
 #include "app/machine/machine.h"
 #include "app/model.h"
@@ -79,28 +78,10 @@ std::string describe_slow_transport(const Communicator& ranks) {
   return "exchange    through the memory of rank 0, which is slow: " + reason;
 }
 
-std::string describe_limit(const TrainConfig& config) {
-  return detail::concat("limit       ", format_count(config.max_gaussians), " Gaussians (--gaussians_per_pixel ",
-                        config.gaussians_per_pixel, ")");
-}
-
-std::string describe_decay(const TrainConfig& config) {
-  return detail::concat("rates       decay from iteration ", config.lr_decay_from_iter, " (--lr_decay_from_epoch ",
-                        config.lr_decay_from_epoch, ")");
-}
-
 std::string describe_memory(const MemoryForecast& forecast) {
   return "GPU memory  photographs " + format_bytes(forecast.photographs) + ", model " + format_bytes(forecast.model) +
          ", pairs about " + format_bytes(forecast.pairs) + " of " + format_bytes(forecast.limit) + "; room for about " +
          format_count(forecast.largest_count) + " Gaussians";
-}
-
-/// Before the other limits of the scene, so that it can be said what each of them changed.
-void limit_schedule(TrainPlan& plan, const Scene& scene) {
-  const Photographs photographs = training_photographs(scene);
-  limit_epochs(plan.config, photographs, plan.fixed);
-  if (!plan.layers) return;
-  plan.layers->epoch_scale = limit_epochs(plan.layers->config, photographs, plan.layers->given);
 }
 
 void report_quality(const TrainResult& result) {
@@ -169,11 +150,10 @@ int train(const CommandLine& line, const TrainCommandOptions& options, const std
   const bool quiet = options.quiet || !is_first;
   StatusLine status = is_first ? StatusLine::for_stderr(options.quiet) : StatusLine::silent();
   TrainPlan plan;
-  if (is_first) plan = make_plan(line, status, options, ranks.size());
   const torch::Device device = choose_device(device_name_of_all);
+  if (is_first) plan = make_plan(line, status, options, {ranks.size(), device_name(device)});
   std::optional<HeldFolder> held;
   if (is_first) {
-    plan.config.device = device_name(device);
     check_options(plan.config);
     if (const int threads = set_compute_threads(plan.config.threads); threads < plan.config.threads) {
       status.warn(detail::concat("--threads ", plan.config.threads, " are far more than this machine has cores: using ",
@@ -204,14 +184,7 @@ int train(const CommandLine& line, const TrainCommandOptions& options, const std
   say(describe_device(device));
   if (has_peers) say(describe_ranks(ranks.size(), config, plan.layers));
   say(describe_slow_transport(ranks));
-  limit_schedule(plan, scene);
-  const TrainConfig before = std::exchange(plan.config, with_scene_limits(config, scene));
-  say(describe_epochs(config, training_photographs(scene)));
-  if (config.max_gaussians != before.max_gaussians) say(describe_limit(config));
-  if (config.lr_decay_from_iter != before.lr_decay_from_iter) say(describe_decay(config));
-  if (plan.layers) {
-    for (const std::string& text : describe_options(*plan.layers)) say(text);
-  }
+  for (const std::string& text : fit_to_scene(plan, scene)) say(text);
 
   TrainProgressView progress(status, config);
   TrainHooks hooks;
@@ -352,7 +325,8 @@ int run_train(const std::vector<std::string>& words) {
   check_view_options(options, plan);
   if (plan.n_to_start > 0) {
     StatusLine silent = StatusLine::silent();
-    make_plan(line, silent, options, plan.n_to_start);  // an error of the options appears once, not for each rank
+    // An error of the options appears once, not for each rank.
+    make_plan(line, silent, options, {plan.n_to_start, device});
     std::vector<std::string> all{"train"};
     all.insert(all.end(), words.begin(), words.end());
     return start_ranks(plan.n_to_start, all);

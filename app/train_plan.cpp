@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <nlohmann/json.hpp>
+#include <utility>
 
 #include "app/model.h"
 #include "app/train_setup.h"
@@ -13,11 +14,13 @@
 #include "core/files/own_files.h"
 #include "core/options/command_line.h"
 #include "core/shell_quote.h"
+#include "core/text.h"
 #include "model/checkpoint/checkpoint_header.h"
 #include "model/model_folder.h"
 #include "train/checkpoint/checkpoint.h"
 #include "train/checkpoint/checkpoint_file.h"
 #include "train/checkpoint/checkpoint_scene.h"
+#include "train/scene_limits.h"
 
 namespace b3dgs {
 namespace {
@@ -113,6 +116,16 @@ void check_batch(int batch, int n_ranks) {
               "step; use ", larger, "at most ", batch, batch == 1 ? " rank" : " ranks");
 }
 
+std::string describe_limit(const TrainConfig& config) {
+  return detail::concat("limit       ", format_count(config.max_gaussians), " Gaussians (--gaussians_per_pixel ",
+                        config.gaussians_per_pixel, ")");
+}
+
+std::string describe_decay(const TrainConfig& config) {
+  return detail::concat("rates       decay from iteration ", config.lr_decay_from_iter, " (--lr_decay_from_epoch ",
+                        config.lr_decay_from_epoch, ")");
+}
+
 /// @throws InputError if the training reads something at a place where it writes, or where --overwrite removes
 void check_inputs_are_elsewhere(const ModelFolder& folder, const TrainPlan& plan) {
   const TrainConfig& config = plan.config;
@@ -144,7 +157,8 @@ void check_inputs_are_elsewhere(const ModelFolder& folder, const TrainPlan& plan
 
 }  // namespace
 
-TrainPlan make_plan(const CommandLine& line, StatusLine& status, const TrainCommandOptions& options, int n_ranks) {
+TrainPlan make_plan(const CommandLine& line, StatusLine& status, const TrainCommandOptions& options,
+                    const TrainDevices& devices) {
   TrainPlan plan;
   plan.options = options;
   TrainConfig& config = plan.config;
@@ -170,15 +184,30 @@ TrainPlan make_plan(const CommandLine& line, StatusLine& status, const TrainComm
     apply_at_resume(config, given);
     plan.layers.reset();
   }
-  if (plan.layers) choose_batch(config, *plan.layers, n_ranks);
-  check_batch(config.batch, n_ranks);
+  if (plan.layers) choose_batch(config, *plan.layers, devices.n_ranks);
+  check_batch(config.batch, devices.n_ranks);
   if (config.source_path.empty())
     input_error("missing argument: SOURCE_PATH; usage: b3dgs train SOURCE_PATH, or -s SOURCE_PATH");
   if (config.model_path.empty()) config.model_path = default_model_path(config.source_path);
   make_absolute(config.source_path);
   make_absolute(config.init_ply);
   plan.fixed = plan.layers ? given : config_to_json(config);
+  config.device = devices.device;
   return plan;
+}
+
+std::vector<std::string> fit_to_scene(TrainPlan& plan, const Scene& scene) {
+  TrainConfig& config = plan.config;
+  const Photographs photographs = training_photographs(scene);
+  limit_epochs(config, photographs, plan.fixed);
+  const TrainConfig before = std::exchange(config, with_scene_limits(config, scene));
+  std::vector<std::string> lines{describe_epochs(config, photographs)};
+  if (config.max_gaussians != before.max_gaussians) lines.push_back(describe_limit(config));
+  if (config.lr_decay_from_iter != before.lr_decay_from_iter) lines.push_back(describe_decay(config));
+  if (!plan.layers) return lines;
+  plan.layers->epoch_scale = limit_epochs(plan.layers->config, photographs, plan.layers->given);
+  for (std::string& line : describe_options(*plan.layers)) lines.push_back(std::move(line));
+  return lines;
 }
 
 bool guard_model(const ModelFolder& folder, const TrainPlan& plan) {

@@ -4,6 +4,7 @@
 #include <filesystem>
 #include <optional>
 #include <string>
+#include <vector>
 
 #include "app/ranks/rank_setup.h"
 #include "config/option_layers.h"
@@ -12,6 +13,7 @@
 #include "dist/communicator.h"
 #include "dist/launch/start_ranks.h"
 #include "model/model_folder.h"
+#include "scene/scene.h"
 
 namespace b3dgs {
 
@@ -51,9 +53,21 @@ struct TrainPlan {
   bool is_replaced = false;          // the model in the folder
 };
 
-/// From the command line, the config file, and the checkpoint or model folder to resume. Without --batch, a step has a
-/// view for each rank; it cannot have fewer. @throws InputError
-TrainPlan make_plan(const CommandLine& line, StatusLine& status, const TrainCommandOptions& options, int n_ranks);
+/// What trains.
+struct TrainDevices {
+  int n_ranks = 1;
+  std::string device;  // of all ranks: a value of --device
+};
+
+/// The options of the training but for what depends on its scene: from the command line, the config file, and the
+/// checkpoint or model folder to resume. Without --batch, a step has a view for each rank; it cannot have fewer.
+/// @throws InputError
+TrainPlan make_plan(const CommandLine& line, StatusLine& status, const TrainCommandOptions& options,
+                    const TrainDevices& devices);
+
+/// What follows from the scene: --max_epochs, --gaussians_per_pixel and --lr_decay_from_epoch become numbers. Nothing
+/// changes the options after that. Returns lines about these numbers and the options that were given.
+std::vector<std::string> fit_to_scene(TrainPlan& plan, const Scene& scene);
 
 /// Protects an existing model, which may be hours of work. True if it is to be replaced. @throws InputError
 bool guard_model(const ModelFolder& folder, const TrainPlan& plan);
