@@ -78,6 +78,12 @@ void warn_of_former_options(const nlohmann::ordered_json& options, const std::st
   for (const std::string& line : describe_former_options(options)) status.warn(place + line);
 }
 
+/// Of what the user has written.
+void warn_of_former(const nlohmann::ordered_json& options, const std::string& place, StatusLine& status) {
+  warn_of_former_options(options, place, status);
+  for (const std::string& line : describe_former_names(options)) status.warn(place + line);
+}
+
 /// The config stored in a checkpoint, with the folder that now contains the checkpoint as model folder.
 TrainConfig config_of_checkpoint(const fs::path& checkpoint, StatusLine& status) {
   const nlohmann::ordered_json header = read_checkpoint_header(checkpoint);
@@ -167,9 +173,8 @@ TrainPlan make_plan(const CommandLine& line, StatusLine& status, const TrainComm
                 "other replaces it");
   }
   const GivenOptions given = given_options(line, options.config);
-  warn_of_former_options(line.given(), "", status);
-  for (const std::string& former : describe_former_names(line.given())) status.warn(former);
-  if (!options.config.empty()) warn_of_former_options(read_json_file(options.config), options.config + ": ", status);
+  warn_of_former(line.given(), "", status);
+  if (!options.config.empty()) warn_of_former(read_json_file(options.config), options.config + ": ", status);
   plan.layers = resolve_options(given);
   config = plan.layers->config;
   if (!options.resume.empty()) plan.checkpoint = find_checkpoint(config, options, status);
