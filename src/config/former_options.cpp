@@ -78,6 +78,7 @@ constexpr FormerName kFormerNames[] = {
     {"strategy", "balanced", "budget"},
     {"preset", "original", "inria"},
     {"kernel", "paper", "published"},
+    {"backward_kernel", "per-splat", "per-bucket"},
 };
 
 /// The option's value among these options, from a file or a command line; null if it is not there.

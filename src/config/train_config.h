@@ -16,7 +16,7 @@ inline constexpr const char* kAdaptive = "adaptive";
 /// The same for the forward kernel, exactly as published: see KernelPolicy::kPublished.
 inline constexpr const char* kPublishedKernel = "published";
 /// The standard kernels, used in place of these where nothing is timed: in evaluation and in deterministic training.
-inline constexpr const char *kStandardKernel = "shared-memory", *kStandardBackwardKernel = "per-splat";
+inline constexpr const char *kStandardKernel = "shared-memory", *kStandardBackwardKernel = "per-bucket";
 
 /// The values of --preset; presets.cpp has their options. The first one changes nothing.
 inline constexpr const char* kPresetNames[] = {"inria", "fast", "quality", "best"};
@@ -107,7 +107,7 @@ struct TrainConfig {
   std::string kernel = "adaptive";
   std::string kernel_policy = "paper";
   std::vector<std::string> kernel_candidates{"segmented", "shared-memory"};
-  std::string backward_kernel = "per-splat";
+  std::string backward_kernel = "per-bucket";
   std::string tile = "auto";
   std::string culling = "ellipse";
   bool deterministic = false;

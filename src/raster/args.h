@@ -69,7 +69,7 @@ struct RenderSettings {
   Culling culling = Culling::kEllipse;
   TileShape tile{};
   ForwardKernel kernel = ForwardKernel::kSharedMemory;
-  BackwardKernel backward_kernel = BackwardKernel::kPerSplat;  // on CUDA
+  BackwardKernel backward_kernel = BackwardKernel::kPerBucket;  // on CUDA
   bool deterministic = false;             // on CUDA: sum gradients in a fixed order; the CPU always does
   bool antialiasing = false;              // see antialiasing.h
   bool keep_for_backward = true;          // false saves memory and time if backward() will not be called

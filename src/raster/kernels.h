@@ -28,7 +28,7 @@
 // ROW(enumerator, ID, name on the command line, one line for the help text)
 #define B3DGS_BACKWARD_KERNELS(ROW)                                                                       \
   ROW(kPerPixel, per_pixel, "per-pixel", "a thread per pixel, tiles assigned statically (the reference)") \
-  ROW(kPerSplat, per_splat, "per-splat", "a lane per splat, pixels stream through buckets of 32 splats (balanced)")
+  ROW(kPerBucket, per_bucket, "per-bucket", "a block per 128 entries of a tile's list (balanced)")
 
 namespace b3dgs {
 

@@ -19,7 +19,7 @@ struct ViewMemory {
 };
 
 inline ViewMemory view_memory(const RenderSettings& settings) {
-  constexpr double kBucket = 32, kSegment = 1024;  // list entries: kWarpSize, kSegmentEntries
+  constexpr double kBucket = 128, kSegment = 1024;  // list entries: kBucketEntries, kSegmentEntries
   const double tile_pixels = static_cast<double>(settings.tile.width) * settings.tile.height;
   const bool keeps = settings.keep_for_backward, keeps_slots = keeps && settings.deterministic;
   // Splat, extent, radius, number of tiles, bits of the depth; index and depth in the list of seen Gaussians, index of
@@ -27,15 +27,14 @@ inline ViewMemory view_memory(const RenderSettings& settings) {
   const double per_gaussian = 48 + 8 + 4 + 4 + 4 + 4 + 4 + 4;
   // Splat and extent in depth order, sorted depth and index, first slot, CUB's copies; gradient.
   const double per_splat = 48 + 8 + 4 + 4 + 8 + 8 + (keeps ? 48 : 0);
-  // Sorting, segmented blending and the backward pass use the same scratch memory in turn (PassScratch).
+  // Sorting and segmented blending use the same scratch memory in turn (PassScratch).
   const double sorting = 2 * (2 + 4) + 2 + (keeps_slots ? 8 : 0);     // tiles and splats, CUB's copies, slots
   const double segments = 2 * tile_pixels / kSegment * (4 + 16 + 4);  // transmittance, colour and depth, last
-  const double ends = keeps ? tile_pixels / kBucket * 8 : 0;          // transmittance and loss behind each bucket
   const double parts = keeps ? tile_pixels / kBucket * (settings.depth_gradient ? 20 : 16) : 0;
   const double segment_starts = 2 * tile_pixels / kSegment * 4;
   const double fixed_order = keeps_slots ? 8 + 48 : 0;  // slot and gradient of each pair
   const double lists = 4 + 4 / kBucket;                 // splat, tile of each bucket
-  return {per_gaussian, per_splat, lists + parts + segment_starts + fixed_order + std::max({sorting, segments, ends})};
+  return {per_gaussian, per_splat, lists + parts + segment_starts + fixed_order + std::max(sorting, segments)};
 }
 
 }  // namespace b3dgs

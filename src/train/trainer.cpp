@@ -10,9 +10,9 @@ namespace b3dgs {
 
 void check_options(const TrainConfig& config) {
   if (choose_device(config.device).is_cuda() && config.deterministic &&
-      evaluation_settings(config, 0).backward_kernel != BackwardKernel::kPerSplat) {
+      evaluation_settings(config, 0).backward_kernel != BackwardKernel::kPerBucket) {
     input_error("--deterministic: the backward kernel ", config.backward_kernel,
-                " sums in an order that differs from run to run; use --backward_kernel per-splat");
+                " sums in an order that differs from run to run; use --backward_kernel per-bucket");
   }
   const bool grows = config.max_gaussians == 0 && config.gaussians_per_pixel == 0;
   if (config.strategy == "mcmc" && grows && choose_device(config.device).is_cpu()) {

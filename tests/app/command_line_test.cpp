@@ -150,7 +150,7 @@ TEST(CommandLine, RejectsUnknownAndRepeatedNamesInLists) {
   EXPECT_NE(complaint({"--kernel_policy", "eager"}).find("one of paper, tracking"), std::string::npos);
   EXPECT_NE(complaint({"--densification_interval", "0"}).find("at least 1"), std::string::npos);
   EXPECT_NE(complaint({"--kernel", "fastest"}).find("segmented, published, adaptive"), std::string::npos);
-  EXPECT_NE(complaint({"--backward_kernel", "naive"}).find("per-pixel, per-splat, adaptive"), std::string::npos);
+  EXPECT_NE(complaint({"--backward_kernel", "naive"}).find("per-pixel, per-bucket, adaptive"), std::string::npos);
 }
 
 TEST(CommandLine, FlagsCanBeTurnedOnAndOff) {

@@ -77,7 +77,7 @@ TEST_P(RasterizeCpuTest, AntialiasedViewsAgreeWithTheDenseReference) {
 }
 
 TEST_P(RasterizeCpuTest, InverseDepthAgreesWithTheDenseReference) {
-  expect_same_inverse_depth<CpuView>(GetParam().build(), {BackwardKernel::kPerSplat});
+  expect_same_inverse_depth<CpuView>(GetParam().build(), {BackwardKernel::kPerBucket});
 }
 
 TEST_P(RasterizeCpuTest, AGaussianIsSeenExactlyIfItIsInTheListOfATile) {

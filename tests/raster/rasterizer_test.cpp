@@ -150,7 +150,7 @@ TEST(Rasterizer, ReblendIsTheForwardOfThatKernelAndLeavesTheRestToBackward) {
 TEST(Rasterizer, ReblendNeedsAForward) {
   Rasterizer rasterizer(torch::kCPU);
   EXPECT_THROW(rasterizer.reblend(ForwardKernel::kNaive), LogicError);
-  EXPECT_THROW(rasterizer.reblend_backward(BackwardKernel::kPerSplat, {}), LogicError);
+  EXPECT_THROW(rasterizer.reblend_backward(BackwardKernel::kPerBucket, {}), LogicError);
   EXPECT_THROW(rasterizer.count_load(), LogicError);
 }
 

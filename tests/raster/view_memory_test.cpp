@@ -15,15 +15,15 @@ TEST(ViewMemory, IsWhatTheReadmeSays) {
   const ViewMemory memory = view_memory(settings);
   EXPECT_EQ(memory.per_gaussian, 80);
   EXPECT_EQ(memory.per_splat, 128);
-  EXPECT_NEAR(memory.per_pair, 101.1, 0.1);
+  EXPECT_NEAR(memory.per_pair, 35.0, 0.1);
   EXPECT_EQ(memory.bytes(3, 2, 1), 3 * 80 + 2 * 128 + memory.per_pair);
   settings.tile = {16, 16};
-  EXPECT_NEAR(view_memory(settings).per_pair, 198.1, 0.1);
+  EXPECT_NEAR(view_memory(settings).per_pair, 52.0, 0.1);
   settings.tile = {16, 8};
   settings.deterministic = true;
-  EXPECT_NEAR(view_memory(settings).per_pair, 157.1, 0.1);
+  EXPECT_NEAR(view_memory(settings).per_pair, 99.0, 0.1);
   settings.keep_for_backward = settings.deterministic = false;
-  EXPECT_NEAR(view_memory(settings).per_pair, 19.1, 0.1);
+  EXPECT_NEAR(view_memory(settings).per_pair, 19.0, 0.1);
 }
 
 TEST(PairLimit, EndsBeforeSlotsDo) {

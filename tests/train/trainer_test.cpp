@@ -294,7 +294,7 @@ TEST(Trainer, AddsUpTimeOverAllSessions) {
 TEST(Trainer, RendersWithTheGivenOptions) {
   TrainConfig config;
   EXPECT_EQ(evaluation_settings(config, 2).tile.height, 16);
-  EXPECT_EQ(evaluation_settings(config, 2).backward_kernel, BackwardKernel::kPerSplat);
+  EXPECT_EQ(evaluation_settings(config, 2).backward_kernel, BackwardKernel::kPerBucket);
   EXPECT_FALSE(evaluation_settings(config, 2).deterministic);
   config_from_json(config, {{"tile", "16x8"}, {"backward_kernel", "per-pixel"}, {"deterministic", true}}, "test");
   const RenderSettings settings = evaluation_settings(config, 2);
@@ -308,7 +308,7 @@ TEST(Trainer, RendersWithTheGivenOptions) {
   };
   EXPECT_TRUE(refused({{"tile", "8x8"}}, "invalid value for tile: test (expected one of auto, 16x16, 16x8"));
   EXPECT_TRUE(refused({{"backward_kernel", "naive"}},
-                      "invalid value for backward_kernel: test (expected one of per-pixel, per-splat"));
+                      "invalid value for backward_kernel: test (expected one of per-pixel, per-bucket"));
   EXPECT_TRUE(refused({{"host_memory_gb", -2}}, "invalid value for host_memory_gb: test (expected at least -1"));
 }
 

@@ -64,7 +64,7 @@ struct Session {
         repeat, [&] { frame.reset_pool(); }, [&] { row_of(kernel).launch(alone, context); });
   }
 
-  /// Blending as in a training step, which also stores what each bucket of 32 splats adds to each pixel.
+  /// Blending as in a training step, which also stores what each bucket of splats adds to each pixel.
   Timing time_keeping_forward(ForwardKernel kernel) {
     return timer.time(
         repeat, [&] { frame.reset_pool(); }, [&] { row_of(kernel).launch(frame.forward_args, context); });
@@ -98,7 +98,7 @@ void compare_forward(Session& session, BenchFile& file) {
     const Timing timing = session.time_forward(kernel.kernel), keeping = session.time_keeping_forward(kernel.kernel);
     session.run_forward(kernel.kernel);
     std::vector<float> image = session.frame.image();
-    table.add({std::string(kernel.name), timing, std::move(image), session.run_backward(BackwardKernel::kPerSplat),
+    table.add({std::string(kernel.name), timing, std::move(image), session.run_backward(BackwardKernel::kPerBucket),
                row_of(kernel.kernel).resources(tile), keeping});
     file.set("forward", table.rows());
   }
@@ -133,7 +133,7 @@ void time_passes(Session& session, BenchFile& file) {
     cuda::bin(frame.bin_args, frame.bin_buffers, frame.bin_scratch, context);
   });
   table.add("blend forward", session.time_keeping_forward(ForwardKernel::kSharedMemory));
-  table.add("blend backward", session.time_backward(BackwardKernel::kPerSplat));
+  table.add("blend backward", session.time_backward(BackwardKernel::kPerBucket));
   add("project backward", nothing, [&] { cuda::project_backward(frame.project_backward_args, context); });
   table.print_sum("forward+backward");
   file.set("passes", table.rows());

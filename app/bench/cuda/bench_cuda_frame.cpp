@@ -93,7 +93,6 @@ void CudaFrame::set_up_blending(const TileGrid& grid) {
                     last_ids_.data(), grad, nullptr},
                    binned.buckets,
                    parts,
-                   bucket_ends_.resize(n_parts_, context_),
                    splat_grads_.resize(found.n_splats, context_)};
 }
 

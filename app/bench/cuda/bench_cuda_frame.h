@@ -80,7 +80,6 @@ class CudaFrame {
   DeviceBuffer<std::uint32_t> depth_bits_;
   DeviceBuffer<ViewCounts> counts_;
   DeviceBuffer<float4> part_light_;
-  DeviceBuffer<float2> bucket_ends_;
   ForwardScratch scratch_;
   std::array<PassScratch, kForwardKernels.size()>
       kernel_scratch_;  // separate, since the arguments of all kernels are prepared together

@@ -8,7 +8,7 @@
 //      whole warp writes the pairs of a splat with many tiles.
 //   5. Radix sort of the pairs by tile (CUB); stable, so lists stay in depth order.
 //   6. find_tiles_kernel: a thread per pair finds where each tile's list begins.
-//   7. number_buckets_kernel: a warp per tile numbers its buckets of 32 entries, for kernels that work on buckets.
+//   7. number_buckets_kernel: a warp per tile numbers its buckets, for kernels that work on buckets.
 // With `deterministic`, step 5 carries slots instead of ids, and gather_slots_kernel looks up the ids afterwards.
 // The kernels here use no shared memory and no barriers.
 
@@ -195,13 +195,13 @@ __global__ void __launch_bounds__(kThreads)
 }
 
 /// A warp per tile takes a contiguous range of bucket numbers from an atomic counter: needs no scan, and leaves no
-/// gaps, which would be idle warps in kernels that process a bucket per warp.
+/// gaps, which would be idle blocks in the backward pass.
 __global__ void __launch_bounds__(kThreads)
     number_buckets_kernel(const std::int64_t* tile_offsets, std::int32_t n_tiles, std::int64_t* bucket_offsets,
                           std::int32_t* tile_of_bucket, unsigned long long* n_buckets) {
   const auto tile = static_cast<std::int32_t>((blockIdx.x * kThreads + threadIdx.x) / kWarpSize);
   if (tile >= n_tiles) return;
-  const std::int64_t n = (tile_offsets[tile + 1] - tile_offsets[tile] + kWarpSize - 1) / kWarpSize;
+  const std::int64_t n = (tile_offsets[tile + 1] - tile_offsets[tile] + kBucketEntries - 1) / kBucketEntries;
   unsigned long long first = 0;
   if (lane_id() == 0) {
     first = atomicAdd(n_buckets, static_cast<unsigned long long>(n));
@@ -324,7 +324,7 @@ BinnedView bin(const BinCudaArgs& args, BinBuffers& buffers, PassScratch& scratc
     sort(std::uint32_t{});
   }
 
-  const std::int64_t n_buckets_max = args.n_pairs / kWarpSize + n_tiles;
+  const std::int64_t n_buckets_max = args.n_pairs / kBucketEntries + n_tiles;
   std::int32_t* const tile_of_bucket = buffers.tile_of_bucket.resize(n_buckets_max, context);
   std::int64_t* const bucket_offsets = buffers.bucket_offsets.resize(n_tiles, context);
   unsigned long long* const n_buckets = buffers.n_buckets.data();

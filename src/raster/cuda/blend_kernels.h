@@ -53,6 +53,9 @@ inline constexpr std::array kBackwardTable{
 #undef B3DGS_ROW
 };
 
+/// `combined` has a mask of 32 bits for a quad and 32 list entries.
+inline constexpr std::int32_t kMasksPerBucket = kBucketEntries / 32;
+
 class ForwardScratch {
  public:
   /// Sets the scratch pointers of `args` for this kernel; the other arguments must be set. What the backward pass needs
@@ -62,7 +65,7 @@ class ForwardScratch {
     args.next_task = next_task_.resize(1, context);
     if (kernel == ForwardKernel::kCombined) {
       scratch.allocate(context, [&](ScratchArrays& arrays) {
-        args.quad_masks = arrays.take<std::uint32_t>(args.buckets.n_max * tile_pixels / kQuadPixels);
+        args.quad_masks = arrays.take<std::uint32_t>(args.buckets.n_max * kMasksPerBucket * tile_pixels / kQuadPixels);
       });
     }
     if (kernel == ForwardKernel::kSegmented) {

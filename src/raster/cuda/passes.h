@@ -111,8 +111,12 @@ struct BinCudaArgs {
   bool keep_slots = false;  // fill pair_slots
 };
 
-/// Buckets: runs of 32 entries of a tile's list; a list's last bucket may be shorter. The buckets of a tile have
-/// consecutive numbers; the order of the tiles is arbitrary.
+/// Entries of a bucket: the blocks of the backward pass, and what the forward pass stores its parts for. Fewer mean
+/// more parts to write and read; more, less even shares.
+inline constexpr std::int32_t kBucketEntries = 128;
+
+/// Buckets: runs of kBucketEntries entries of a tile's list; a list's last bucket may be shorter. The buckets of a tile
+/// have consecutive numbers; the order of the tiles is arbitrary.
 struct Buckets {
   const std::int64_t* offsets = nullptr;         // [n_tiles] each tile's first bucket
   const std::int32_t* tile_of_bucket = nullptr;  // [n]
@@ -152,7 +156,7 @@ struct SegmentFront {
   B3DGS_HD float transmittance_to_blend_from() const { return -value; }
 };
 
-/// What the per-splat backward pass needs from the forward pass: for each pixel, what each bucket adds to it, up to the
+/// What the backward pass needs from the forward pass: for each pixel, what each bucket adds to it, up to the
 /// bucket of the pixel's last splat. Stored per bucket rather than as a running sum: what is behind a bucket is then a
 /// sum of parts. As a difference of two running sums it would lose accuracy where it is small.
 struct BucketParts {
@@ -195,8 +199,9 @@ struct BlendForwardCudaArgs {
   BlendForwardArgs blend{};
   Buckets buckets{};
   BucketParts parts{};
-  std::int32_t* next_task = nullptr;    // [1] task counter, 0 at the start
-  std::uint32_t* quad_masks = nullptr;  // [n_buckets_max, quads of a tile] scratch of `combined`
+  std::int32_t* next_task = nullptr;  // [1] task counter, 0 at the start
+  // Scratch of `combined`: [n_buckets_max, kBucketEntries / 32, quads of a tile]
+  std::uint32_t* quad_masks = nullptr;
   Segments segments{};
 };
 
@@ -210,10 +215,9 @@ struct BlendBackwardCudaArgs {
   BlendBackwardArgs blend{};  // its pair_grads are not used
   Buckets buckets{};
   BucketParts parts{};
-  float2* bucket_ends = nullptr;        // [n_buckets_max, pixels of a tile] scratch of per-splat
   SplatGradSum* splat_grads = nullptr;  // [M] in and out: added to, must be zero
   // [n_pairs] by slot, must be zero. Null: gradients are added to splat_grads with atomics, in an order that changes
-  // from run to run. Only the per-splat kernel supports it.
+  // from run to run. Only the per-bucket kernel supports it.
   SplatGradSum* pair_grads = nullptr;
 };
 

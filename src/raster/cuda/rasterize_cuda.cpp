@@ -36,8 +36,8 @@ void check_valid(const ViewCounts& counts, std::int64_t n_gaussians) {
 
 void check_kernels(const RenderSettings& settings) {
   B3DGS_CHECK(
-      !settings.deterministic || !settings.keep_for_backward || settings.backward_kernel == BackwardKernel::kPerSplat,
-      "deterministic gradients need the per-splat backward kernel");
+      !settings.deterministic || !settings.keep_for_backward || settings.backward_kernel == BackwardKernel::kPerBucket,
+      "deterministic gradients need the per-bucket backward kernel");
 }
 
 class Rasterizer final : public RasterizerBackend {
@@ -263,7 +263,6 @@ class Rasterizer final : public RasterizerBackend {
 
   /// Takes the memory that the backward pass needs while this pass can still be repeated.
   void reserve_for_backward(const LaunchContext& context) {
-    allocate_bucket_ends(context);
     splat_grads_.resize(state_.n_splats, context);
     if (deterministic_) pair_grads_.resize(binned_.bins.n_pairs, context);
     if (state_.camera_gradient) {
@@ -297,7 +296,6 @@ class Rasterizer final : public RasterizerBackend {
                   state_.rendered, transmittance_.data(), last_ids_.data(), grad,        nullptr};
     args.buckets = binned_.buckets;
     args.parts = stored_parts_;
-    args.bucket_ends = allocate_bucket_ends(context);
     args.splat_grads = zeroed(splat_grads_, state_.n_splats);
     if (deterministic_) args.pair_grads = zeroed(pair_grads_, binned_.bins.n_pairs);
     kBackwardTable[static_cast<std::size_t>(kernel)].launch(args, context);
@@ -344,11 +342,6 @@ class Rasterizer final : public RasterizerBackend {
 
   std::int64_t n_bucket_pixels() const {
     return binned_.buckets.n_max * (std::int64_t{state_.grid.tile.width} * state_.grid.tile.height);
-  }
-  float2* allocate_bucket_ends(const LaunchContext& context) {
-    float2* ends = nullptr;
-    pass_scratch_.allocate(context, [&](ScratchArrays& arrays) { ends = arrays.take<float2>(n_bucket_pixels()); });
-    return ends;
   }
 
   template <class Visit>

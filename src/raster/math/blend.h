@@ -81,7 +81,9 @@ __device__ __forceinline__ float exp2_of(float a) {
 }
 template <>
 __device__ __forceinline__ float reciprocal_of(float a) {
-  return __fdividef(1.0f, a);
+  float result;
+  asm("rcp.approx.ftz.f32 %0, %1;" : "=f"(result) : "f"(a));
+  return result;
 }
 #endif
 
@@ -229,14 +231,15 @@ struct ReverseState {
 template <class Real>
 B3DGS_BLEND_FN BlendGrad<Real> blend_over_reverse(ReverseState<Real>& pixel, Mask<Real> blended,
                                                   const Alpha<Real>& alpha, Real value) {
-  const Real inverse = reciprocal_of(Real(1.0f) - alpha.alpha);
-  const Real before = pixel.transmittance * inverse;
+  // An alpha of 0 changes nothing: the reciprocal of 1 is exact.
+  const Real own = select(blended, alpha.alpha, Real(0.0f));
+  const Real inverse = reciprocal_of(Real(1.0f) - own), before = pixel.transmittance * inverse;
   BlendGrad<Real> grad;
-  grad.weight = select(blended, before * alpha.alpha, Real(0.0f));
+  grad.weight = before * own;
   const Real grad_alpha = before * value - pixel.behind * inverse;
-  grad.log_alpha = select(blended & !alpha.capped, grad_alpha * alpha.alpha, Real(0.0f));
+  grad.log_alpha = select(alpha.capped, Real(0.0f), grad_alpha * own);
   pixel.behind = multiply_add(grad.weight, value, pixel.behind);
-  pixel.transmittance = select(blended, before, pixel.transmittance);
+  pixel.transmittance = before;
   return grad;
 }
 

@@ -46,7 +46,7 @@ TEST_P(RasterizeCudaTest, AntialiasedViewsAgreeWithTheDenseReference) {
 }
 
 TEST_P(RasterizeCudaTest, InverseDepthAgreesWithTheDenseReference) {
-  expect_same_inverse_depth<CudaView>(GetParam().build(), {BackwardKernel::kPerSplat, BackwardKernel::kPerPixel});
+  expect_same_inverse_depth<CudaView>(GetParam().build(), {BackwardKernel::kPerBucket, BackwardKernel::kPerPixel});
 }
 
 TEST_P(RasterizeCudaTest, SeesTheGaussiansThatTheCpuSees) {
@@ -174,12 +174,12 @@ TEST(RasterizeCuda, TakesTheMemoryThatIsForecast) {
       const double n = static_cast<double>(scene.gaussians.size());
       const double forecast = view_memory(settings).bytes(n, static_cast<double>(view.rasterizer().n_splats()),
                                                           static_cast<double>(view.rasterizer().bins().n_pairs));
-      // In addition to the forecast: spare capacity of a quarter, half a bucket per tile, 8 bytes per pixel of the
+      // In addition to the forecast: spare capacity of a quarter, a bucket per tile, 8 bytes per pixel of the
       // image.
       const double tiles = view.rasterizer().grid().n_tiles(), tile_pixels = tile.width * tile.height;
       const double taken = static_cast<double>(view.rasterizer().memory_bytes());
       EXPECT_GE(taken, forecast);
-      EXPECT_LE(taken, 1.25 * (forecast + tiles * tile_pixels * (16 + 8 + 8)) + (1 << 20));
+      EXPECT_LE(taken, 1.25 * (forecast + tiles * tile_pixels * (16 + 8)) + (1 << 20));
       view.rasterizer().release_memory();
       EXPECT_EQ(view.rasterizer().memory_bytes(), 0);
     }

@@ -104,7 +104,7 @@ TEST(BudgetOnGpu, LearnsAsOnTheCpu) {
   config.densify_until_iter = 350;
   config.max_gaussians = 150;
   const Trained cpu = train(config, scene, temp / "cpu");
-  for (const char* kernel : {"per-splat", "per-pixel"}) {
+  for (const char* kernel : {"per-bucket", "per-pixel"}) {
     config.device = "cuda";
     config.backward_kernel = kernel;
     const Trained gpu = train(config, scene, temp / kernel);

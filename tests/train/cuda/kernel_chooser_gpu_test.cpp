@@ -59,11 +59,11 @@ TEST(RasterizerOnGpu, ReblendBackwardRejectsAGradientOfAnotherShapeAsBackwardDoe
   const torch::Tensor color = rasterizer.forward(gaussians, to_pinhole_view(scene.train[0].camera), {}).color;
   RenderedViewGrad grad;
   grad.color = torch::zeros_like(color).narrow(0, 0, 1);
-  EXPECT_THROW(rasterizer.reblend_backward(BackwardKernel::kPerSplat, grad), LogicError);
+  EXPECT_THROW(rasterizer.reblend_backward(BackwardKernel::kPerBucket, grad), LogicError);
   grad.color = torch::zeros_like(color).cpu();
-  EXPECT_THROW(rasterizer.reblend_backward(BackwardKernel::kPerSplat, grad), LogicError);
+  EXPECT_THROW(rasterizer.reblend_backward(BackwardKernel::kPerBucket, grad), LogicError);
   grad.color = torch::zeros_like(color);
-  EXPECT_NO_THROW(rasterizer.reblend_backward(BackwardKernel::kPerSplat, grad));
+  EXPECT_NO_THROW(rasterizer.reblend_backward(BackwardKernel::kPerBucket, grad));
 }
 
 TEST(KernelChooserOnGpu, LogsItsChecksAndTrainingContinues) {

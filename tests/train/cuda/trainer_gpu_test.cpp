@@ -100,7 +100,8 @@ TEST(TrainerOnGpu, GivesTheSameBytesTwiceIfDeterministic) {
   EXPECT_TRUE(first.ply == second.ply);
 
   config.backward_kernel = "per-pixel";
-  EXPECT_TRUE(test::fails_with<InputError>({"--backward_kernel per-splat"}, [&] { train(config, scene, temp / "c"); }));
+  EXPECT_TRUE(
+      test::fails_with<InputError>({"--backward_kernel per-bucket"}, [&] { train(config, scene, temp / "c"); }));
 }
 
 /// The longest tile list in the log.

@@ -74,7 +74,7 @@ __global__ void __launch_bounds__(kThreads) backward_per_pixel_kernel(const Blen
 }  // namespace
 
 void launch_backward_per_pixel(const BlendBackwardCudaArgs& args, const LaunchContext& context) {
-  B3DGS_CHECK(args.pair_grads == nullptr, "deterministic gradients need the per-splat backward kernel");
+  B3DGS_CHECK(args.pair_grads == nullptr, "deterministic gradients need the per-bucket backward kernel");
   with_tile_pixels(args.blend.grid.tile, [&](auto pixels) {
     backward_per_pixel_kernel<pixels.value><<<args.blend.grid.n_tiles(), pixels.value, 0, context.stream>>>(args);
   });

@@ -19,11 +19,16 @@ __device__ __forceinline__ void atomic_add(float4* sum, float4 value) {
 #endif
 }
 
+template <bool kWithDepth = true>
 __device__ __forceinline__ void atomic_add(SplatGradSum* sum, const SplatGrad& grad) {
   auto* const words = reinterpret_cast<float4*>(sum);
   atomic_add(words, make_float4(grad.log_alpha, grad.mean_x, grad.mean_y, grad.cov_xx));
   atomic_add(words + 1, make_float4(grad.cov_xy, grad.cov_yy, grad.red, grad.green));
-  atomic_add(words + 2, make_float4(grad.blue, grad.depth, 0, 0));
+  if constexpr (kWithDepth) {
+    atomic_add(words + 2, make_float4(grad.blue, grad.depth, 0, 0));
+  } else {
+    atomicAdd(&sum->sum.blue, grad.blue);
+  }
 }
 
 /// Gradients of the loss with respect to one pixel's colour and depth.

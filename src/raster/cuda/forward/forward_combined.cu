@@ -2,7 +2,8 @@
 //
 // Kernel 1, mark_quads: which quads (2 x 2 pixels) does each list entry touch? This kernel is not in the paper. A pixel
 // sees few splats of a crowded list; with the marks, a task fetches only those that touch its quad.
-//   Warp: a bucket (32 entries of a tile's list). Lane: an entry; it finds the quads that its splat's ellipse touches,
+//   Warp: a run of 32 entries of a tile's list, a quarter of a bucket. Lane: an entry; it finds the quads that its
+//   splat's ellipse touches,
 //     a bit each. A bit transposition across the warp turns this into a mask per quad, with a bit per entry.
 //
 // Kernel 2, forward_combined: blends the quads. A crowded tile becomes 32 or 64 tasks, so no block works longer than
@@ -42,7 +43,7 @@ static_assert(kRing % kWarpSize == 0, "a group of 32 never wraps around the end 
 constexpr int kScanBits = 8;                    // entries that a thread scans at once: a quarter of a mask
 constexpr int kScanned = kScanBits * kThreads;  // 1024 entries that a block scans at once
 constexpr int kThreadsPerMask = 32 / kScanBits;
-static_assert(kScanned % kWarpSize == 0, "a scan covers whole buckets");
+static_assert(kScanned % kWarpSize == 0, "a scan covers whole masks");
 // Counts of up to 128 contributions are packed into a byte per pixel and added as one number.
 static_assert(kPixels == 4 && kThreads <= 0xff, "four bytes of a word, one per pixel");
 constexpr int kMarkWarps = 8;  // per block of mark_quads_kernel
@@ -73,17 +74,20 @@ __device__ __forceinline__ std::uint32_t touched_quads(const TileGrid& quads, co
   return touched;
 }
 
-/// Writes, for each bucket and each quad of its tile, a mask that tells which of the bucket's 32 splats touch the quad.
-/// A tile's masks are stored quad by quad, so that a task reads contiguous masks.
+/// Writes, for each run of 32 entries and each quad of its tile, a mask that tells which of the 32 splats touch the
+/// quad. A tile's masks are stored quad by quad, so that a task reads contiguous masks.
 template <int kTilePixels>
 __global__ void __launch_bounds__(kMarkWarps* kWarpSize) mark_quads_kernel(const BlendForwardCudaArgs args) {
   using Quads = TileQuads<kTilePixels>;
   const BlendForwardArgs& blend = args.blend;
-  const std::int64_t bucket = static_cast<std::int64_t>(blockIdx.x) * kMarkWarps + threadIdx.x / kWarpSize;
+  const std::int64_t task = static_cast<std::int64_t>(blockIdx.x) * kMarkWarps + threadIdx.x / kWarpSize;
+  const std::int64_t bucket = task / kMasksPerBucket;
   if (bucket >= static_cast<std::int64_t>(*args.buckets.n)) return;
   const std::int32_t tile = args.buckets.tile_of_bucket[bucket];
   const std::int64_t begin = blend.bins.tile_offsets[tile], end = blend.bins.tile_offsets[tile + 1];
-  const std::int64_t first = args.buckets.offsets[tile], entry = begin + (bucket - first) * kWarpSize + lane_id();
+  const std::int64_t first = args.buckets.offsets[tile] * kMasksPerBucket, run = task - first;
+  const std::int64_t n_runs = (end - begin + kWarpSize - 1) / kWarpSize, entry = begin + run * kWarpSize + lane_id();
+  if (run >= n_runs) return;
   // The splat's ellipse, tiled by quads. No rows beyond the end of the list.
   TileRows rows{};
   if (entry < end) {
@@ -98,12 +102,11 @@ __global__ void __launch_bounds__(kMarkWarps* kWarpSize) mark_quads_kernel(const
   }
   const TileGrid quads = make_tile_grid(blend.grid.image_width, blend.grid.image_height, kQuadShape);
   const std::int32_t x = tile % blend.grid.columns * Quads::kColumns, y = tile / blend.grid.columns * Quads::kRows;
-  std::uint32_t* const masks = args.quad_masks + first * Quads::kCount + (bucket - first);
-  const std::int64_t n_buckets = (end - begin + kWarpSize - 1) / kWarpSize;
+  std::uint32_t* const masks = args.quad_masks + first * Quads::kCount + run;
 #pragma unroll
   for (int quad = 0; quad < Quads::kCount; quad += kWarpSize) {
     const std::uint32_t touched = touched_quads<kTilePixels>(quads, rows, x, y + quad / Quads::kColumns);
-    masks[(quad + lane_id()) * n_buckets] = warp_transpose(touched);
+    masks[(quad + lane_id()) * n_runs] = warp_transpose(touched);
   }
 }
 
@@ -257,26 +260,26 @@ __device__ __forceinline__ void blend_quad(const BlendForwardCudaArgs& args, std
   const Quad quad{blend.splats, blend.bins.splat_ids + blend.bins.tile_offsets[tile],
                   static_cast<float>(tile_x + quad_x) + 0.5f, static_cast<float>(tile_y + quad_y) + 0.5f};
 
-  const std::int32_t n_buckets = (list_length(blend.bins, tile) + kWarpSize - 1) / kWarpSize;
-  const std::uint32_t* const masks = args.quad_masks + args.buckets.offsets[tile] * Quads::kCount +
-                                     static_cast<std::int64_t>(quad_in_tile) * n_buckets;
+  const std::int32_t n_runs = (list_length(blend.bins, tile) + kWarpSize - 1) / kWarpSize;
+  const std::uint32_t* const masks = args.quad_masks + args.buckets.offsets[tile] * kMasksPerBucket * Quads::kCount +
+                                     static_cast<std::int64_t>(quad_in_tile) * n_runs;
   QueueEnds ends;
   WarpQueue queue;
   int n_candidates = 0;
   bool is_done = !at.inside, all_done = false;
   // The mask with this thread's byte, loaded one scan ahead.
-  const std::int32_t bucket = thread / kThreadsPerMask;
-  std::uint32_t next_mask = bucket < n_buckets ? __ldg(masks + bucket) : 0;
-  for (std::int32_t start = 0; start < n_buckets && !all_done; start += kScanned / kWarpSize) {
+  const std::int32_t run = thread / kThreadsPerMask;
+  std::uint32_t next_mask = run < n_runs ? __ldg(masks + run) : 0;
+  for (std::int32_t start = 0; start < n_runs && !all_done; start += kScanned / kWarpSize) {
     // Scan the next 1024 entries.
     const unsigned marks = next_mask >> (thread % kThreadsPerMask * kScanBits) & 0xffu;
-    const std::int32_t next_bucket = start + kScanned / kWarpSize + bucket;
-    next_mask = next_bucket < n_buckets ? __ldg(masks + next_bucket) : 0;
+    const std::int32_t next_run = start + kScanned / kWarpSize + run;
+    next_mask = next_run < n_runs ? __ldg(masks + next_run) : 0;
     n_candidates = add_candidates(shared, n_candidates, marks, start * kWarpSize + thread * kScanBits);
     __syncthreads();  // candidates are complete
 
     // Evaluate and blend full groups of 128 candidates. After the last scan, also the rest.
-    const int wanted = start + kScanned / kWarpSize < n_buckets ? kThreads : 1;
+    const int wanted = start + kScanned / kWarpSize < n_runs ? kThreads : 1;
     int taken = 0;
     for (; n_candidates - taken >= wanted && !all_done; taken += kThreads) {
       const Queued added =
@@ -324,7 +327,7 @@ void launch(const BlendForwardCudaArgs& args, const LaunchContext& context) {
   B3DGS_CHECK(n_tasks < std::int64_t{1} << 30, "image too large for the combined kernel: ", n_tasks,
               " tasks, expected below 2^30");
   if (args.buckets.n_max > 0) {
-    const auto blocks = static_cast<unsigned>((args.buckets.n_max + kMarkWarps - 1) / kMarkWarps);
+    const auto blocks = static_cast<unsigned>((args.buckets.n_max * kMasksPerBucket + kMarkWarps - 1) / kMarkWarps);
     mark_quads_kernel<kTilePixels><<<blocks, kMarkWarps * kWarpSize, 0, context.stream>>>(args);
     B3DGS_CUDA_CHECK_LAUNCH();
   }

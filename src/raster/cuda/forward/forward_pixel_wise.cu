@@ -54,9 +54,9 @@ __device__ __forceinline__ void blend_tile_pixelwise(const BlendForwardCudaArgs&
     __syncthreads();  // the batch is complete
 
     const int n = static_cast<int>(last - start < kThreads ? last - start : kThreads);
-    // Bucket by bucket, since the backward pass needs what each bucket of 32 adds to the pixel.
-    for (int bucket = 0; bucket < n && !done; bucket += kWarpSize) {
-      const int bucket_end = bucket + kWarpSize < n ? bucket + kWarpSize : n;
+    // Bucket by bucket, since the backward pass needs what each bucket adds to the pixel.
+    for (int bucket = 0; bucket < n && !done; bucket += kBucketEntries) {
+      const int bucket_end = bucket + kBucketEntries < n ? bucket + kBucketEntries : n;
       PixelState<float> part{pixel.transmittance, 0, 0, 0, 0};
       for (int j = bucket; j < bucket_end; ++j) {
         const SplatShape<float> shape = make_splat_shape({batch.mean[j]}, {batch.conic[j]});

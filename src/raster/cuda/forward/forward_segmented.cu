@@ -287,7 +287,7 @@ __global__ void __launch_bounds__(kThreads) end_pixels_kernel(const BlendForward
 }  // namespace
 
 void launch_forward_segmented(const BlendForwardCudaArgs& args, const LaunchContext& context) {
-  static_assert(kSegmentEntries % kWarpSize == 0, "a segment consists of whole buckets");
+  static_assert(kSegmentEntries % kBucketEntries == 0, "a segment consists of whole buckets");
   static_assert(2 * (kIndexMax / kSegmentEntries) * (kCudaTileWidth * 16) <= kIndexMax,
                 "32 bits index the pixels of all segments");
   const std::int32_t n_tiles = args.blend.grid.n_tiles(), n_tasks_max = args.segments.n_tasks_max;

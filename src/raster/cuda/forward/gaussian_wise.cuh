@@ -89,7 +89,9 @@ class GaussianWisePixel {
   }
 
  private:
-  __device__ static std::int32_t bucket_of(std::int32_t position) { return position >= 0 ? position / kWarpSize : -1; }
+  __device__ static std::int32_t bucket_of(std::int32_t position) {
+    return position >= 0 ? position / kBucketEntries : -1;
+  }
 
   __device__ __forceinline__ void store_part(std::int32_t bucket, const PixelState<float>& part) const {
     const TileShape shape = args_.blend.grid.tile;
@@ -137,7 +139,7 @@ class GaussianWisePixel {
     }
     const unsigned heads = __ballot_sync(kFullWarp, is_head) | 1u;
     const int ahead = lane - (31 - __clz(heads & (kFullWarp >> (kWarpSize - 1 - lane))));  // lanes from the head
-    // Small splats: a pixel blends few of a bucket's 32, so only the necessary rounds are run.
+    // Small splats: a pixel blends few of a group's 32, so only the necessary rounds are run.
     const int most_ahead = warp_max(lane < end ? ahead : 0);
     for (int distance = 1; distance <= most_ahead; distance *= 2) {
       const PixelState<float> front = sum_of_earlier_lane(sum, distance);

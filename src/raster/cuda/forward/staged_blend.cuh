@@ -4,7 +4,7 @@
 //   Block: a tile, or a segment of its list. Warp: a sub-tile of 8 x 4 pixels. Thread: one pixel.
 //   Stage: each thread copies one splat of the next batch asynchronously while the current batch is blended (two
 //     batches in shared memory, one barrier per batch, which also counts finished pixels to stop early).
-//   Cull: for every bucket (32 staged splats) a warp tests, a lane per splat, whose bounding box reaches the sub-tile.
+//   Cull: for every 32 staged splats a warp tests, a lane per splat, whose bounding box reaches the sub-tile.
 //   Blend: each thread evaluates four of the remaining splats before blending them in order, because in a crowded tile
 //     the latency per splat determines the time.
 // Asynchronous copies, culling by sub-tile and evaluation in fours are not in the paper.
@@ -48,7 +48,7 @@ __device__ __forceinline__ TilePixel staged_pixel(const TileGrid& grid, std::int
   return tile_pixel(grid, tile, sub_tile_pixel(static_cast<std::int32_t>(threadIdx.x)));
 }
 
-/// Blends those of a bucket's splats whose bit in `chosen` is set; `first` is the bucket's first entry in the batch.
+/// Blends those of 32 splats whose bit in `chosen` is set; `first` is the first one's entry in the batch.
 /// Returns the batch entry of the last one blended, or -1.
 template <int kThreads>
 __device__ __forceinline__ int blend_chosen(const Batch<kThreads>& batch, int first, unsigned chosen, float center_x,
@@ -109,17 +109,20 @@ __device__ __forceinline__ std::int32_t blend_staged(const BlendForwardCudaArgs&
     if (start + 2 * kThreads + thread < n) next_id = ids[start + 2 * kThreads + thread];
 
     const int count = n - start < kThreads ? n - start : kThreads;
-    for (int bucket = 0; bucket < count; bucket += kWarpSize) {
+    for (int bucket = 0; bucket < count; bucket += kBucketEntries) {
       const bool is_alive = is_open(pixel.transmittance);
-      if (!__any_sync(kFullWarp, is_alive)) break;
-      // Cull: lane l tests splat l of the bucket against the warp's sub-tile.
-      const int tested = bucket + lane_id();
-      const bool reaches = tested < count && reaches_sub_tile(batch.mean[tested].x, batch.mean[tested].y,
-                                                              batch.extent[tested], left, top);
-      const unsigned chosen = __ballot_sync(kFullWarp, reaches);
       PixelState<float> part{pixel.transmittance, 0, 0, 0, 0};
-      const int last = blend_chosen(batch, bucket, chosen, center_x, center_y, part);
-      if (last >= 0) last_blended = range.begin + start + last;
+      const int bucket_end = bucket + kBucketEntries < count ? bucket + kBucketEntries : count;
+      for (int run = bucket; run < bucket_end; run += kWarpSize) {
+        if (!__any_sync(kFullWarp, is_open(part.transmittance))) break;
+        // Cull: lane l tests splat l of the run against the warp's sub-tile.
+        const int tested = run + lane_id();
+        const bool reaches = tested < count && reaches_sub_tile(batch.mean[tested].x, batch.mean[tested].y,
+                                                                batch.extent[tested], left, top);
+        const unsigned chosen = __ballot_sync(kFullWarp, reaches);
+        const int last = blend_chosen(batch, run, chosen, center_x, center_y, part);
+        if (last >= 0) last_blended = range.begin + start + last;
+      }
       pixel = {part.transmittance, pixel.red + part.red, pixel.green + part.green, pixel.blue + part.blue,
                pixel.depth + part.depth};
       if (args.parts.color != nullptr && is_alive) {

@@ -61,7 +61,7 @@ __device__ __forceinline__ void store_pixel(const BlendForwardArgs& args, const 
 __device__ __forceinline__ std::int64_t bucket_part_index(const BlendForwardCudaArgs& args, std::int32_t tile,
                                                           std::int64_t position, std::int32_t pixel_index) {
   const TileShape shape = args.blend.grid.tile;
-  const std::int64_t bucket = args.buckets.offsets[tile] + position / kWarpSize;
+  const std::int64_t bucket = args.buckets.offsets[tile] + position / kBucketEntries;
   return bucket * (shape.width * shape.height) + pixel_index;
 }
 

@@ -1,0 +1,485 @@
+// Backward blend, per-bucket. A block per bucket (128 entries of a tile's list), so that long lists are shared out
+// evenly.
+//
+//   Warp: a patch of the tile, 8 x 4 pixels (8 x 8 in tiles of 16 x 16). The four warps work independently, from the
+//     bucket's last entry to its first:
+//
+//     gather            blend                     sum rows                        add
+//     lane: entry       lane: pixel               lane: entry x row of 8 px       thread: entry
+//
+//     entries whose     8 at a time: weight and   their sums of weight times      the four patches' sums,
+//     box reaches the   dL/d(ln alpha) of each    dL/d(colour), and moments of    to memory, with vector
+//     patch, to a       pixel, to shared memory   dL/d(ln alpha)                  atomics or to the pair's slot
+//     queue
+//
+//   Adding up a splat's ten sums over 32 lanes with shuffles would take 100 instructions. Through shared memory it
+//   takes
+//     12: a lane sums a row of 8 pixels, whose offsets from the patch's centre are constants, and four lanes add up.
+//   State behind the bucket: if the pixel's last splat is in the bucket, from the forward pass's final transmittance;
+//     otherwise from the parts of the buckets behind, which the forward pass stored.
+//   Shared memory: PatchMemory for each warp. Barriers: one, before the last phase.
+
+#include "raster/cuda/backward/splat_grad.cuh"
+#include "raster/cuda/blend_kernels.h"
+#include "raster/cuda/forward/tile_blend.cuh"
+#include "raster/cuda/launch.cuh"
+
+namespace b3dgs::cuda {
+namespace {
+
+constexpr int kWarps = 4, kThreads = kWarps * kWarpSize;  // a warp per patch; in the last phase, a thread per entry
+static_assert(kBucketEntries == kThreads);
+constexpr int kGroup = 8;                   // entries blended before their rows are summed: with 4 rows, 32 lanes
+constexpr int kQueue = kGroup + kWarpSize;  // at most 7 left over, and 32 gathered
+constexpr int kRowPixels = kSubTileWidth;   // 8
+constexpr int kRowsAtOnce = kWarpSize / kRowPixels;
+
+/// A patch of kLanePixels x 32 pixels; lane l has the pixels (l % 8, l / 8 + 4 k).
+template <int kLanePixels>
+struct PatchShape {
+  static constexpr int kWidth = kRowPixels, kHeight = kRowsAtOnce * kLanePixels;
+  /// Of pixel values in shared memory: 4 more than the patch, so that 8 lanes read rows from different banks.
+  static constexpr int kStride = kWidth * kHeight + 4;
+};
+
+/// What a patch adds up for an entry. With q = dL/d(ln alpha) and (u, v) the pixel relative to the patch's centre.
+enum Sum { kQ, kQu, kQv, kQuu, kRed, kGreen, kBlue, kQvv, kQuv, kDepth };
+
+/// A warp's shared memory.
+template <int kLanePixels, bool kWithDepth>
+struct PatchMemory {
+  static constexpr int kSums = kWithDepth ? 11 : 9;  // odd, so that lanes access different banks
+  // The queue, a ring: what blending reads, without words that it does not need.
+  float4 mean_conic[kQueue];  // mean_x, mean_y, conic_xx, conic_yy
+  float4 rest[kQueue];        // conic_xy, log2_opacity, red, green
+  float blue[kQueue];
+  float depth[kWithDepth ? kQueue : 4];
+  std::int32_t entry[kQueue];  // index in the bucket
+  // Pixel values of the group.
+  float weight[kGroup * PatchShape<kLanePixels>::kStride];
+  float log_alpha[kGroup * PatchShape<kLanePixels>::kStride];
+  // Results, for each entry that was queued.
+  unsigned queued[kBucketEntries / kWarpSize];  // a bit for each entry
+  float sums[kBucketEntries * kSums];
+};
+
+/// The block's bucket.
+struct BucketRange {
+  std::int32_t tile;
+  std::int64_t first;       // first pair of the tile's list
+  std::int32_t begin, end;  // the bucket's entries: positions in the list
+  float tile_x, tile_y;     // upper left corner of the tile, px
+  __device__ BucketRange(const BlendBackwardCudaArgs& args, std::int64_t bucket)
+      : tile(args.buckets.tile_of_bucket[bucket]), first(args.blend.bins.tile_offsets[tile]) {
+    const TileGrid& grid = args.blend.grid;
+    begin = static_cast<std::int32_t>(bucket - args.buckets.offsets[tile]) * kBucketEntries;
+    end = min(begin + kBucketEntries, list_length(args.blend.bins, tile));
+    tile_x = static_cast<float>(tile % grid.columns * kCudaTileWidth);
+    tile_y = static_cast<float>(tile / grid.columns * grid.tile.height);
+  }
+};
+
+/// Transmittance of a pixel in front of each segment of its list, by which the segment's bucket parts must be
+/// multiplied (kernel segmented); 1 for lists that are not cut.
+class TransmittanceBefore {
+ public:
+  __device__ __forceinline__ TransmittanceBefore(const BucketParts& parts, std::int32_t tile, int tile_pixels,
+                                                 std::int32_t pixel_index)
+      : tile_pixels_(tile_pixels) {
+    const std::int32_t first = parts.first_segment_of_tile != nullptr ? parts.first_segment_of_tile[tile] : -1;
+    if (first >= 0) fronts_ = parts.segment_fronts + std::int64_t{first} * tile_pixels + pixel_index;
+  }
+  __device__ __forceinline__ float of_bucket(std::int32_t bucket) const {
+    constexpr int kBuckets = kSegmentEntries / kBucketEntries;
+    return fronts_ != nullptr ? __ldg(&fronts_[std::int64_t{bucket / kBuckets} * tile_pixels_].value) : 1.0f;
+  }
+
+ private:
+  const int tile_pixels_;
+  const SegmentFront* fronts_ = nullptr;  // null if the list is not cut
+};
+
+/// From a pixel's state behind its list to that behind the bucket, which its last splat is behind.
+template <int kTilePixels, bool kWithDepth>
+__device__ __forceinline__ void add_behind(const BlendBackwardCudaArgs& args, const BucketRange& range,
+                                           std::int32_t pixel_index, std::int32_t last, const PixelGrad& g,
+                                           ReverseState<float>& state) {
+  const TransmittanceBefore before(args.parts, range.tile, kTilePixels, pixel_index);
+  const std::int32_t own = range.begin / kBucketEntries;
+  const std::int64_t first = args.buckets.offsets[range.tile] * kTilePixels + pixel_index;
+  for (std::int32_t bucket = last / kBucketEntries; bucket > own; --bucket) {
+    const std::int64_t index = first + std::int64_t{bucket} * kTilePixels;
+    const float4 part = __ldg(args.parts.color + index);
+    float sum = g.color.x * part.y + g.color.y * part.z + g.color.z * part.w;
+    if constexpr (kWithDepth) sum += g.depth * __ldg(args.parts.depth + index);
+    state.behind += before.of_bucket(bucket) * sum;
+  }
+  state.transmittance = before.of_bucket(own) * __ldg(&args.parts.color[first + std::int64_t{own} * kTilePixels].x);
+}
+
+/// One warp: a patch, and the bucket's entries that reach it.
+template <int kTilePixels, bool kWithDepth>
+class PatchBlend {
+ public:
+  static constexpr int kLanePixels = kTilePixels / kThreads;
+  using Shape = PatchShape<kLanePixels>;
+  using Memory = PatchMemory<kLanePixels, kWithDepth>;
+
+  __device__ __forceinline__ PatchBlend(const BlendBackwardCudaArgs& args, const BucketRange& range, Memory& memory,
+                                        int patch)
+      : blend_(args.blend), range_(range), memory_(memory) {
+    const int x = patch % 2 * Shape::kWidth + lane_ % kRowPixels, y = patch / 2 * Shape::kHeight + lane_ / kRowPixels;
+    const TilePixel at = tile_pixel(blend_.grid, range.tile, y * kCudaTileWidth + x);
+    center_x_ = at.center_x(), center_y_ = at.center_y();
+#pragma unroll
+    for (int k = 0; k < kLanePixels; ++k) {
+      const std::int32_t row = at.y + kRowsAtOnce * k;
+      const bool inside = at.x < blend_.grid.image_width && row < blend_.grid.image_height;
+      const std::int64_t pixel = static_cast<std::int64_t>(row) * blend_.grid.image_width + at.x;
+      last_[k] = -1;
+      if (inside) {
+        last_[k] = blend_.last_ids[pixel];
+        grad_[k] = load_pixel_grad(blend_, pixel);
+        state_[k] = {blend_.transmittance[pixel], loss_behind_list(blend_, pixel, grad_[k])};
+      }
+      if (last_[k] < range.begin) grad_[k] = {};
+      if (last_[k] >= range.end) {
+        add_behind<kTilePixels, kWithDepth>(args, range, at.index + kRowsAtOnce * kCudaTileWidth * k, last_[k],
+                                            grad_[k], state_[k]);
+      }
+#pragma unroll
+      for (int i = 0; i < kRowPixels; ++i) {
+        const int lane = lane_ % kRowsAtOnce * kRowPixels + i;
+        row_grad_[k][i] = {
+            {__shfl_sync(kFullWarp, grad_[k].color.x, lane), __shfl_sync(kFullWarp, grad_[k].color.y, lane),
+             __shfl_sync(kFullWarp, grad_[k].color.z, lane)},
+            kWithDepth ? __shfl_sync(kFullWarp, grad_[k].depth, lane) : 0.0f};
+      }
+    }
+  }
+
+  /// All of the bucket's entries, from the last to the first.
+  __device__ __forceinline__ void run() {
+    std::int32_t last = last_[0];
+#pragma unroll
+    for (int k = 1; k < kLanePixels; ++k) last = max(last, last_[k]);
+    last = warp_max(last);
+    if (lane_ < kBucketEntries / kWarpSize) memory_.queued[lane_] = 0;
+    __syncwarp();
+    const std::int32_t* const ids = blend_.bins.splat_ids + range_.first;
+    std::int32_t position = min(range_.end - 1, last) - lane_;
+    std::int32_t next_id = position >= range_.begin ? __ldg(ids + position) : -1;
+    for (; position + lane_ >= range_.begin; position -= kWarpSize) {
+      const std::int32_t id = next_id;
+      next_id = position - kWarpSize >= range_.begin ? __ldg(ids + position - kWarpSize) : -1;
+      gather(position, id);
+      for (; n_queued_ >= kGroup; n_queued_ -= kGroup) blend_group(kGroup);
+    }
+    if (n_queued_ > 0) {
+      // Fill up the group with entries that contribute nothing.
+      if (lane_ >= n_queued_ && lane_ < kGroup) {
+        memory_.mean_conic[head_ + lane_] = make_float4(0, 0, 0, 0);
+        memory_.rest[head_ + lane_] = make_float4(0, 2 * kLog2AlphaMin, 0, 0);
+        memory_.blue[head_ + lane_] = 0;
+      }
+      __syncwarp();
+      blend_group(n_queued_);
+    }
+  }
+
+  /// The middle of a patch, px.
+  __device__ static __forceinline__ float2 center(const BucketRange& range, int patch) {
+    return make_float2(range.tile_x + (static_cast<float>(patch % 2) + 0.5f) * Shape::kWidth,
+                       range.tile_y + (static_cast<float>(patch / 2) + 0.5f) * Shape::kHeight);
+  }
+
+ private:
+  /// Appends the entries that reach the patch to the queue. Each lane tests the entry at `position` in the list, in the
+  /// order of the queue; `id` is its splat, -1 in front of the bucket.
+  __device__ __forceinline__ void gather(std::int32_t position, std::int32_t id) {
+    float4 mean{};
+    bool reaches = false;
+    if (id >= 0) {
+      mean = load_mean(blend_.splats, id).v;
+      const float2 extent = __ldg(reinterpret_cast<const float2*>(blend_.extents) + id);
+      const float left = center_x_ - static_cast<float>(lane_ % kRowPixels);
+      const float top = center_y_ - static_cast<float>(lane_ / kRowPixels);
+      reaches = mean.x + extent.x >= left && mean.x - extent.x <= left + (Shape::kWidth - 1) &&
+                mean.y + extent.y >= top && mean.y - extent.y <= top + (Shape::kHeight - 1);
+    }
+    const unsigned reaching = __ballot_sync(kFullWarp, reaches);
+    const unsigned before = reaching & ((1u << lane_) - 1);
+    if (reaches) {
+      const float4 conic = load_conic(blend_.splats, id).v, color = load_color(blend_.splats, id).v;
+      const int at = wrapped(head_ + n_queued_ + __popc(before));
+      memory_.mean_conic[at] = make_float4(mean.x, mean.y, conic.x, conic.z);
+      memory_.rest[at] = make_float4(conic.y, mean.z, color.x, color.y);
+      memory_.blue[at] = color.z;
+      if constexpr (kWithDepth) memory_.depth[at] = mean.w;
+      memory_.entry[at] = position - range_.begin;
+    }
+#pragma unroll
+    for (int k = 0; k < kLanePixels; ++k) {
+      // Lane l's entry is at first - l: the first lanes' are behind the pixel's last splat.
+      const int n_behind = position + lane_ - last_[k];
+      skip_[k] += __popc(n_behind >= kWarpSize ? reaching : n_behind > 0 ? reaching & ((1u << n_behind) - 1) : 0u);
+    }
+    n_queued_ += __popc(reaching);
+    __syncwarp();  // the queue is visible to all lanes
+  }
+
+  struct QueuedSplat {
+    float4 mean_conic, rest;
+    float blue, depth;
+  };
+  __device__ __forceinline__ QueuedSplat load(int at) const {
+    return {memory_.mean_conic[at], memory_.rest[at], memory_.blue[at], kWithDepth ? memory_.depth[at] : 0.0f};
+  }
+
+  /// Blends the first kGroup entries of the queue, of which the first `count` are real, and stores their sums.
+  __device__ __forceinline__ void blend_group(int count) {
+    QueuedSplat next = load(head_);
+#pragma unroll
+    for (int slot = 0; slot < kGroup; ++slot) {
+      // Each splat is loaded before the one in front of it stores its values, which the load could not pass.
+      const float4 mean_conic = next.mean_conic, rest = next.rest;
+      const float blue = next.blue, depth = next.depth;
+      next = load(head_ + (slot + 1) % kGroup);
+      const SplatShape<float> shape{mean_conic.x, mean_conic.y, rest.y, mean_conic.z, rest.x, mean_conic.w};
+#pragma unroll
+      for (int k = 0; k < kLanePixels; ++k) {
+        const Footprint<float> footprint =
+            evaluate_footprint(shape, center_x_, center_y_ + static_cast<float>(kRowsAtOnce * k));
+        float value = grad_[k].color.x * rest.z + grad_[k].color.y * rest.w + grad_[k].color.z * blue;
+        if constexpr (kWithDepth) value += grad_[k].depth * depth;
+        const BlendGrad<float> grad = blend_over_reverse(state_[k], footprint.contributes && slot >= skip_[k],
+                                                         evaluate_alpha(footprint.power), value);
+        memory_.weight[slot * Shape::kStride + kWarpSize * k + lane_] = grad.weight;
+        memory_.log_alpha[slot * Shape::kStride + kWarpSize * k + lane_] = grad.log_alpha;
+      }
+    }
+    __syncwarp();  // the pixel values are visible to all lanes
+    const bool is_real = lane_ / kRowsAtOnce < count;
+    store_sums(memory_.entry[head_ + (is_real ? lane_ / kRowsAtOnce : 0)], is_real);
+    head_ = wrapped(head_ + kGroup);
+#pragma unroll
+    for (int k = 0; k < kLanePixels; ++k) skip_[k] = max(skip_[k] - kGroup, 0);
+    __syncwarp();  // all lanes have read what the next group overwrites
+  }
+
+  /// Sums the group's rows: lane l has row l % 4 (and l % 4 + 4) of the group's entry l / 4, which is `entry` of the
+  /// bucket.
+  __device__ __forceinline__ void store_sums(std::int32_t entry, bool is_real) {
+    const int slot = lane_ / kRowsAtOnce, row = lane_ % kRowsAtOnce;
+    float sum[10] = {};
+#pragma unroll
+    for (int k = 0; k < kLanePixels; ++k) {
+      const int at = slot * Shape::kStride + kWarpSize * k + row * kRowPixels;
+      float w[kRowPixels], q[kRowPixels];
+#pragma unroll
+      for (int i = 0; i < kRowPixels; i += 4) {
+        *reinterpret_cast<float4*>(w + i) = *reinterpret_cast<const float4*>(memory_.weight + at + i);
+        *reinterpret_cast<float4*>(q + i) = *reinterpret_cast<const float4*>(memory_.log_alpha + at + i);
+      }
+      float row_q = 0, row_qu = 0;
+#pragma unroll
+      for (int i = 0; i < kRowPixels; ++i) {
+        const float u = static_cast<float>(i) - 0.5f * (Shape::kWidth - 1);
+        row_q += q[i];
+        row_qu += q[i] * u;
+        sum[kQuu] += q[i] * (u * u);
+        sum[kRed] += w[i] * row_grad_[k][i].color.x;
+        sum[kGreen] += w[i] * row_grad_[k][i].color.y;
+        sum[kBlue] += w[i] * row_grad_[k][i].color.z;
+        if constexpr (kWithDepth) sum[kDepth] += w[i] * row_grad_[k][i].depth;
+      }
+      const float v = static_cast<float>(row + kRowsAtOnce * k) - 0.5f * (Shape::kHeight - 1);
+      sum[kQ] += row_q;
+      sum[kQu] += row_qu;
+      sum[kQv] += row_q * v;
+      sum[kQuv] += row_qu * v;
+      sum[kQvv] += row_q * (v * v);
+    }
+    // Over the four lanes of an entry. Lanes exchange halves of the sums, so that each ends with two of the first
+    // eight.
+    const bool upper = (lane_ & 2) != 0, odd = (lane_ & 1) != 0;
+    const auto exchange = [](float low, float high, bool keep_high, int distance) {
+      return (keep_high ? high : low) + __shfl_xor_sync(kFullWarp, keep_high ? low : high, distance);
+    };
+    float half[4];
+#pragma unroll
+    for (int i = 0; i < 4; ++i) half[i] = exchange(sum[i], sum[i + 4], upper, 2);
+    const float first = exchange(half[0], half[2], odd, 1), second = exchange(half[1], half[3], odd, 1);
+#pragma unroll
+    for (int i = kQuv; i < (kWithDepth ? 10 : 9); ++i) {
+      sum[i] += __shfl_xor_sync(kFullWarp, sum[i], 2);
+      sum[i] += __shfl_xor_sync(kFullWarp, sum[i], 1);
+    }
+    if (!is_real) return;
+    float* const out = memory_.sums + entry * Memory::kSums;
+    const int own = (upper ? 4 : 0) + (odd ? 2 : 0);
+    out[own] = first;
+    out[own + 1] = second;
+    if (row == 0) {
+      out[kQuv] = sum[kQuv];
+      if constexpr (kWithDepth) out[kDepth] = sum[kDepth];
+      atomicOr(&memory_.queued[entry / kWarpSize], 1u << (entry % kWarpSize));
+    }
+  }
+
+  __device__ static __forceinline__ int wrapped(int index) {
+    return index < kQueue ? index : index - kQueue;
+  }
+
+  const BlendBackwardArgs& blend_;
+  const BucketRange& range_;
+  Memory& memory_;
+  const int lane_ = lane_id();
+  // This lane's pixels:
+  float center_x_, center_y_;  // of the first
+  std::int32_t last_[kLanePixels];
+  PixelGrad grad_[kLanePixels]{};
+  ReverseState<float> state_[kLanePixels]{};
+  int skip_[kLanePixels]{};  // queued entries that are behind its last splat
+  // The rows that this lane sums:
+  PixelGrad row_grad_[kLanePixels][kRowPixels];
+  // The queue:
+  int head_ = 0, n_queued_ = 0;
+};
+
+/// The conic K = L D L^T with L = (1 0; l 1) and D = diag(d1, d2), so that p = K delta is
+///   (d1 a, l d1 a + d2 b)  with  a = delta_1 + l delta_2  and  b = delta_2.
+/// Axis 1 is x or y, whichever has the larger diagonal element. Across a needle p is a thousand times what it is along
+/// the needle, and the gradient with respect to its length depends on the latter: the factors keep the two apart, where
+/// sums of q p p^T from moments about the patch's centre would cancel it.
+struct FactoredConic {
+  bool y_first;
+  float d1, d2, l, l_low;  // l_low: what l lacks to xy / d1
+  __device__ explicit FactoredConic(const float4& conic) : y_first(conic.z > conic.x), d1(y_first ? conic.z : conic.x) {
+    const float inverse = 1.0f / d1;
+    l = conic.y * inverse;
+    l_low = fmaf(-l, d1, conic.y) * inverse;
+    d2 = fmaf(-l, conic.y, y_first ? conic.x : conic.z) - l_low * conic.y;
+  }
+};
+
+/// Sums over an entry's pixels in the coordinates of FactoredConic.
+struct FactoredSums {
+  float q = 0, qa = 0, qb = 0, qaa = 0, qab = 0, qbb = 0, red = 0, green = 0, blue = 0, depth = 0;
+};
+
+/// x - y = high + low, exactly (Knuth).
+struct Difference {
+  float high, low;
+  __device__ Difference(float x, float y) : high(x - y) {
+    const float other = high - x;
+    low = (x - (high - other)) - (y + other);
+  }
+};
+
+/// Adds a patch's sums, which are about its centre.
+__device__ __forceinline__ void add_patch(FactoredSums& total, const float* sums, float2 center, const float4& mean,
+                                          const FactoredConic& conic) {
+  const Difference x(center.x, mean.x), y(center.y, mean.y);
+  const float first = conic.y_first ? y.high : x.high, first_low = conic.y_first ? y.low : x.low;
+  const float second = conic.y_first ? x.high : y.high, second_low = conic.y_first ? x.low : y.low;
+  const float q = sums[kQ], q1 = sums[conic.y_first ? kQv : kQu], q2 = sums[conic.y_first ? kQu : kQv];
+  const float q11 = sums[conic.y_first ? kQvv : kQuu], q22 = sums[conic.y_first ? kQuu : kQvv], q12 = sums[kQuv];
+  // a and b at the centre; moments of q in a and b about it.
+  const float a = fmaf(conic.l, second, first) + (first_low + (conic.l * second_low + conic.l_low * second)),
+              b = second;
+  const float qa = q1 + conic.l * q2, qab = q12 + conic.l * q22;
+  total.q += q;
+  total.qa += a * q + qa;
+  total.qb += b * q + q2;
+  total.qaa += a * (a * q + 2 * qa) + (q11 + conic.l * (q12 + qab));
+  total.qab += a * (b * q + q2) + (b * qa + qab);
+  total.qbb += b * (b * q + 2 * q2) + q22;
+  total.red += sums[kRed];
+  total.green += sums[kGreen];
+  total.blue += sums[kBlue];
+}
+
+__device__ __forceinline__ SplatGrad splat_grad(const FactoredSums& sums, const FactoredConic& conic) {
+  const float first = conic.d1 * sums.qa, second = conic.l * first + conic.d2 * sums.qb;
+  const float aa = conic.d1 * conic.d1 * sums.qaa, ab = conic.d1 * conic.d2 * sums.qab;
+  const float cross = conic.l * aa + ab;
+  const float second_second = conic.l * (cross + ab) + conic.d2 * conic.d2 * sums.qbb;
+  return {sums.q,
+          conic.y_first ? second : first,
+          conic.y_first ? first : second,
+          conic.y_first ? second_second : aa,
+          cross,
+          conic.y_first ? aa : second_second,
+          sums.red,
+          sums.green,
+          sums.blue,
+          sums.depth};
+}
+
+/// Adds the sums of the entry that this thread has to memory.
+template <int kTilePixels, bool kWithDepth, class Memory>
+__device__ __forceinline__ void add_entry(const BlendBackwardCudaArgs& args, const BucketRange& range,
+                                          const Memory* memory) {
+  const auto entry = static_cast<std::int32_t>(threadIdx.x);
+  const std::int64_t pair = range.first + range.begin + entry;
+  if (range.begin + entry >= range.end) return;
+  const std::int32_t id = args.blend.bins.splat_ids[pair];
+  const float4 mean = load_mean(args.blend.splats, id).v, conic = load_conic(args.blend.splats, id).v;
+  const FactoredConic factors(conic);
+  FactoredSums total;
+#pragma unroll
+  for (int patch = 0; patch < kWarps; ++patch) {
+    if ((memory[patch].queued[entry / kWarpSize] >> (entry % kWarpSize) & 1) == 0) continue;
+    const float* const sums = memory[patch].sums + entry * Memory::kSums;
+    add_patch(total, sums, PatchBlend<kTilePixels, kWithDepth>::center(range, patch), mean, factors);
+    if constexpr (kWithDepth) total.depth += sums[kDepth];
+  }
+  const SplatGrad grad = splat_grad(total, factors);
+  if (grad.log_alpha == 0 && grad.red == 0 && grad.green == 0 && grad.blue == 0 && grad.depth == 0) return;
+  if (args.pair_grads != nullptr) {
+    args.pair_grads[args.blend.bins.pair_slots[pair]] = {grad, {0, 0}};
+  } else {
+    atomic_add<kWithDepth>(args.splat_grads + id, grad);
+  }
+}
+
+/// As many blocks are resident on a multiprocessor as their shared memory allows (H100: 228 KB).
+template <int kTilePixels>
+constexpr int kResidentBlocks = kTilePixels == 128 ? 6 : 4;
+
+template <int kTilePixels, bool kWithDepth>
+__global__ void __launch_bounds__(kThreads, kResidentBlocks<kTilePixels>)
+    backward_per_bucket_kernel(const BlendBackwardCudaArgs args) {
+  using Patch = PatchBlend<kTilePixels, kWithDepth>;
+  __shared__ typename Patch::Memory memory[kWarps];
+  const auto bucket = static_cast<std::int64_t>(blockIdx.x);
+  if (bucket >= static_cast<std::int64_t>(*args.buckets.n)) return;
+  const BucketRange range(args, bucket);
+  const int patch = static_cast<int>(threadIdx.x) / kWarpSize;
+  Patch(args, range, memory[patch], patch).run();
+  __syncthreads();  // the sums of all patches
+  add_entry<kTilePixels, kWithDepth>(args, range, memory);
+}
+
+}  // namespace
+
+void launch_backward_per_bucket(const BlendBackwardCudaArgs& args, const LaunchContext& context) {
+  if (args.buckets.n_max == 0) return;
+  const auto blocks = static_cast<unsigned>(args.buckets.n_max);
+  with_tile_pixels(args.blend.grid.tile, [&](auto pixels) {
+    if (args.blend.grad.depth != nullptr) {
+      backward_per_bucket_kernel<pixels.value, true><<<blocks, kThreads, 0, context.stream>>>(args);
+    } else {
+      backward_per_bucket_kernel<pixels.value, false><<<blocks, kThreads, 0, context.stream>>>(args);
+    }
+  });
+  B3DGS_CUDA_CHECK_LAUNCH();
+}
+
+KernelResources backward_per_bucket_resources(const TileShape& tile) {
+  return tile_kernel_resources(
+      tile, [](auto pixels) { return backward_per_bucket_kernel<pixels.value, false>; }, kThreads);
+}
+
+}  // namespace b3dgs::cuda
