@@ -58,7 +58,7 @@ struct ProjectCudaArgs {
   Culling culling = Culling::kEllipse;
   TileGrid grid{};
   ProjectOutputs out{};
-  ColorPass* color_pass = nullptr;  // null: project() computes the colours
+  bool with_colors = true;  // false: a ColorPass follows
   bool antialiasing = false;
 };
 void project(const ProjectCudaArgs& args, const LaunchContext& context);

@@ -64,7 +64,7 @@ __global__ void reset_counts_kernel(ViewCounts* counts, std::int64_t n_gaussians
 template <bool kAntialiasing>
 void launch(const ProjectCudaArgs& args, const LaunchContext& context) {
   const auto blocks = static_cast<unsigned>((args.gaussians.n_gaussians + kThreads - 1) / kThreads);
-  if (args.color_pass == nullptr) {
+  if (args.with_colors) {
     with_sh_degree(args.sh_degree, [&](auto degree) {
       project_kernel<degree.value, kAntialiasing><<<blocks, kThreads, 0, context.stream>>>(args);
     });
@@ -89,9 +89,6 @@ void project(const ProjectCudaArgs& args, const LaunchContext& context) {
     launch<true>(args, context);
   } else {
     launch<false>(args, context);
-  }
-  if (args.color_pass != nullptr) {
-    args.color_pass->color({args.gaussians, args.view.center, args.sh_degree, args.out}, context);
   }
 }
 

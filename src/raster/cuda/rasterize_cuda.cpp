@@ -40,6 +40,25 @@ void check_kernels(const RenderSettings& settings) {
       "deterministic gradients need the per-bucket backward kernel");
 }
 
+/// Counts of a view, on their way to the host.
+class CountsReader {
+ public:
+  void copy(const ViewCounts* counts, const LaunchContext& context) {
+    B3DGS_CUDA_CHECK(cudaMemcpyAsync(host_.get(), counts, sizeof(ViewCounts), cudaMemcpyDeviceToHost, context.stream));
+    copied_.record(context.stream);
+  }
+  /// @throws InvalidGaussianError if the view has found one
+  ViewCounts wait(std::int64_t n_gaussians) {
+    copied_.wait();
+    check_valid(*host_.get(), n_gaussians);
+    return *host_.get();
+  }
+
+ private:
+  PinnedValue<ViewCounts> host_;
+  StreamMark copied_;
+};
+
 class Rasterizer final : public RasterizerBackend {
  public:
   explicit Rasterizer(std::function<LaunchContext()> context) : context_(std::move(context)) {}
@@ -51,12 +70,17 @@ class Rasterizer final : public RasterizerBackend {
     const LaunchContext context = context_();
     const std::int64_t n = gaussians.n_gaussians;
     const ProjectOutputs projected = project_gaussians(gaussians, view, settings, context);
-    const ViewCounts counts = count(projected, n, context);
+    // The host continues while the device computes the colours; whether they are valid, it learns at the end.
+    counts_reader_.copy(projected.counts, context);
+    color_splats(gaussians, view, settings, projected, context);
+    if (settings.color_pass != nullptr) colored_reader_.copy(projected.counts, context);
+    const ViewCounts counts = wait_for_counts(projected, n, context);
     if (has_too_many_pairs(counts.n_pairs)) {
       throw NumericError(
           too_many_pairs(counts.n_pairs, widest_gaussian(projected.n_tiles, n, context), state_.grid.n_tiles()));
     }
     draw(projected, n, counts, settings, out, context);
+    if (settings.color_pass != nullptr) colored_reader_.wait(n);
     state_.n_gaussians = n;
   }
 
@@ -90,7 +114,9 @@ class Rasterizer final : public RasterizerBackend {
     check_render_args(gaussians, view, settings);
     const LaunchContext context = context_();
     const ProjectOutputs projected = project_gaussians(gaussians, view, settings, context);
-    const ViewCounts counts = count(projected, gaussians.n_gaussians, context);
+    color_splats(gaussians, view, settings, projected, context);
+    counts_reader_.copy(projected.counts, context);
+    const ViewCounts counts = wait_for_counts(projected, gaussians.n_gaussians, context);
     copy_seen({projected, bin_buffers_.seen.data(), counts.n_splats, allocate(counts.n_splats)}, context);
     end_stage(state_.stages);
   }
@@ -100,6 +126,7 @@ class Rasterizer final : public RasterizerBackend {
     check_render_args(gaussians, view, settings);
     const LaunchContext context = context_();
     const ProjectOutputs projected = project_gaussians(gaussians, view, settings, context);
+    color_splats(gaussians, view, settings, projected, context);
     while (queued_counts_.size() <= index) queued_counts_.push_back(std::make_unique<PinnedValue<ViewCounts>>());
     B3DGS_CUDA_CHECK(cudaMemcpyAsync(queued_counts_[index]->get(), projected.counts, sizeof(ViewCounts),
                                      cudaMemcpyDeviceToHost, context.stream));
@@ -131,7 +158,8 @@ class Rasterizer final : public RasterizerBackend {
     const LaunchContext context = context_();
     const ProjectOutputs projected = begin(n, view, settings, context);
     load_rows({rows, state_.grid, settings.culling, projected}, context);
-    const ViewCounts counts = count(projected, n, context);
+    counts_reader_.copy(projected.counts, context);
+    const ViewCounts counts = wait_for_counts(projected, n, context);
     if (has_too_many_pairs(counts.n_pairs)) {
       throw NumericError(too_many_pairs(counts.n_pairs, widest_gaussian(projected.n_tiles, n, context),
                                         state_.grid.n_tiles(), "the Gaussian of splat"));
@@ -213,26 +241,27 @@ class Rasterizer final : public RasterizerBackend {
             n_tiles_.resize(n, context), depth_bits_.resize(n, context), counts_.resize(1, context)};
   }
 
+  /// Without the colours if a ColorPass computes them: color_splats() must follow.
   ProjectOutputs project_gaussians(const GaussianArrays& gaussians, const PinholeView& view,
                                    const RenderSettings& settings, const LaunchContext& context) {
     const ProjectOutputs projected = begin(gaussians.n_gaussians, view, settings, context);
     cuda::project({gaussians, view, settings.sh_degree, settings.near_plane, settings.culling, state_.grid, projected,
-                   settings.color_pass, settings.antialiasing},
+                   settings.color_pass == nullptr, settings.antialiasing},
                   context);
     return projected;
   }
 
-  /// Begins the binning of n rows, and waits for the counts.
-  ViewCounts count(const ProjectOutputs& projected, std::int64_t n, const LaunchContext& context) {
-    B3DGS_CUDA_CHECK(cudaMemcpyAsync(host_counts_.get(), projected.counts, sizeof(ViewCounts), cudaMemcpyDeviceToHost,
-                                     context.stream));
-    counts_copied_.record(context.stream);
+  void color_splats(const GaussianArrays& gaussians, const PinholeView& view, const RenderSettings& settings,
+                    const ProjectOutputs& projected, const LaunchContext& context) {
+    if (settings.color_pass == nullptr || gaussians.n_gaussians == 0) return;
+    settings.color_pass->color({gaussians, view.center, settings.sh_degree, projected}, context);
+  }
+
+  /// Begins the binning of n rows, and waits for the counts that counts_reader_ copies.
+  ViewCounts wait_for_counts(const ProjectOutputs& projected, std::int64_t n, const LaunchContext& context) {
     begin_stage(state_.stages, Stage::kBin);
-    list_seen(projected, n, bin_buffers_, context);  // the device works on this while the host waits for the counts
-    counts_copied_.wait();
-    const ViewCounts found = *host_counts_.get();
-    check_valid(found, n);
-    return found;
+    list_seen(projected, n, bin_buffers_, context);
+    return counts_reader_.wait(n);
   }
 
   /// From the splats to the images.
@@ -366,7 +395,7 @@ class Rasterizer final : public RasterizerBackend {
   DeviceBuffer<SplatGradSum> splat_grads_, pair_grads_;
   DeviceBuffer<double> camera_parts_, camera_gradients_;
   BinBuffers bin_buffers_;
-  PinnedValue<ViewCounts> host_counts_;
+  CountsReader counts_reader_, colored_reader_;
   std::vector<std::unique_ptr<PinnedValue<ViewCounts>>> queued_counts_;  // of the projections that were queued
   std::size_t n_queued_ = 0;
   std::int64_t n_queued_gaussians_ = 0;

@@ -468,6 +468,23 @@ TEST(TrainerOnGpu, ContinuesWithoutGaussiansThatCannotBeRendered) {
   EXPECT_TRUE(train(config, scene, temp / "model", later).ply == run.ply) << "resumed after that";
 }
 
+TEST(TrainerOnGpu, ContinuesWithoutAGaussianOfWhichOnlyTheColorIsNotANumber) {
+  B3DGS_NEEDS_GPU();
+  const Scene scene = test::make_tiny_scene();
+  const test::TempDir temp;
+  TrainConfig config = deterministic_config();
+  config.sh_increase_interval = 2;
+  config.iterations = 8;
+  const fs::path checkpoint = train(config, scene, temp / "model").result.checkpoint;
+  Checkpoint read = read_checkpoint(checkpoint, scene, torch::kCPU);
+  read.state.gaussians.shN[3].fill_(NAN);
+  write_checkpoint(checkpoint, read.config, read.state, scene);
+  config.iterations = 20;
+  const Trained run = train(config, scene, temp / "model", checkpoint);
+  EXPECT_EQ(run.result.n_removed, 1);
+  EXPECT_EQ(run.result.iteration, 20);
+}
+
 TEST(TrainerOnGpu, HoldsTheCountAndTrainsToTheEndWhereMemoryIsShort) {
   B3DGS_NEEDS_GPU();
   const Scene scene = test::make_tiny_scene();
