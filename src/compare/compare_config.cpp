@@ -73,6 +73,20 @@ bool is_list(const std::string& name) {
   return found;
 }
 
+/// Calls visit(option, group) for each option whose values differ.
+template <class Visit>
+void visit_differing(const TrainConfig& a, const TrainConfig& b, Visit&& visit) {
+  std::vector<const void*> others;
+  visit_fields(b, [&](const Option&, const auto& value, const auto&, const char*) { others.push_back(&value); });
+  auto other = others.begin();
+  std::string_view group;
+  visit_fields(a, [&](const Option& option, const auto& value, const auto&, const char*) {
+    if (*option.group_name != '\0') group = option.group_name;
+    // The fields of both are visited in one order, so this is the same one.
+    if (value != *static_cast<const std::decay_t<decltype(value)>*>(*other++)) visit(option, group);
+  });
+}
+
 using OptionValues = std::map<std::string, std::string>;
 
 /// @throws InputError unless --kernel accepts the name
@@ -240,27 +254,21 @@ bool measures_kernels(const TrainConfig& config) {
 }
 
 DifferingOptions differing_options(const TrainConfig& a, const TrainConfig& b) {
-  const nlohmann::ordered_json before = config_to_json(a), after = config_to_json(b);
   DifferingOptions options;
-  for (const auto& [name, value] : before.items()) {
-    if (after.at(name) == value) continue;
+  visit_differing(a, b, [&](const Option& option, std::string_view) {
+    const std::string name(option.name);
     const bool is_kernel = std::find(std::begin(kForwardKernelOptions), std::end(kForwardKernelOptions), name) !=
                            std::end(kForwardKernelOptions);
     (is_kernel ? options.forward_kernel : options.others).push_back(name);
-  }
+  });
   return options;
 }
 
 bool learns_differently(const TrainConfig& a, const TrainConfig& b) {
-  const nlohmann::ordered_json before = config_to_json(a), after = config_to_json(b);
-  std::string_view group;
   bool differs = false;
-  visit_fields(a, [&](const Option& option, const auto&, const auto&, const char*) {
-    if (*option.group_name != '\0') group = option.group_name;
-    const bool is_neutral = group == "Kernels" || group == "Device and memory" || option.steps == Steps::kOutput ||
-                            option.name == "preset";  // its values are compared
-    const std::string name(option.name);
-    differs = differs || (!is_neutral && before.at(name) != after.at(name));
+  visit_differing(a, b, [&](const Option& option, std::string_view group) {
+    differs |= group != "Kernels" && group != "Device and memory" && option.steps != Steps::kOutput &&
+               option.name != "preset";  // its values are compared
   });
   return differs;
 }
