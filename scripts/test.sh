@@ -1,5 +1,6 @@
 #!/usr/bin/env bash
 # Installs what is missing, builds, and runs all tests of this machine (CPU; tests that need a GPU say that they skip).
+# Ends with a list of the tests that were skipped, and why.
 # Usage: scripts/test.sh [PRESET [CMAKE_OPTION...]]    presets: cpu (default), cpu-asan, cuda-compile
 # Environment: PARTS  with cpu-asan: builds and runs only these test programs, such as "core scene"
 set -euo pipefail
@@ -9,12 +10,14 @@ preset=${1:-cpu}
 scripts/install_packages.sh --tests
 cmake --preset "$preset" -DB3DGS_TESTS=ON "${@:2}"
 build=(cmake --build --preset "$preset" --parallel "$(nproc)")
-test=(ctest --preset "$preset" --parallel 2)
+test=(ctest --preset "$preset" --parallel 3)  # each may use all cores, and many wait for other processes or for time limits
 if [[ -n ${PARTS:-} ]]; then
   read -ra parts <<<"$PARTS"
-  "${build[@]}" --target "${parts[@]/%/_tests}"
-  "${test[@]}" --no-tests=error -R "^($(IFS='|' && echo "${parts[*]}"))_tests"
-else
-  "${build[@]}"
-  "${test[@]}"
+  build+=(--target "${parts[@]/%/_tests}")
+  test+=(--no-tests=error -R "^($(IFS='|' && echo "${parts[*]}"))_tests")
 fi
+"${build[@]}"
+status=0
+"${test[@]}" || status=$?
+scripts/list_skipped.sh "build/$preset"
+exit "$status"
