@@ -1,4 +1,4 @@
-// Comparison of tensors. A failure reports the worst entry: its index and both values.
+// Comparison of tensors. A failure reports the worst entry, or the first that differs: its index and both values.
 #pragma once
 
 #include <gtest/gtest.h>
@@ -16,6 +16,21 @@ inline std::string place_in(const torch::Tensor& tensor, std::int64_t flat) {
     flat /= tensor.size(axis);
   }
   return "[" + place + "]";
+}
+
+/// Whether types, shapes and all entries are equal; NaN differs from everything.
+inline testing::AssertionResult same(const torch::Tensor& actual, const torch::Tensor& expected) {
+  if (!actual.defined() || !expected.defined()) return testing::AssertionFailure() << "an undefined tensor";
+  if (actual.scalar_type() != expected.scalar_type() || actual.sizes() != expected.sizes()) {
+    return testing::AssertionFailure() << actual.scalar_type() << " " << actual.sizes() << ", expected "
+                                       << expected.scalar_type() << " " << expected.sizes();
+  }
+  if (torch::equal(actual, expected)) return testing::AssertionSuccess();
+  const torch::Tensor differing = (actual != expected).flatten().nonzero();
+  const std::int64_t first = differing[0].item<std::int64_t>();
+  return testing::AssertionFailure() << differing.size(0) << " of " << actual.numel() << " entries differ; first at "
+                                     << place_in(expected, first) << ": " << actual.flatten()[first].item<double>()
+                                     << ", expected " << expected.flatten()[first].item<double>();
 }
 
 /// Whether |actual - expected| <= allowed for all entries. `allowed` is broadcast to their shape. NaN always fails.
