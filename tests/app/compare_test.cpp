@@ -12,6 +12,7 @@
 #include "support/files.h"
 #include "support/page_data.h"
 #include "support/run_program.h"
+#include "support/same.h"
 #include "support/temp_dir.h"
 
 namespace b3dgs {
@@ -98,7 +99,7 @@ TEST_F(Compare, StoppedAndResumedGivesTheSameCurves) {
     }
   }
   const fs::path ply = "shared-memory/seed_0/point_cloud/iteration_60/point_cloud.ply";
-  EXPECT_TRUE(read_bytes(output("whole") / ply) == read_bytes(output() / ply));
+  EXPECT_TRUE(test::same(read_bytes(output("whole") / ply), read_bytes(output() / ply)));
 
   const Outcome again = run_b3dgs({"compare", "--resume", "-m", output().string(), "--quiet"});
   EXPECT_EQ(again.exit_code, 0) << "everything is trained, only the report is written again; " << again.err;
@@ -250,7 +251,7 @@ TEST_F(Compare, RejectsTheFolderOfAModel) {
   const Outcome outcome = compare({"--iterations", "5", "--overwrite"}, "model");
   EXPECT_EQ(outcome.exit_code, 2);
   EXPECT_NE(outcome.err.find("holds a model of b3dgs train"), std::string::npos) << outcome.err;
-  EXPECT_TRUE(read_bytes(output("model") / "report.html") == report);
+  EXPECT_TRUE(test::same(read_bytes(output("model") / "report.html"), report));
 }
 
 TEST_F(Compare, DoesNotReplaceAComparisonWithoutOverwrite) {
@@ -368,13 +369,13 @@ TEST_F(Compare, ReportRewritesThePagesFromTheFolder) {
   fs::remove(output() / "report.html");
   const Outcome outcome = run_b3dgs({"report", output().string()});
   EXPECT_EQ(outcome.exit_code, 0) << outcome.err;
-  EXPECT_TRUE(page() == before);
+  EXPECT_TRUE(test::same(page(), before));
 
   const fs::path model = output() / "naive/seed_0";
   const std::string of_model = read_bytes(model / "report.html");
   fs::remove(model / "report.html");
   EXPECT_EQ(run_b3dgs({"report", model.string()}).exit_code, 0);
-  EXPECT_TRUE(read_bytes(model / "report.html") == of_model);
+  EXPECT_TRUE(test::same(read_bytes(model / "report.html"), of_model));
   EXPECT_EQ(run_b3dgs({"report", scene()}).exit_code, 2);
   EXPECT_EQ(run_b3dgs({"report", "/nonexistent"}).exit_code, 2);
 }

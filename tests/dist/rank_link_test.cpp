@@ -18,6 +18,7 @@
 #include "dist/control/rank_link.h"
 #include "dist/control/socket.h"
 #include "support/expect_error.h"
+#include "support/same.h"
 
 namespace b3dgs {
 namespace {
@@ -97,7 +98,7 @@ TEST(RankLink, ASignalCutsNoMessageShort) {
   ASSERT_TRUE(message);
   BodyReader body(message->body);
   EXPECT_EQ(body.bytes(), "key");
-  EXPECT_TRUE(body.bytes() == value);
+  EXPECT_TRUE(test::same(body.bytes(), value));
 }
 
 TEST(RankLink, NamesRankZeroIfItTakesNoMessages) {

@@ -209,14 +209,14 @@ TEST(DenseReference, CutsTheSquareAtTiles) {
   const DenseView view = dense_render(leaves, camera, settings);
   const DenseView whole = dense_render(leaves, camera, {});
   EXPECT_EQ(view.radii[0].item<int>(), 4);
-  EXPECT_TRUE(torch::equal(view.alpha.slice(0, 0, 6), whole.alpha.slice(0, 0, 6)));
+  EXPECT_TRUE(test::same(view.alpha.slice(0, 0, 6), whole.alpha.slice(0, 0, 6)));
   EXPECT_EQ(at(view.alpha.slice(0, 6, 9).sum(), {}), 0.0);
 
   // A little larger, and the tail within alpha >= 1/255 reaches a row that the square does not.
   settings.tile = {1, 1};
   const GaussianTensors tail = leaves_of({{{0, 0, 1}, {0.1, 0.1, 0.1}, {1, 0, 0, 0}, 0.98, 0.5}});
   const DenseView cut = dense_render(tail, axis_view(), settings);
-  EXPECT_TRUE(torch::equal(cut.alpha, dense_render(tail, axis_view(), {}).alpha));  // 4 px > 3.33 sigma = 3.8 px
+  EXPECT_TRUE(test::same(cut.alpha, dense_render(tail, axis_view(), {}).alpha));  // 4 px > 3.33 sigma = 3.8 px
 }
 
 TEST(DenseReference, ShBasisIsOrthonormal) {

@@ -19,18 +19,18 @@ TEST(Rasterizer, GivesWhatTheRasterizerBelowGives) {
   for (const TestScene& scene : {anisotropic_cloud(), degree_below_maximum(), no_higher_degrees(), empty_scene()}) {
     const RenderedView view = rasterizer.forward(scene.gaussians, scene.view, settings_of(scene));
     CpuView expected(scene, settings_of(scene));
-    EXPECT_TRUE(torch::equal(view.color, expected.color));
-    EXPECT_TRUE(torch::equal(view.depth, expected.depth));
-    EXPECT_TRUE(torch::equal(view.alpha, expected.alpha));
+    EXPECT_TRUE(test::same(view.color, expected.color));
+    EXPECT_TRUE(test::same(view.depth, expected.depth));
+    EXPECT_TRUE(test::same(view.alpha, expected.alpha));
 
     GaussianTensors grads;
     const ViewStatistics statistics = rasterizer.backward(scene.gaussians, grad_for(scene), grads);
     const DenseGradients expected_grads = expected.backward(grad_for(scene));
     for (std::size_t i = 0; i < GaussianTensors::kNames.size(); ++i) {
-      EXPECT_TRUE(torch::equal(*grads.all()[i], *expected_grads.parameters.all()[i])) << GaussianTensors::kNames[i];
+      EXPECT_TRUE(test::same(*grads.all()[i], *expected_grads.parameters.all()[i])) << GaussianTensors::kNames[i];
     }
-    EXPECT_TRUE(torch::equal(statistics.means2d_grad, expected_grads.means2d));
-    EXPECT_TRUE(torch::equal(statistics.radii.to(torch::kInt64), expected.radii()));
+    EXPECT_TRUE(test::same(statistics.means2d_grad, expected_grads.means2d));
+    EXPECT_TRUE(test::same(statistics.radii.to(torch::kInt64), expected.radii()));
     EXPECT_EQ(statistics.radii.scalar_type(), torch::kInt32);
   }
 }
@@ -45,7 +45,7 @@ TEST(Rasterizer, KeepsItsImagesForViewsOfSeveralSizes) {
     const RenderedView rendered = rasterizer.forward(scene.gaussians, view, settings_of(scene));
     EXPECT_EQ(rendered.color.sizes(), (std::vector<std::int64_t>{height, width, 3}));
     EXPECT_TRUE(
-        torch::equal(rendered.color, Rasterizer(torch::kCPU).forward(scene.gaussians, view, settings_of(scene)).color));
+        test::same(rendered.color, Rasterizer(torch::kCPU).forward(scene.gaussians, view, settings_of(scene)).color));
     return std::array<const void*, 3>{rendered.color.data_ptr(), rendered.depth.data_ptr(), rendered.alpha.data_ptr()};
   };
   const auto places = render(60, 40);
@@ -71,7 +71,7 @@ TEST(Rasterizer, WritesGradientsIntoTheTensorsItIsGivenIfTheyFit) {
   grads.quats = torch::zeros({3, 4});
   rasterizer.backward(scene.gaussians, grad_for(scene), grads);
   EXPECT_EQ(grads.means.data_ptr<float>(), memory);
-  EXPECT_TRUE(torch::equal(grads.means, first)) << "overwritten, not added to";
+  EXPECT_TRUE(test::same(grads.means, first)) << "overwritten, not added to";
   EXPECT_EQ(grads.quats.size(0), scene.gaussians.size());
 }
 
@@ -86,7 +86,7 @@ TEST(Rasterizer, NeverWritesGradientsInTheWrongOrder) {
   strided.means = torch::zeros({3, scene.gaussians.size()}).t();  // the right shape, columns first in memory
   try {
     rasterizer.backward(scene.gaussians, grad_for(scene), strided);
-    EXPECT_TRUE(torch::equal(strided.means, expected.means));
+    EXPECT_TRUE(test::same(strided.means, expected.means));
   } catch (const LogicError&) {
   }
 }
@@ -137,13 +137,13 @@ TEST(Rasterizer, ReblendIsTheForwardOfThatKernelAndLeavesTheRestToBackward) {
     settings.kernel = kernel.kernel;
     const RenderedView wanted = direct.forward(scene.gaussians, scene.view, settings);
     const RenderedView found = again.reblend(kernel.kernel);
-    EXPECT_TRUE(torch::equal(found.color, wanted.color));
-    EXPECT_TRUE(torch::equal(found.depth, wanted.depth));
-    EXPECT_TRUE(torch::equal(found.alpha, wanted.alpha));
+    EXPECT_TRUE(test::same(found.color, wanted.color));
+    EXPECT_TRUE(test::same(found.depth, wanted.depth));
+    EXPECT_TRUE(test::same(found.alpha, wanted.alpha));
     GaussianTensors wanted_grads, found_grads;
     direct.backward(scene.gaussians, grad_for(scene), wanted_grads);
     again.backward(scene.gaussians, grad_for(scene), found_grads);
-    for (std::size_t i = 0; i < 6; ++i) EXPECT_TRUE(torch::equal(*found_grads.all()[i], *wanted_grads.all()[i]));
+    for (std::size_t i = 0; i < 6; ++i) EXPECT_TRUE(test::same(*found_grads.all()[i], *wanted_grads.all()[i]));
   }
 }
 

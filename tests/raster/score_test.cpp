@@ -2,6 +2,7 @@
 #include <gtest/gtest.h>
 
 #include "core/check.h"
+#include "support/approx.h"
 #include "support/expect_error.h"
 #include "support/raster/score_check.h"
 
@@ -64,10 +65,10 @@ TEST(Score, AddsToWhatIsThere) {
   view.score(error_of(scene), once);
   view.score(error_of(scene), twice);
   view.score(error_of(scene), twice);
-  EXPECT_TRUE(torch::equal(twice.error_sum, 2 * once.error_sum));
-  EXPECT_TRUE(torch::equal(twice.weight_sum, 2 * once.weight_sum));
-  EXPECT_TRUE(torch::equal(twice.max_weight, once.max_weight)) << "a maximum";
-  EXPECT_TRUE(torch::equal(twice.n_views, 2 * once.n_views));
+  EXPECT_TRUE(test::same(twice.error_sum, 2 * once.error_sum));
+  EXPECT_TRUE(test::same(twice.weight_sum, 2 * once.weight_sum));
+  EXPECT_TRUE(test::same(twice.max_weight, once.max_weight)) << "a maximum";
+  EXPECT_TRUE(test::same(twice.n_views, 2 * once.n_views));
 }
 
 TEST(Score, LimitsErrors) {
@@ -77,7 +78,7 @@ TEST(Score, LimitsErrors) {
     return scores_of(scene, settings, torch::full({scene.view.height, scene.view.width}, error));
   };
   const GaussianScores one = with(1);
-  EXPECT_TRUE(torch::equal(one.error_sum, one.weight_sum));
+  EXPECT_TRUE(test::same(one.error_sum, one.weight_sum));
   EXPECT_TRUE(is_equal(with(1e9f), one));
   EXPECT_TRUE(is_equal(with(-3), with(0)));
   EXPECT_TRUE(is_equal(with(NAN), with(0)));
@@ -91,7 +92,7 @@ TEST(Score, LeavesRoomForAnotherBackwardPass) {
   CpuView view(scene, settings_of(scene));
   const DenseGradients before = view.backward(grad);
   view.score(error_of(scene), make_scores(scene.gaussians.size()));
-  EXPECT_TRUE(torch::equal(view.backward(grad).parameters.means, before.parameters.means));
+  EXPECT_TRUE(test::same(view.backward(grad).parameters.means, before.parameters.means));
 }
 
 TEST(Score, OfTheTorchLayerIsTheRasterizersAndChecksItsTensors) {
@@ -108,7 +109,7 @@ TEST(Score, OfTheTorchLayerIsTheRasterizersAndChecksItsTensors) {
                                      [&] { rasterizer.score(error.t().contiguous(), make_scores(n)); }));
   const GaussianScores without{torch::zeros({n}), torch::zeros({n}), torch::zeros({n}), torch::Tensor()};
   rasterizer.score(error, without);
-  EXPECT_TRUE(torch::equal(without.error_sum, scores.error_sum)) << "the sum of weights is optional";
+  EXPECT_TRUE(test::same(without.error_sum, scores.error_sum)) << "the sum of weights is optional";
   EXPECT_TRUE(
       fails_with<LogicError>({"error_sum is", "expected [N]"}, [&] { rasterizer.score(error, make_scores(n + 1)); }));
 }

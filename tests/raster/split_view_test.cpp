@@ -4,6 +4,7 @@
 
 #include "raster/checks.h"
 #include "raster/torch/splat_owner.h"
+#include "support/approx.h"
 #include "support/expect_error.h"
 #include "support/raster/hostile_scenes.h"
 #include "support/raster/split_check.h"
@@ -150,7 +151,7 @@ TEST(SplitView, WithoutSplatsIsTheBackground) {
   const ViewSplats none{torch::empty({0, 12}), torch::empty({0, 2}), torch::empty({0}, torch::kInt32)};
   const RenderedView images = rasterizer.forward_splats(none, scene.view, settings_of(scene));
   const Vec3f back = scene.background;
-  EXPECT_TRUE(torch::equal(images.color, torch::tensor({back.x, back.y, back.z}).expand_as(images.color)));
+  EXPECT_TRUE(test::same(images.color, torch::tensor({back.x, back.y, back.z}).expand_as(images.color)));
   EXPECT_EQ(images.alpha.count_nonzero().item<int>(), 0);
   const torch::Tensor everywhere = torch::zeros({scene.view.height, scene.view.width}, torch::kBool);
   EXPECT_EQ(rasterizer.backward_splats(uneven_grad(scene.view, everywhere)).sizes(),
@@ -164,7 +165,7 @@ TEST(SplitView, IgnoresTheGaussiansOfSplats) {
   const ViewSplats splats = rasterizer.project(scene.gaussians, scene.view, settings_of(scene));
   const torch::Tensor color = rasterizer.forward_splats(splats, scene.view, settings_of(scene)).color.clone();
   bits_of(splats.splats).select(1, 7).fill_(-123456789);
-  EXPECT_TRUE(torch::equal(rasterizer.forward_splats(splats, scene.view, settings_of(scene)).color, color));
+  EXPECT_TRUE(test::same(rasterizer.forward_splats(splats, scene.view, settings_of(scene)).color, color));
   EXPECT_TRUE((gaussians_of(splats) == -123456789).all().item<bool>()) << "its argument is not changed";
 }
 
@@ -174,8 +175,8 @@ TEST(SplitView, CanBeReblendedAndItsLoadCounted) {
   Rasterizer whole(torch::kCPU), split(torch::kCPU);
   whole.forward(scene.gaussians, scene.view, settings);
   split.forward_splats(split.project(scene.gaussians, scene.view, settings), scene.view, settings);
-  EXPECT_TRUE(torch::equal(split.reblend(ForwardKernel::kNaive).color, whole.reblend(ForwardKernel::kNaive).color));
-  EXPECT_TRUE(torch::equal(split.count_load().processed, whole.count_load().processed));
+  EXPECT_TRUE(test::same(split.reblend(ForwardKernel::kNaive).color, whole.reblend(ForwardKernel::kNaive).color));
+  EXPECT_TRUE(test::same(split.count_load().processed, whole.count_load().processed));
   EXPECT_EQ(split.view_size().n_splats, whole.view_size().n_splats);
   EXPECT_EQ(split.view_size().n_pairs, whole.view_size().n_pairs);
 }

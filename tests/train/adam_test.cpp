@@ -62,7 +62,7 @@ TEST(Adam, FirstStepHasTheSizeOfTheRateForAnyGradient) {
   AdamState state = make_adam_state(gaussians);
   adam_step({0.01, 0, 0, 0, 0, 0}, grads, gaussians, state);
   EXPECT_TRUE(test::within(gaussians.means - before.means, torch::full({5, 3}, 0.01), 1e-6));
-  EXPECT_TRUE(torch::equal(gaussians.quats, before.quats)) << "rate 0";
+  EXPECT_TRUE(test::same(gaussians.quats, before.quats)) << "rate 0";
 }
 
 TEST(Adam, DoesNotChangeRowsThatNeverHadAGradient) {
@@ -71,7 +71,7 @@ TEST(Adam, DoesNotChangeRowsThatNeverHadAGradient) {
   grads.shN.zero_();
   AdamState state = make_adam_state(gaussians);
   adam_step({1, 1, 1, 1, 1, 1}, grads, gaussians, state);
-  EXPECT_TRUE(torch::equal(gaussians.shN, before));
+  EXPECT_TRUE(test::same(gaussians.shN, before));
 }
 
 TEST(Adam, IsTheSameForAnyNumberOfThreads) {
@@ -88,8 +88,8 @@ TEST(Adam, IsTheSameForAnyNumberOfThreads) {
     return gaussians.shN;
   };
   const torch::Tensor one = shN_after(1);
-  EXPECT_TRUE(torch::equal(shN_after(2), one));
-  EXPECT_TRUE(torch::equal(shN_after(5), one));
+  EXPECT_TRUE(test::same(shN_after(2), one));
+  EXPECT_TRUE(test::same(shN_after(5), one));
 }
 
 }  // namespace

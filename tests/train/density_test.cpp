@@ -89,8 +89,8 @@ TEST(DefaultStrategy, ClonesSmallOnesExactly) {
   EXPECT_EQ(sources(round), (Rows{0, 1, 2, 1}));
   EXPECT_EQ(round.edit.n_kept, 3);
   EXPECT_EQ(round.n_cloned, 1);
-  EXPECT_TRUE(torch::equal(round.edit.new_means, model.gaussians.means.slice(0, 1, 2)));
-  EXPECT_TRUE(torch::equal(round.edit.new_log_scales, model.gaussians.log_scales.slice(0, 1, 2)));
+  EXPECT_TRUE(test::same(round.edit.new_means, model.gaussians.means.slice(0, 1, 2)));
+  EXPECT_TRUE(test::same(round.edit.new_log_scales, model.gaussians.log_scales.slice(0, 1, 2)));
 }
 
 TEST(DefaultStrategy, SplitsLargeOnesInTwoSmallerOnes) {
@@ -202,7 +202,7 @@ TEST(DefaultStrategy, IsTheSameForAnyNumberOfThreadsAndFollowsTheSeed) {
   set_thread_count(3);
   const DensityRound three = densify(model, kRule);
   set_thread_count(0);
-  EXPECT_TRUE(torch::equal(one.edit.new_means, three.edit.new_means));
+  EXPECT_TRUE(test::same(one.edit.new_means, three.edit.new_means));
   const DensityRound other = densify(model.gaussians, model.statistics, kRule, 2, 600);
   EXPECT_FALSE(torch::equal(one.edit.new_means, other.edit.new_means));
 }
@@ -216,17 +216,17 @@ TEST(RowEdit, EditsEveryArrayAlike) {
 
   const auto first_column = [](const torch::Tensor& t) { return t.reshape({t.size(0), -1}).select(1, 0); };
   const torch::Tensor from = torch::tensor({0.0f, 3.0f, 0.0f, 2.0f, 2.0f});
-  EXPECT_TRUE(torch::equal(first_column(model.gaussians.sh0), from));
-  EXPECT_TRUE(torch::equal(first_column(model.gaussians.shN), from));
-  EXPECT_TRUE(torch::equal(first_column(model.gaussians.means).slice(0, 0, 3), from.slice(0, 0, 3)));
+  EXPECT_TRUE(test::same(first_column(model.gaussians.sh0), from));
+  EXPECT_TRUE(test::same(first_column(model.gaussians.shN), from));
+  EXPECT_TRUE(test::same(first_column(model.gaussians.means).slice(0, 0, 3), from.slice(0, 0, 3)));
   for (const GaussianTensors* moments : {&model.adam.m, &model.adam.v}) {
     for (const torch::Tensor* moment : moments->all()) {
-      EXPECT_TRUE(torch::equal(first_column(*moment), torch::tensor({100.0f, 103.0f, 0.0f, 0.0f, 0.0f})));
+      EXPECT_TRUE(test::same(first_column(*moment), torch::tensor({100.0f, 103.0f, 0.0f, 0.0f, 0.0f})));
       EXPECT_TRUE(moment->is_contiguous());
     }
   }
-  EXPECT_TRUE(torch::equal(model.statistics.view_count, torch::tensor({1, 3, 0, 0, 0}, torch::kInt32)));
-  EXPECT_TRUE(torch::equal(model.statistics.max_radii, torch::tensor({5, 5, 0, 0, 0}, torch::kInt32)));
+  EXPECT_TRUE(test::same(model.statistics.view_count, torch::tensor({1, 3, 0, 0, 0}, torch::kInt32)));
+  EXPECT_TRUE(test::same(model.statistics.max_radii, torch::tensor({5, 5, 0, 0, 0}, torch::kInt32)));
   for (const torch::Tensor* parameter : model.gaussians.all()) EXPECT_EQ(parameter->size(0), 5);
 }
 
@@ -236,7 +236,7 @@ TEST(RowEdit, CarriesExtraColumnsAlong) {
   model.statistics.extra.push_back({"age", torch::tensor({7.0f, 8.0f, 9.0f, 10.0f})});
   const DensityRound round = densify(model, kRule);
   apply_row_edit(round.edit, model.gaussians, model.adam, model.statistics);
-  EXPECT_TRUE(torch::equal(model.statistics.extra[0].values, torch::tensor({7.0f, 10.0f, 0.0f, 0.0f, 0.0f})));
+  EXPECT_TRUE(test::same(model.statistics.extra[0].values, torch::tensor({7.0f, 10.0f, 0.0f, 0.0f, 0.0f})));
 }
 
 TEST(RowEdit, GivesNewRowsTheirOpacities) {
@@ -249,9 +249,9 @@ TEST(RowEdit, GivesNewRowsTheirOpacities) {
   edit.new_log_scales = torch::zeros({2, 3});
   edit.new_logit_opacities = torch::tensor({3.0f, -4.0f});
   apply_row_edit(edit, model.gaussians, model.adam, model.statistics);
-  EXPECT_TRUE(torch::equal(model.gaussians.logit_opacities,
-                           torch::stack({before[0], before[2], torch::tensor(3.0f), torch::tensor(-4.0f)})));
-  EXPECT_TRUE(torch::equal(model.adam.m.logit_opacities, torch::tensor({100.0f, 102.0f, 0.0f, 0.0f})));
+  EXPECT_TRUE(test::same(model.gaussians.logit_opacities,
+                         torch::stack({before[0], before[2], torch::tensor(3.0f), torch::tensor(-4.0f)})));
+  EXPECT_TRUE(test::same(model.adam.m.logit_opacities, torch::tensor({100.0f, 102.0f, 0.0f, 0.0f})));
 
   edit.sources = torch::tensor({0, 1, 2, 3, 0}, torch::kInt64);
   edit.n_kept = 4;
@@ -280,8 +280,8 @@ TEST(DensityStatistics, CountViewsAndSumNormsInUnitsOfHalfTheImage) {
   add_view(view, 200, 100, statistics);
   // (0.03 * 100, 0.08 * 50) = (3, 4)
   EXPECT_TRUE(test::within(statistics.grad_norm_sum, torch::tensor({10.0f, 0.0f, 100.0f}), 1e-5));
-  EXPECT_TRUE(torch::equal(statistics.view_count, torch::tensor({2, 0, 2}, torch::kInt32)));
-  EXPECT_TRUE(torch::equal(statistics.max_radii, torch::tensor({4, 0, 11}, torch::kInt32)));
+  EXPECT_TRUE(test::same(statistics.view_count, torch::tensor({2, 0, 2}, torch::kInt32)));
+  EXPECT_TRUE(test::same(statistics.max_radii, torch::tensor({4, 0, 11}, torch::kInt32)));
 }
 
 TEST(OpacityReset, LowersOpacitiesAndZeroesOnlyTheirMoments) {

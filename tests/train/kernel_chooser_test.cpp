@@ -8,7 +8,9 @@
 #include <set>
 
 #include "core/check.h"
+#include "support/approx.h"
 #include "support/expect_error.h"
+#include "support/same.h"
 #include "support/temp_dir.h"
 #include "support/train/tiny_scene.h"
 #include "support/train/training.h"
@@ -159,7 +161,7 @@ TEST_F(KernelChooserTest, DoesNotAffectLaterRenders) {
   const torch::Tensor color = before.color.clone();
   KernelChooser own = chooser(2.0, 1.0);
   own.check(at(1), input());
-  EXPECT_TRUE(torch::equal(rasterizer.forward(gaussians, cameras[0], {}).color, color));
+  EXPECT_TRUE(test::same(rasterizer.forward(gaussians, cameras[0], {}).color, color));
 }
 
 TEST_F(KernelChooserTest, DecidesNothingOnViewsThatCannotBeRendered) {
@@ -255,7 +257,7 @@ TEST(KernelChoice, ByTimeChangesNoByteOfATrainingOnACpu) {
     return run.ply;
   };
   const std::string switched = train_with(2, 1, "shared-memory");
-  EXPECT_TRUE(train_with(1, 2, "segmented") == switched);
+  EXPECT_TRUE(test::same(train_with(1, 2, "segmented"), switched));
 }
 
 TEST(ImageFault, AllowsRoundingEverywhereAndAFewFlips) {

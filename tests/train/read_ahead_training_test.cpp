@@ -5,6 +5,7 @@
 
 #include "core/check.h"
 #include "support/expect_error.h"
+#include "support/same.h"
 #include "support/train/disk_scene.h"
 #include "support/train/training.h"
 #include "train/checkpoint/checkpoint.h"
@@ -35,8 +36,8 @@ TEST(ReadAheadTraining, GivesTheSameBytesWhateverTheMemory) {
       SCOPED_TRACE(std::to_string(photographs) + " photographs");
       const Scene scene = disk.load(photographs);
       const test::Trained trained = test::train(config, scene, temp / std::to_string(photographs));
-      EXPECT_TRUE(trained.ply == expected.ply);
-      EXPECT_TRUE(trained.checkpoint == expected.checkpoint);
+      EXPECT_TRUE(test::same(trained.ply, expected.ply));
+      EXPECT_TRUE(test::same(trained.checkpoint, expected.checkpoint));
       ASSERT_EQ(trained.result.evaluations.size(), 2u);
       for (std::size_t i = 0; i < 2; ++i) {
         EXPECT_EQ(trained.result.evaluations[i].second.mean.psnr, expected.result.evaluations[i].second.mean.psnr);
@@ -64,7 +65,7 @@ TEST(ReadAheadTraining, ResumesWithAnotherMemoryLimit) {
   const fs::path checkpoint = test::train(config, disk.load(1), temp / "part").result.checkpoint;
   config.iterations = 18;
   config.host_memory_gb = 1;
-  EXPECT_TRUE(test::train(config, disk.load(5), temp / "part", checkpoint).ply == whole);
+  EXPECT_TRUE(test::same(test::train(config, disk.load(5), temp / "part", checkpoint).ply, whole));
 }
 
 /// Trains with one photograph in memory. `spoil` is called after step 5; every photograph is used again by step 14.
@@ -92,7 +93,7 @@ void spoil_in_mid_training(const std::function<void(const fs::path&)>& spoil, co
   const Scene sound = sound_disk.load();
   const test::Trained whole = test::train(config, sound, temp / "whole");
   const test::Trained resumed = test::train(config, sound, temp / "resumed", checkpoint);
-  EXPECT_TRUE(resumed.ply == whole.ply);
+  EXPECT_TRUE(test::same(resumed.ply, whole.ply));
 }
 
 TEST(ReadAheadTraining, NamesAPhotographThatIsRemovedAndKeepsTheLastGoodStep) {

@@ -6,6 +6,7 @@
 #include <map>
 #include <set>
 
+#include "support/same.h"
 #include "support/temp_dir.h"
 #include "support/train/tiny_scene.h"
 #include "support/train/training.h"
@@ -153,7 +154,8 @@ TEST(StagesOfTraining, AreAllThereInEveryStepIfAskedFor) {
   EXPECT_EQ(n_rounds, n_planned);
   EXPECT_GT(n_rounds, 0);
   Trainer untimed(config, scene, ModelFolder(temp / "untimed"), {});
-  EXPECT_TRUE(test::read_bytes(untimed.run().ply) == test::read_bytes(result.ply)) << "timing changes the model";
+  EXPECT_TRUE(test::same(test::read_bytes(untimed.run().ply), test::read_bytes(result.ply)))
+      << "timing changes the model";
 }
 
 TEST(StagesOfTraining, AreLoggedOncePerHundredSteps) {

@@ -11,6 +11,7 @@
 #include "model/formats/ply.h"
 #include "support/expect_error.h"
 #include "support/full_disk.h"
+#include "support/same.h"
 #include "support/temp_dir.h"
 #include "support/train/tiny_scene.h"
 #include "support/train/training.h"
@@ -94,8 +95,8 @@ TEST_F(TrainerFaults, EachLeavesACheckpointOfTheLastIteration) {
         row.fails([&] { Trainer(config, scene, folder, failing_at(row.iteration, row.activity, row.fail)).run(); }));
     ASSERT_EQ(folder.checkpoint_iterations(), (std::vector<int>{row.iteration}));
     const Trained resumed = train(config, scene, folder.root(), folder.checkpoint(row.iteration));
-    EXPECT_TRUE(resumed.ply == whole.ply) << "density control was skipped, or done twice";
-    EXPECT_TRUE(read_bytes(folder.ply(10)) == read_bytes(ModelFolder(temp / "whole").ply(10)));
+    EXPECT_TRUE(test::same(resumed.ply, whole.ply)) << "density control was skipped, or done twice";
+    EXPECT_TRUE(test::same(read_bytes(folder.ply(10)), read_bytes(ModelFolder(temp / "whole").ply(10))));
   }
 }
 
@@ -129,7 +130,7 @@ TEST_F(TrainerFaults, GaussiansThatCannotBeRenderedAreRemovedAndCounted) {
   config.keep_checkpoints = 9;
   const Trained expected = train(config, scene, clean.root(), clean.checkpoint(8));
   const Trained run = train(config, scene, temp / "model", first, hooks());
-  EXPECT_TRUE(run.ply == expected.ply);
+  EXPECT_TRUE(test::same(run.ply, expected.ply));
   EXPECT_EQ(run.result.n_removed, 4);
   ASSERT_FALSE(warnings.empty());
   EXPECT_NE(warnings[0].find("that cannot be rendered"), std::string::npos) << warnings[0];
@@ -144,7 +145,7 @@ TEST_F(TrainerFaults, GaussiansThatCannotBeRenderedAreRemovedAndCounted) {
   // Resuming after the removal gives the same result.
   const fs::path later = ModelFolder(temp / "model").checkpoint(13);
   EXPECT_EQ(read_checkpoint_header(later)["n_removed"], 4);
-  EXPECT_TRUE(train(config, scene, temp / "model", later).ply == run.ply);
+  EXPECT_TRUE(test::same(train(config, scene, temp / "model", later).ply, run.ply));
 }
 
 TEST_F(TrainerFaults, TrainingEndsIfNoGaussianIsLeft) {
@@ -168,7 +169,7 @@ TEST_F(TrainerFaults, ALossThatIsNotFiniteWritesNoCheckpoint) {
   EXPECT_TRUE(test::fails_with<NumericError>({"iteration 5, view view", "the loss is", first.string()},
                                              [&] { train(config, scene, temp / "model", first); }));
   EXPECT_EQ(ModelFolder(temp / "model").checkpoint_iterations(), (std::vector<int>{4}));
-  EXPECT_TRUE(read_bytes(first) == before);
+  EXPECT_TRUE(test::same(read_bytes(first), before));
 }
 
 TEST(InvalidGaussians, AreTheNamedOneThoseNotFiniteAndThoseAsAbsurdlyLarge) {
@@ -201,7 +202,7 @@ TEST_F(TrainerFaults, CheckpointsWrittenByTimeDoNotChangeTheTraining) {
     hooks.on_progress = [&](const TrainProgress& progress) {
       if (progress.activity == "checkpoint") iterations.push_back(progress.iteration);
     };
-    EXPECT_TRUE(train(config, scene, temp / name, {}, hooks).ply == whole.ply) << minutes;
+    EXPECT_TRUE(test::same(train(config, scene, temp / name, {}, hooks).ply, whole.ply)) << minutes;
     return iterations;
   };
   EXPECT_EQ(count(0, "never"), (std::vector<int>{20})) << "only the last one";
@@ -224,7 +225,7 @@ TEST_F(TrainerFaults, FilesThatCannotBeWrittenBeforeTheEndDoNotEndTheTraining) {
     if (progress.iteration == 12) limit.reset();
   };
   const Trained run = train(config, scene, temp / "model", {}, own);
-  EXPECT_TRUE(run.ply == whole.ply);
+  EXPECT_TRUE(test::same(run.ply, whole.ply));
   const ModelFolder folder(temp / "model");
   EXPECT_EQ(folder.checkpoint_iterations(), (std::vector<int>{15, 20}));
   EXPECT_EQ(folder.ply_iterations(), (std::vector<int>{20}));
@@ -254,8 +255,8 @@ TEST_F(TrainerFaults, ALastPlyThatCannotBeWrittenFailsAndIsWrittenOnResume) {
       [&] { train(config, scene, folder.root(), {}, own); }));
   EXPECT_TRUE(folder.ply_iterations().empty());
   const Trained resumed = train(config, scene, folder.root(), folder.checkpoint(20));
-  EXPECT_TRUE(resumed.ply == dense.ply);
-  EXPECT_TRUE(resumed.checkpoint == dense.checkpoint);
+  EXPECT_TRUE(test::same(resumed.ply, dense.ply));
+  EXPECT_TRUE(test::same(resumed.checkpoint, dense.checkpoint));
 }
 
 TEST_F(TrainerFaults, AFullDiskNamesTheLastGoodCheckpoint) {
@@ -286,7 +287,7 @@ TEST_F(TrainerFaults, AFullDiskNamesTheLastGoodCheckpoint) {
     return trainer.run();
   }();
   config.checkpoint_interval = 0;
-  EXPECT_TRUE(read_bytes(resumed.ply) == train(config, scene, temp / "whole").ply);
+  EXPECT_TRUE(test::same(read_bytes(resumed.ply), train(config, scene, temp / "whole").ply));
 }
 
 TEST_F(TrainerFaults, AReadOnlyFolderIsReportedBeforeTheFirstStep) {

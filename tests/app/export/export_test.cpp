@@ -18,6 +18,7 @@
 #include "support/expect_error.h"
 #include "support/files.h"
 #include "support/run_program.h"
+#include "support/same.h"
 #include "support/temp_dir.h"
 
 namespace b3dgs {
@@ -99,7 +100,7 @@ TEST_F(Export, WritesSpzThatTheOtherCommandsTake) {
   }
   const std::string image = test::read_bytes(path("a.spz_images/renders/00001.png"));
   EXPECT_FALSE(image.empty());
-  EXPECT_TRUE(image == test::read_bytes(path("decoded.ply_images/renders/00001.png")));
+  EXPECT_TRUE(test::same(image, test::read_bytes(path("decoded.ply_images/renders/00001.png"))));
   const Outcome trained = run_b3dgs({"train", path("scene"), "-m", path("second"), "--init_ply", path("a.spz"),
                                      "--iterations", "2", "--device", "cpu", "--quiet"});
   EXPECT_EQ(trained.exit_code, 0) << trained.err;
@@ -110,7 +111,7 @@ TEST_F(Export, ACopyAsPlyLosesNothing) {
   ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
   EXPECT_TRUE(contains(outcome.out, "0.00 dB lost")) << outcome.out;
   EXPECT_TRUE(contains(outcome.out, "100.00 dB, those after")) << outcome.out;
-  EXPECT_EQ(test::read_bytes(path("copy.ply")), test::read_bytes(ply()));
+  EXPECT_TRUE(test::same(test::read_bytes(path("copy.ply")), test::read_bytes(ply())));
 }
 
 TEST_F(Export, ReplacesNothingUnlessAsked) {
@@ -127,7 +128,7 @@ TEST_F(Export, ReplacesNothingUnlessAsked) {
   const std::string before = test::read_bytes(ply());
   const Outcome model_ply = run_export({path("model"), ply(), "--overwrite", "--max_gaussians", "9"});
   EXPECT_TRUE(contains(model_ply.err, "is the file to export")) << model_ply.err;
-  EXPECT_EQ(test::read_bytes(ply()), before);
+  EXPECT_TRUE(test::same(test::read_bytes(ply()), before));
 }
 
 TEST_F(Export, LeavesOutWhatTheOptionsSay) {
@@ -239,7 +240,7 @@ TEST_F(Export, HandsOtherFormatsToTheProgramAndReadsThemBack) {
   const Outcome good = run_export({path("model"), path("b.sog")});
   ASSERT_EQ(good.exit_code, 0) << good.err;
   EXPECT_TRUE(contains(good.out, "0.00 dB lost")) << good.out;
-  EXPECT_EQ(test::read_bytes(path("b.sog")), test::read_bytes(ply()));
+  EXPECT_TRUE(test::same(test::read_bytes(path("b.sog")), test::read_bytes(ply())));
   const Outcome glb = run_export({path("model"), path("b.glb")});
   ASSERT_EQ(glb.exit_code, 0) << glb.err;
   EXPECT_TRUE(contains(glb.out, "not measured: splat-transform does not read .glb")) << glb.out;
@@ -258,7 +259,7 @@ TEST_F(Export, HandsOtherFormatsToTheProgramAndReadsThemBack) {
   EXPECT_EQ(unmeasured.exit_code, 0) << unmeasured.err;
   EXPECT_TRUE(contains(unmeasured.err, "e.sog is complete")) << unmeasured.err;
   EXPECT_TRUE(contains(unmeasured.out, "not measured: ")) << unmeasured.out;
-  EXPECT_EQ(test::read_bytes(path("e.sog")), test::read_bytes(ply()));
+  EXPECT_TRUE(test::same(test::read_bytes(path("e.sog")), test::read_bytes(ply())));
 
   install("echo 'x Error: no such thing' >&2; exit 3\n");
   const Outcome bad = run_export({path("model"), path("c.sog")});

@@ -18,6 +18,7 @@
 #include "support/expect_error.h"
 #include "support/files.h"
 #include "support/run_program.h"
+#include "support/same.h"
 #include "support/temp_dir.h"
 #include "train/threads.h"
 
@@ -119,11 +120,11 @@ TEST_F(TrainRanks, TrainsAloneWhereThatIsAskedFor) {
   ASSERT_EQ(train({}).exit_code, 0);
   const std::string ply = read_bytes(ModelFolder(model()).ply(4));
   ASSERT_EQ(train({"--gpus", "auto"}, "auto").exit_code, 0) << "auto without GPUs";
-  EXPECT_TRUE(read_bytes(ModelFolder(model("auto")).ply(4)) == ply);
+  EXPECT_TRUE(test::same(read_bytes(ModelFolder(model("auto")).ply(4)), ply));
   const Variables launcher(launched(1, 3));
   const Outcome alone = train({"--ranks", "1"}, "alone");
   ASSERT_EQ(alone.exit_code, 0) << "whatever started this process: " << alone.err;
-  EXPECT_TRUE(read_bytes(ModelFolder(model("alone")).ply(4)) == ply);
+  EXPECT_TRUE(test::same(read_bytes(ModelFolder(model("alone")).ply(4)), ply));
 }
 
 TEST_F(TrainRanksOnCpu, OneRankSpeaksAndEachDrawsAView) {

@@ -9,6 +9,7 @@
 #include "model/model_folder.h"
 #include "support/files.h"
 #include "support/run_program.h"
+#include "support/same.h"
 #include "support/temp_dir.h"
 
 namespace b3dgs {
@@ -85,7 +86,7 @@ TEST_F(MaxEpochs, AResumedTrainingIsTheSame) {
       << "no changed options; " << resumed.out;
   EXPECT_NE(resumed.out.find(kLine), std::string::npos) << resumed.out;
   EXPECT_TRUE(config_differences(config, model().read_config()).empty());
-  EXPECT_TRUE(read_bytes(model().ply(12)) == ply);
+  EXPECT_TRUE(test::same(read_bytes(model().ply(12)), ply));
 
   // Longer, and shorter than what has been trained.
   train({"--resume", "auto", "--iterations", "16"});
@@ -120,7 +121,7 @@ TEST_F(MaxEpochs, RanksHaveTheSameSchedule) {
   const Outcome two = train(on_two, "two");
   EXPECT_NE(two.out.find(kLine), std::string::npos) << two.out;
   EXPECT_EQ(two.out.find(kLine), two.out.rfind(kLine)) << "one rank speaks: " << two.out;
-  EXPECT_TRUE(read_bytes(model("one").ply(12)) == read_bytes(model("two").ply(12)));
+  EXPECT_TRUE(test::same(read_bytes(model("one").ply(12)), read_bytes(model("two").ply(12))));
 }
 
 TEST_F(MaxEpochs, HoldsForComparisons) {

@@ -5,6 +5,7 @@
 
 #include <thread>
 
+#include "support/same.h"
 #include "support/temp_dir.h"
 #include "support/train/tiny_scene.h"
 #include "support/train/training.h"
@@ -92,8 +93,8 @@ void expect_same_bytes(TrainConfig config) {
   live.join();
 
   EXPECT_EQ(live.result.iteration, config.iterations);
-  EXPECT_TRUE(test::read_bytes(live.result.ply) == alone.ply) << "PLY";
-  EXPECT_TRUE(test::timeless_bytes(live.result.checkpoint) == alone.checkpoint) << "checkpoint";
+  EXPECT_TRUE(test::same(test::read_bytes(live.result.ply), alone.ply)) << "PLY";
+  EXPECT_TRUE(test::same(test::timeless_bytes(live.result.checkpoint), alone.checkpoint)) << "checkpoint";
 }
 
 TEST(WatchedTraining, MakesTheSameBytesAsUnwatched) {

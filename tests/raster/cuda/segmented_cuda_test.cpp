@@ -5,6 +5,7 @@
 #include <cmath>
 #include <set>
 
+#include "support/approx.h"
 #include "support/raster/cuda_harness.h"
 
 namespace b3dgs::test {
@@ -105,9 +106,9 @@ TEST(SegmentedCuda, SegmentsBehindTheEndOfAllPixelsChangeNothing) {
     // Which segments are skipped differs from run to run; the image does not.
     for (int run = 0; run < 3; ++run) {
       const CudaView again(scene, settings);
-      EXPECT_TRUE(torch::equal(again.color, cut.color));
-      EXPECT_TRUE(torch::equal(again.depth, cut.depth));
-      EXPECT_TRUE(torch::equal(again.alpha, cut.alpha));
+      EXPECT_TRUE(test::same(again.color, cut.color));
+      EXPECT_TRUE(test::same(again.depth, cut.depth));
+      EXPECT_TRUE(test::same(again.alpha, cut.alpha));
     }
   }
 }
@@ -161,7 +162,7 @@ TEST(SegmentedCuda, SumsInAFixedOrderRepeatBitForBit) {
     for (int run = 0; run < 10; ++run) {  // the order in which segments finish differs from run to run
       CudaView second(scene, settings);
       const DenseGradients again = second.backward(grad);
-      ASSERT_TRUE(torch::equal(first.color, second.color)) << "run " << run;
+      ASSERT_TRUE(test::same(first.color, second.color)) << "run " << run;
       for (std::size_t i = 0; i < GaussianTensors::kNames.size(); ++i) {
         ASSERT_TRUE(found.parameters.all()[i]->equal(*again.parameters.all()[i]))
             << GaussianTensors::kNames[i] << ", run " << run;

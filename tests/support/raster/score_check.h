@@ -2,6 +2,7 @@
 // CpuView (cpu_harness.h).
 #pragma once
 
+#include "support/approx.h"
 #include "support/raster/reference_check.h"
 
 namespace b3dgs::test {
@@ -30,7 +31,7 @@ void expect_same_scores(FoundView& found, const TestScene& scene, const DenseVie
   EXPECT_TRUE(
       within(scores.weight_sum, expected.weight_sum, rounding + 1e-6 * static_cast<double>(error.numel()) + flips));
   EXPECT_TRUE(within(scores.max_weight, expected.max_weight, flips > 0 ? kFlip : 2e-5));
-  EXPECT_TRUE(torch::equal(scores.n_views, (found.radii() > 0).to(torch::kFloat32)));
+  EXPECT_TRUE(same(scores.n_views, (found.radii() > 0).to(torch::kFloat32)));
 }
 
 }  // namespace b3dgs::test

@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "core/check.h"
+#include "support/approx.h"
 #include "support/raster/cpu_harness.h"
 
 namespace b3dgs::test {
@@ -69,14 +70,14 @@ inline void expect_rows_of_view(const OwnedView& found, const OwnedView& all, co
 
   const torch::Tensor own = found.kept.record_of_gaussian.to(torch::kInt64);
   const torch::Tensor whole = all.kept.record_of_gaussian.index_select(0, rows).to(torch::kInt64);
-  ASSERT_TRUE(torch::equal(own < 0, whole < 0)) << "the same Gaussians have a record";
+  ASSERT_TRUE(same(own < 0, whole < 0)) << "the same Gaussians have a record";
   const torch::Tensor seen = (own >= 0).nonzero().select(1, 0);
   torch::Tensor own_records = bits_of(found.kept.records).index_select(0, own.index_select(0, seen));
   const torch::Tensor whole_records = bits_of(all.kept.records).index_select(0, whole.index_select(0, seen));
-  ASSERT_TRUE(torch::equal(own_records.select(1, 10).to(torch::kInt64), seen)) << "Gaussians of the records";
+  ASSERT_TRUE(same(own_records.select(1, 10).to(torch::kInt64), seen)) << "Gaussians of the records";
   own_records = own_records.clone();
   own_records.select(1, 10).copy_(rows.index_select(0, seen));
-  EXPECT_TRUE(torch::equal(own_records, whole_records));
+  EXPECT_TRUE(same(own_records, whole_records));
 }
 
 /// The Gaussians of a scene, in shards that are dealt out one by one and projected by different objects of type Split,

@@ -33,10 +33,10 @@ TEST(ExposureModel, StartsWithTransformsThatChangeNothing) {
   ExposureModel model(TrainConfig{}, kViews, torch::kCPU);
   const AppearanceState state = model.make_state();
   const torch::Tensor image = torch::randn({7, 5, 3});
-  for (int view = 0; view < kViews; ++view) EXPECT_TRUE(torch::equal(model.apply(state, view, image), image));
+  for (int view = 0; view < kViews; ++view) EXPECT_TRUE(test::same(model.apply(state, view, image), image));
   const torch::Tensor grad = torch::randn({7, 5, 3}), before = grad.clone();
   model.backward(state, 1, image, grad);
-  EXPECT_TRUE(torch::equal(grad, before));
+  EXPECT_TRUE(test::same(grad, before));
 }
 
 TEST(ExposureModel, AppliesTheTransformOfTheView) {
@@ -87,15 +87,15 @@ TEST(ExposureModel, WhereThePhotographIsClippedABrighterRenderIsNoError) {
   ASSERT_GT(((photograph >= 254) & (plain < most)).sum().item<std::int64_t>(), 3) << "clipped, darker";
 
   model.set_photograph(photograph);
-  EXPECT_TRUE(torch::equal(model.apply(state, 2, image), most.where(is_clipped, plain)));
+  EXPECT_TRUE(test::same(model.apply(state, 2, image), most.where(is_clipped, plain)));
   torch::Tensor grad = from.clone();
   model.backward(state, 2, image, grad);
   const torch::Tensor transform_grad = model.transform_grad().clone();
   model.set_photograph({});
   torch::Tensor expected = from.masked_fill(is_clipped, 0);
   model.backward(state, 2, image, expected);
-  EXPECT_TRUE(torch::equal(grad, expected));
-  EXPECT_TRUE(torch::equal(transform_grad, model.transform_grad()));
+  EXPECT_TRUE(test::same(grad, expected));
+  EXPECT_TRUE(test::same(transform_grad, model.transform_grad()));
   model.set_photograph(photograph.to(torch::kFloat32));
   EXPECT_THROW(model.apply(state, 2, image), LogicError);
 }
@@ -116,7 +116,7 @@ TEST(ExposureModel, GradientOfALargeImageIsExactOnAnyNumberOfThreads) {
     model.backward(state, 0, image, from.clone());
     EXPECT_TRUE(test::within(model.transform_grad(), expected, 1e-5 * expected.abs() + 1e-6));
     if (!first.defined()) first = model.transform_grad().clone();
-    EXPECT_TRUE(torch::equal(model.transform_grad(), first)) << n << " threads";
+    EXPECT_TRUE(test::same(model.transform_grad(), first)) << n << " threads";
   }
   set_thread_count(threads);
 }

@@ -129,7 +129,7 @@ TEST(BatchStep, CountsAGaussianThatOneViewOrNoneSees) {
   const AdamState state = step_along(4, gaussians, settings_of(false));
   EXPECT_EQ(state.m.means[0].abs().max().item<float>(), 0);
   EXPECT_EQ(state.m.shN[0].abs().max().item<float>(), 0);
-  EXPECT_TRUE(torch::equal(gaussians.means[0], start.means[0]));
+  EXPECT_TRUE(test::same(gaussians.means[0], start.means[0]));
   const double rest1 = 1 - std::pow(0.9, 4);
   EXPECT_GT(expected[0][1].abs().max().item<double>(), 0);
   EXPECT_TRUE(test::within(state.m.means[1].to(torch::kFloat64) / rest1, expected[0][1],
@@ -161,7 +161,7 @@ TEST(BatchStep, AddsTheRegularizationOfEachViewThatSeesTheGaussian) {
                            rest1 * kOpacity * share * opacity * (1 - opacity), 1e-7));
   EXPECT_TRUE(test::within(regular.m.log_scales - plain.m.log_scales,
                            rest1 * kScale / 3 * share.unsqueeze(1) * start.log_scales.to(torch::kFloat64).exp(), 1e-7));
-  EXPECT_TRUE(torch::equal(regular.m.means, plain.m.means));
+  EXPECT_TRUE(test::same(regular.m.means, plain.m.means));
 }
 
 TEST(BatchStep, FollowsThePublishedRule) {
@@ -216,7 +216,7 @@ TEST(BatchStep, DoesNotDependOnTheNumberOfThreads) {
     step_along(4, results.back(), settings_of(false), {0.1, 0.1});
   }
   set_thread_count(before);
-  for (std::size_t i = 0; i < 6; ++i) EXPECT_TRUE(torch::equal(*results[0].all()[i], *results[1].all()[i]));
+  for (std::size_t i = 0; i < 6; ++i) EXPECT_TRUE(test::same(*results[0].all()[i], *results[1].all()[i]));
 }
 
 TEST(BatchStep, ForgetsViewsThatAreDropped) {

@@ -1,5 +1,4 @@
 #include "train/checkpoint/checkpoint.h"
-#include "train/checkpoint/checkpoint_scene.h"
 
 #include <gtest/gtest.h>
 
@@ -9,11 +8,14 @@
 #include "config/train_options.h"
 #include "core/check.h"
 #include "core/files/own_files.h"
+#include "support/approx.h"
 #include "support/expect_error.h"
 #include "support/files.h"
+#include "support/same.h"
 #include "support/temp_dir.h"
 #include "support/train/tiny_scene.h"
 #include "train/checkpoint/checkpoint_file.h"
+#include "train/checkpoint/checkpoint_scene.h"
 #include "train/gaussians/gaussian_model.h"
 #include "train/trainer.h"
 
@@ -82,12 +84,12 @@ TEST_F(CheckpointFiles, ReadBackEveryBit) {
   EXPECT_EQ(read.state.kernel_selection, expected.kernel_selection);
   EXPECT_TRUE(config_differences(make_config(), read.config).empty());
   for (std::size_t i = 0; i < 6; ++i) {
-    EXPECT_TRUE(torch::equal(*read.state.gaussians.all()[i], *expected.gaussians.all()[i]));
-    EXPECT_TRUE(torch::equal(*read.state.adam.m.all()[i], *expected.adam.m.all()[i]));
-    EXPECT_TRUE(torch::equal(*read.state.adam.v.all()[i], *expected.adam.v.all()[i]));
+    EXPECT_TRUE(test::same(*read.state.gaussians.all()[i], *expected.gaussians.all()[i]));
+    EXPECT_TRUE(test::same(*read.state.adam.m.all()[i], *expected.adam.m.all()[i]));
+    EXPECT_TRUE(test::same(*read.state.adam.v.all()[i], *expected.adam.v.all()[i]));
   }
   for (std::size_t i = 0; i < 3; ++i) {
-    EXPECT_TRUE(torch::equal(*read.state.statistics.all()[i], *expected.statistics.all()[i]));
+    EXPECT_TRUE(test::same(*read.state.statistics.all()[i], *expected.statistics.all()[i]));
   }
 }
 
@@ -449,11 +451,11 @@ TEST(CheckpointFileWriter, AcceptsTensorsInPiecesOfAnySize) {
       file.append(bytes.data() + at, std::min(piece, bytes.size() - at));
     file.finish();
     file.commit();
-    EXPECT_TRUE(test::read_bytes(temp / "pieces") == test::read_bytes(temp / "whole")) << piece;
+    EXPECT_TRUE(test::same(test::read_bytes(temp / "pieces"), test::read_bytes(temp / "whole"))) << piece;
   }
   const CheckpointFile read = read_checkpoint_file(temp / "whole");
   EXPECT_EQ(read.header["iteration"], 3);
-  for (std::size_t i = 0; i < 3; ++i) EXPECT_TRUE(torch::equal(read.tensors[i].second, content.tensors[i].second));
+  for (std::size_t i = 0; i < 3; ++i) EXPECT_TRUE(test::same(read.tensors[i].second, content.tensors[i].second));
 
   CheckpointFileWriter file(temp / "short", content.header, entries);
   file.append(bytes.data(), bytes.size() - 1);

@@ -265,9 +265,9 @@ TEST(GaussianModel, SurvivesConversionToTensorsAndBack) {
   EXPECT_EQ(to_splat_cloud(same).shN, cloud.shN);
   EXPECT_EQ(to_splat_cloud(same).means, cloud.means);
   const GaussianTensors more = to_tensors(cloud, 3, torch::kCPU), less = to_tensors(cloud, 1, torch::kCPU);
-  EXPECT_TRUE(torch::equal(more.shN.slice(1, 0, 8), same.shN));
+  EXPECT_TRUE(test::same(more.shN.slice(1, 0, 8), same.shN));
   EXPECT_EQ(more.shN.slice(1, 8).abs().max().item<float>(), 0);
-  EXPECT_TRUE(torch::equal(less.shN, same.shN.slice(1, 0, 3)));
+  EXPECT_TRUE(test::same(less.shN, same.shN.slice(1, 0, 3)));
 }
 
 }  // namespace

@@ -14,6 +14,7 @@
 #include "core/files/folder_lock.h"
 #include "model/disk_space.h"
 #include "support/expect_error.h"
+#include "support/same.h"
 #include "support/temp_dir.h"
 #include "support/train/tiny_scene.h"
 #include "support/train/training.h"
@@ -62,14 +63,14 @@ TEST_F(TrainingId, KeepsTrainingsOutOfEachOthersFolders) {
   const auto before = files_of(b.root());
   EXPECT_TRUE(test::fails_with<InputError>({b.root().string(), "another training", "--overwrite"},
                                            [&] { resume(a.checkpoint(8), b.root()); }));
-  EXPECT_TRUE(files_of(b.root()) == before) << "the refused training changed files";
+  EXPECT_TRUE(test::same(files_of(b.root()), before)) << "the refused training changed files";
   EXPECT_TRUE(test::fails_with<InputError>({b.root().string(), "holds the model of another training"},
                                            [&] { Trainer(config(), scene, b, {}).run(); }));
-  EXPECT_TRUE(files_of(b.root()) == before) << "a training from the beginning changed files";
+  EXPECT_TRUE(test::same(files_of(b.root()), before)) << "a training from the beginning changed files";
 
   // In an empty folder the training continues under a new ID.
   resume(a.checkpoint(8), temp / "c");
-  EXPECT_TRUE(read_bytes(ModelFolder(temp / "c").ply(20)) == read_bytes(a.ply(20)));
+  EXPECT_TRUE(test::same(read_bytes(ModelFolder(temp / "c").ply(20)), read_bytes(a.ply(20))));
   EXPECT_FALSE(ModelFolder(temp / "c").training_id().empty());
   EXPECT_NE(ModelFolder(temp / "c").training_id(), a.training_id());
   EXPECT_TRUE(test::fails_with<InputError>({"another training"}, [&] { resume(a.checkpoint(8), temp / "c"); }));
@@ -98,7 +99,7 @@ TEST_F(TrainingId, ResumingAnEarlierCheckpointSetsLaterFilesAside) {
   for (const char* file : {"checkpoints/iteration_16.b3dgs", "checkpoints/iteration_20.b3dgs",
                            "point_cloud/iteration_16/point_cloud.ply", "point_cloud/iteration_20/point_cloud.ply",
                            "test/ours_16/renders/00000.png", "interpolated/ours_20/renders/00000.png", "report.html"}) {
-    EXPECT_TRUE(read_bytes(aside / file) == before.at(file)) << file;
+    EXPECT_TRUE(test::same(read_bytes(aside / file), before.at(file))) << file;
   }
   EXPECT_EQ(nlohmann::json::parse(read_bytes(aside / "results.json")).size(), 2u);
   std::ifstream log(aside / "train.jsonl");
@@ -138,7 +139,7 @@ TEST_F(TrainingId, WithoutOneACheckpointBelongsToItsFolder) {
   EXPECT_TRUE(test::fails_with<InputError>({"another training"}, [&] { resume(temp / "copy.b3dgs", a.root()); }));
   const std::string ply = read_bytes(a.ply(20));
   resume(a.checkpoint(8), a.root());
-  EXPECT_TRUE(read_bytes(a.ply(20)) == ply);
+  EXPECT_TRUE(test::same(read_bytes(a.ply(20)), ply));
   EXPECT_FALSE(a.training_id().empty());
 }
 

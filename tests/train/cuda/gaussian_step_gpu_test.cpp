@@ -87,13 +87,13 @@ TEST_P(GaussianStepOnGpu, EqualsGradientsFollowedByAdam) {
 
   GaussianOptimizer optimizer(rasterizer);
   const torch::Tensor color = image.color.clone();
-  EXPECT_TRUE(torch::equal(optimizer.forward(stepped, stepped_state, view, settings).color, color));
+  EXPECT_TRUE(test::same(optimizer.forward(stepped, stepped_state, view, settings).color, color));
   statistics = optimizer.step(kRates, view_grad, stepped, stepped_state, nullptr);
   optimizer.flush(stepped, stepped_state);
   EXPECT_EQ(stepped_state.steps, 42);
   EXPECT_TRUE(
       test::within(statistics.means2d_grad.cpu(), means2d_grad, 1e-6 * means2d_grad.abs().max().item<double>()));
-  EXPECT_TRUE(torch::equal(statistics.radii.cpu(), radii));
+  EXPECT_TRUE(test::same(statistics.radii.cpu(), radii));
   // Gradients of the two kernels differ by rounding, up to kRounding relative; their squares by twice that.
   constexpr double kRounding = 1e-5;
   const auto agrees = [](const torch::Tensor& actual, const torch::Tensor& wanted, double allowed) {

@@ -3,6 +3,7 @@
 
 #include "support/approx.h"
 #include "support/gpu_test.h"
+#include "support/same.h"
 #include "support/temp_dir.h"
 #include "support/train/tiny_scene.h"
 #include "support/train/training.h"
@@ -60,7 +61,7 @@ TEST(PosesOnGpu, ResumedEqualsUninterruptedIfDeterministic) {
     config.antialiasing = n_views == 4;
     const Trained whole = train(config, scene, temp / "whole"), again = train(config, scene, temp / "again");
     EXPECT_GT(corrections_of(whole).abs().max().item<double>(), 0);
-    EXPECT_TRUE(again.checkpoint == whole.checkpoint);
+    EXPECT_TRUE(test::same(again.checkpoint, whole.checkpoint));
     test::expect_exact_resume(config, scene, whole, temp.path(), {3, 10, 13});
   }
 }

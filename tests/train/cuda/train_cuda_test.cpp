@@ -10,6 +10,7 @@
 #include "core/check.h"
 #include "core/random.h"
 #include "support/gpu_test.h"
+#include "support/same.h"
 #include "train/density/split_samples_cuda.h"
 #include "train/images/image_uploader.h"
 #include "train/images/reduce_image_cuda.h"
@@ -99,7 +100,7 @@ TEST(DeviceSnapshot, KeepsTheOldValuesWhileTheArraysChange) {
       const auto* const from = static_cast<const std::uint8_t*>(piece);
       read.insert(read.end(), from, from + bytes);
     });
-    EXPECT_TRUE(read == images[i / 2]) << i;
+    EXPECT_TRUE(test::same(read, images[i / 2])) << i;
   }
   EXPECT_EQ(cuda::DeviceSnapshot::make({{large.data(), std::size_t{1} << 50}}, stream.get()), nullptr) << "no room";
 }
@@ -137,8 +138,8 @@ TEST_F(ImageUploaderTest, NeverWritesASlotThatIsStillRead) {
   EXPECT_EQ(cudaStreamQuery(other.get()), cudaErrorNotReady) << "overwritten while the first reader needs it";
   slow.open();
   other.open();
-  EXPECT_TRUE(host_copy(seen_first) == first);
-  EXPECT_TRUE(host_copy(seen_second) == second);
+  EXPECT_TRUE(test::same(host_copy(seen_first), first));
+  EXPECT_TRUE(test::same(host_copy(seen_second), second));
 }
 
 TEST_F(ImageUploaderTest, BringsManyImagesThroughAFewSlots) {
@@ -163,7 +164,8 @@ TEST_F(ImageUploaderTest, BringsManyImagesThroughAFewSlots) {
   }
   reader.open();
   for (int step = 0; step < kSteps; ++step) {
-    EXPECT_TRUE(host_copy(seen[static_cast<std::size_t>(step)]) == images[static_cast<std::size_t>(step % kImages)])
+    EXPECT_TRUE(
+        test::same(host_copy(seen[static_cast<std::size_t>(step)]), images[static_cast<std::size_t>(step % kImages)]))
         << "step " << step;
   }
 }

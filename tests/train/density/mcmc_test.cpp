@@ -187,8 +187,8 @@ TEST(McmcRound, MovesDeadOnesAndGrowsWithoutChangingWhatPassesThrough) {
     const auto row = static_cast<std::int64_t>(i);
     const bool is_kept = row < round.edit.n_kept;
     EXPECT_EQ(copies[static_cast<std::size_t>(sources[i])] == 1, is_kept);
-    EXPECT_TRUE(torch::equal(model.gaussians.means[row], before.gaussians.means[sources[i]]));
-    EXPECT_TRUE(torch::equal(model.gaussians.sh0[row], before.gaussians.sh0[sources[i]]));
+    EXPECT_TRUE(test::same(model.gaussians.means[row], before.gaussians.means[sources[i]]));
+    EXPECT_TRUE(test::same(model.gaussians.sh0[row], before.gaussians.sh0[sources[i]]));
     EXPECT_EQ(torch::equal(model.gaussians.log_scales[row], before.gaussians.log_scales[sources[i]]), is_kept);
     EXPECT_EQ(torch::equal(model.gaussians.logit_opacities[row], before.gaussians.logit_opacities[sources[i]]),
               is_kept);
@@ -264,7 +264,7 @@ TEST(McmcRound, WithoutLiveGaussiansChangesNothing) {
   for (const Model& model : {make_model(torch::full({7}, 0.004f)), make_model(torch::full({0}, 0.5f))}) {
     const std::int64_t n = model.gaussians.size();
     const DensityRound round = plan_mcmc_round(model.gaussians, {0.005, 1, 0}, 3, 600);
-    EXPECT_TRUE(torch::equal(round.edit.sources, torch::arange(n)));
+    EXPECT_TRUE(test::same(round.edit.sources, torch::arange(n)));
     EXPECT_EQ(round.edit.n_kept, n);
     Model edited = model;
     apply_row_edit(round.edit, edited.gaussians, edited.adam, edited.statistics);
@@ -283,8 +283,8 @@ TEST(McmcRound, IsTheSameForAnyNumberOfThreadsAndFollowsSeedAndIteration) {
                        edit.new_log_scales.to(torch::kFloat64).flatten()});
   };
   const torch::Tensor one = sources_of(1, 600, 1);
-  EXPECT_TRUE(torch::equal(one, sources_of(1, 600, 2)));
-  EXPECT_TRUE(torch::equal(one, sources_of(1, 600, 3)));
+  EXPECT_TRUE(test::same(one, sources_of(1, 600, 2)));
+  EXPECT_TRUE(test::same(one, sources_of(1, 600, 3)));
   EXPECT_FALSE(torch::equal(one.slice(0, 0, 20000), sources_of(2, 600, 1).slice(0, 0, 20000)));
   EXPECT_FALSE(torch::equal(one.slice(0, 0, 20000), sources_of(1, 700, 1).slice(0, 0, 20000)));
 }
@@ -351,7 +351,7 @@ TEST(McmcNoise, IsLeftOutOnlyWhereItCannotChangeAFloat) {
   const torch::Tensor ulp = expected.abs() * 0x1p-23 + 1e-38;
   EXPECT_TRUE(test::within(g.means, expected, ulp));
   const torch::Tensor is_same = (g.means == before).all(1), would_be = (expected == before).all(1);
-  EXPECT_TRUE(torch::equal(is_same, would_be)) << "noise was left out that would have changed a float, or was added";
+  EXPECT_TRUE(test::same(is_same, would_be)) << "noise was left out that would have changed a float, or was added";
   EXPECT_GT(is_same.sum().item<int>(), kRows / 10);
   EXPECT_GT(is_same.logical_not().sum().item<int>(), kRows / 10);
 }
@@ -365,8 +365,8 @@ TEST(McmcNoise, IsTheSameForAnyNumberOfThreadsAndFollowsSeedAndIteration) {
     return g.means;
   };
   const torch::Tensor one = noisy(1, 5, 1);
-  EXPECT_TRUE(torch::equal(one, noisy(1, 5, 2)));
-  EXPECT_TRUE(torch::equal(one, noisy(1, 5, 3)));
+  EXPECT_TRUE(test::same(one, noisy(1, 5, 2)));
+  EXPECT_TRUE(test::same(one, noisy(1, 5, 3)));
   EXPECT_FALSE(torch::equal(one, noisy(2, 5, 1)));
   EXPECT_FALSE(torch::equal(one, noisy(1, 6, 1)));
 }

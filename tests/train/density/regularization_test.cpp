@@ -85,7 +85,7 @@ TEST(Regularization, AddsToTheGradientOfTheImage) {
   EXPECT_GT(image.logit_opacities.abs().max().item<float>(), 1e-5);
   EXPECT_TRUE(test::within(both.logit_opacities, image.logit_opacities + alone.logit_opacities, 1e-8));
   EXPECT_TRUE(test::within(both.log_scales, image.log_scales + alone.log_scales, 1e-8));
-  EXPECT_TRUE(torch::equal(both.means, image.means));
+  EXPECT_TRUE(test::same(both.means, image.means));
 }
 
 TEST(Regularization, IsFiniteForEveryOpacity) {

@@ -1,5 +1,6 @@
 // Splats of several ranks in the order of one, without ranks.
 #include "multi/splats/merge_splats.h"
+#include "support/approx.h"
 
 #include <gtest/gtest.h>
 #include <torch/types.h>
@@ -24,9 +25,9 @@ torch::Tensor bits(const torch::Tensor& floats) {
 }
 
 void expect_same(const ViewSplats& found, const ViewSplats& expected) {
-  EXPECT_TRUE(torch::equal(bits(found.splats), bits(expected.splats)));
-  EXPECT_TRUE(torch::equal(bits(found.extents), bits(expected.extents)));
-  EXPECT_TRUE(torch::equal(found.radii, expected.radii));
+  EXPECT_TRUE(test::same(bits(found.splats), bits(expected.splats)));
+  EXPECT_TRUE(test::same(bits(found.extents), bits(expected.extents)));
+  EXPECT_TRUE(test::same(found.radii, expected.radii));
 }
 
 TEST(MergeSplats, GivesTheOrderOfOneRank) {
@@ -69,8 +70,8 @@ TEST(MergeSplats, GivesTheOrderOfOneRank) {
     for (const std::size_t max_lists : {std::size_t{MergeSplatsArgs::kMaxLists}, std::size_t{0}}) {
       const MergedSplats merged = merge_splats(words, lists, max_lists);
       expect_same(merged.splats, whole);
-      EXPECT_TRUE(torch::equal(words.index_select(0, merged.places).select(1, kGaussianColumn).to(torch::kInt64),
-                               torch::tensor(global, torch::kInt64)))
+      EXPECT_TRUE(test::same(words.index_select(0, merged.places).select(1, kGaussianColumn).to(torch::kInt64),
+                             torch::tensor(global, torch::kInt64)))
           << n_ranks << " ranks";
     }
   }

@@ -2,6 +2,7 @@
 #include <gtest/gtest.h>
 
 #include "model/formats/ply.h"
+#include "support/same.h"
 #include "support/train/disk_scene.h"
 #include "support/train/training.h"
 
@@ -63,7 +64,7 @@ TEST(MaskTraining, WhatIsIgnoredLeavesNoTrace) {
     write_image(disk.image_file(clean_without_masks.train[i]), photograph);
   }
   const test::Trained masked = test::train(short_config(), disk.load(), temp / "masked");
-  EXPECT_TRUE(masked.ply == clean.ply);
+  EXPECT_TRUE(test::same(masked.ply, clean.ply));
   remove_tree(source / "masks");
   const Scene painted = disk.load();
   EXPECT_EQ(painted.train[0].valid, nullptr);
