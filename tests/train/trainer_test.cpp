@@ -10,6 +10,7 @@
 #include "core/parallel.h"
 #include "model/formats/ply.h"
 #include "support/expect_error.h"
+#include "support/same.h"
 #include "support/temp_dir.h"
 #include "support/train/tiny_scene.h"
 #include "support/train/training.h"
@@ -68,8 +69,8 @@ TEST(Trainer, RunInPiecesEqualsOneRunBitForBit) {
     }
   }
   for (const ModelFolder& folder : folders) {
-    EXPECT_TRUE(test::read_bytes(folder.ply(20)) == whole.ply);
-    EXPECT_TRUE(test::timeless_bytes(folder.checkpoint(20)) == whole.checkpoint);
+    EXPECT_TRUE(test::same(test::read_bytes(folder.ply(20)), whole.ply));
+    EXPECT_TRUE(test::same(test::timeless_bytes(folder.checkpoint(20)), whole.checkpoint));
     EXPECT_EQ(folder.ply_iterations(), (std::vector<int>{8, 20}));
     EXPECT_EQ(folder.checkpoint_iterations(), (std::vector<int>{8, 20}));
   }
@@ -92,7 +93,8 @@ TEST(Trainer, ResumesFromACheckpointWrittenOnRequest) {
     checkpoint = trainer.write_checkpoint();
   }
   EXPECT_EQ(checkpoint, folder.checkpoint(11));
-  EXPECT_TRUE(train(config, scene, folder.root(), checkpoint).ply == train(config, scene, temp / "whole").ply);
+  EXPECT_TRUE(
+      test::same(train(config, scene, folder.root(), checkpoint).ply, train(config, scene, temp / "whole").ply));
 }
 
 TEST(Trainer, TwoRunsGiveTheSameBytesOnAnyNumberOfThreads) {
@@ -102,7 +104,7 @@ TEST(Trainer, TwoRunsGiveTheSameBytesOnAnyNumberOfThreads) {
   const Trained first = train(config, scene, temp / "a");
   for (const int threads : {0, 1, 3}) {
     config.threads = threads;
-    EXPECT_TRUE(train(config, scene, temp / "b").ply == first.ply) << threads << " threads";
+    EXPECT_TRUE(test::same(train(config, scene, temp / "b").ply, first.ply)) << threads << " threads";
   }
   config.threads = 0;
   config.seed = 10;
@@ -124,7 +126,7 @@ TEST(Trainer, StopsOnASignalWithACheckpointToContinueFrom) {
   EXPECT_EQ(stopped.ply, ModelFolder(temp / "stopped").ply(13)) << "for viewers";
   EXPECT_TRUE(std::filesystem::exists(stopped.ply));
   const Trained whole = train(config, scene, temp / "whole");
-  EXPECT_TRUE(train(config, scene, temp / "stopped", stopped.checkpoint).ply == whole.ply);
+  EXPECT_TRUE(test::same(train(config, scene, temp / "stopped", stopped.checkpoint).ply, whole.ply));
 }
 
 TEST(Trainer, UsesTheRequestedNumberOfThreads) {
@@ -213,6 +215,16 @@ TEST(Trainer, NeedsPointsOrAPly) {
   EXPECT_EQ(read_checkpoint_header(ModelFolder(temp / "a").checkpoint(2))["sh_degree"], 1) << "that of the PLY, capped";
   config.init_ply = (temp / "points.ply").string();
   EXPECT_EQ(train(config, scene, temp / "b").result.n_gaussians, 120);
+}
+
+TEST(Trainer, AStartThatHasFailedIsNotSkippedTheNextTime) {
+  Scene scene = test::make_tiny_scene();
+  scene.points = {};
+  const test::TempDir temp;
+  Trainer trainer(eventful_config(), scene, ModelFolder(temp / "model"), {});
+  for (int i = 0; i < 2; ++i) {
+    EXPECT_TRUE(test::fails_with<InputError>({"no 3D points"}, [&] { trainer.run(); })) << i;
+  }
 }
 
 TEST(Trainer, RejectsCheckpointsThatItCannotResume) {
@@ -321,7 +333,7 @@ TEST(Trainer, LearnsTheSameWithTilesOfAnyShapeAndIsAlwaysDeterministicOnTheCpu) 
   config.deterministic = true;
   config.backward_kernel = "per-pixel";
   config.image_cache_gb = 0;
-  EXPECT_TRUE(train(config, scene, temp / "same").ply == square.ply) << "these options only affect the GPU";
+  EXPECT_TRUE(test::same(train(config, scene, temp / "same").ply, square.ply)) << "these options only affect the GPU";
   config.tile = "16x8";
   const Trained flat = train(config, scene, temp / "flat");
   const auto& expected = square.result.evaluations.back().second.mean;
@@ -365,7 +377,7 @@ TEST(Trainer, KernelChecksDoNotChangeTheModel) {
   unchecked.stats_interval = 0;
   const Trained plain = train(unchecked, scene, temp / "plain"),
                 checked = train(checked_config(), scene, temp / "checked", {}, test::slow_training());
-  EXPECT_TRUE(checked.ply == plain.ply);
+  EXPECT_TRUE(test::same(checked.ply, plain.ply));
   EXPECT_GE(log_lines(temp / "checked", "kernel_check").size(), 3u);
   EXPECT_TRUE(log_lines(temp / "plain", "kernel_check").empty());
   EXPECT_TRUE(log_lines(temp / "plain", "load_statistics").empty());
@@ -417,7 +429,7 @@ TEST(Trainer, ResumesTheKernelSelection) {
   const Trained first = train(config, scene, temp / "halves", {}, test::slow_training());
   config.iterations = 20;
   const Trained second = train(config, scene, temp / "halves", first.result.checkpoint, test::slow_training());
-  EXPECT_TRUE(second.ply == whole.ply);
+  EXPECT_TRUE(test::same(second.ply, whole.ply));
   const nlohmann::json kept =
       read_checkpoint_header(second.result.checkpoint)["kernel_selection"]["forward"]["history"];
   const std::vector<nlohmann::json> checks = log_lines(temp / "halves", "kernel_check");
@@ -471,7 +483,7 @@ TEST(Trainer, LogsTimesOfTheCandidatesForAFixedKernel) {
   EXPECT_TRUE(log_lines(temp / "plain", "kernel_times").empty());
   config.kernel_candidates = {"gaussian-wise", "naive"};
   config.kernel_times_interval = 7;
-  EXPECT_TRUE(train(config, scene, temp / "timed").ply == plain.ply) << "timing changed the training";
+  EXPECT_TRUE(test::same(train(config, scene, temp / "timed").ply, plain.ply)) << "timing changed the training";
   const std::vector<nlohmann::json> lines = log_lines(temp / "timed", "kernel_times");
   EXPECT_EQ(iterations_of(lines), (std::vector<int>{7, 14, 20})) << "and at the end";
   for (const nlohmann::json& line : lines) {
@@ -524,7 +536,7 @@ TEST(Trainer, HasNothingToDoAtTheEnd) {
   const Trained again = train(config, scene, temp.path(), run.result.checkpoint);
   EXPECT_EQ(again.result.iteration, 3);
   EXPECT_FALSE(again.result.interrupted);
-  EXPECT_TRUE(again.ply == run.ply);
+  EXPECT_TRUE(test::same(again.ply, run.ply));
 }
 
 }  // namespace
