@@ -46,14 +46,15 @@ TEST_P(Collectives, TransferEveryByte) {
   EXPECT_EQ(count_of(outcome.out, "ok "), GetParam()) << outcome.out;
 }
 
-TEST_P(Collectives, TransferEveryByteThroughRankZero) {
-  const Variables relay{{"TEST_RELAY", "1"}};
-  const Outcome outcome = run_b3dgs({std::to_string(GetParam()), "collectives"});
-  EXPECT_EQ(outcome.exit_code, 0) << outcome.err;
-  EXPECT_EQ(count_of(outcome.out, "ok "), GetParam()) << outcome.out;
-}
+// Alone; a pair; a number that is no power of two.
+INSTANTIATE_TEST_SUITE_P(Ranks, Collectives, testing::Values(1, 2, 3));
 
-INSTANTIATE_TEST_SUITE_P(Ranks, Collectives, testing::Values(1, 2, 3, 4));
+TEST(Ranks, TransferEveryByteThroughRankZero) {
+  const Variables relay{{"TEST_RELAY", "1"}};
+  const Outcome outcome = run_b3dgs({"3", "collectives"});
+  EXPECT_EQ(outcome.exit_code, 0) << outcome.err;
+  EXPECT_EQ(count_of(outcome.out, "ok "), 3) << outcome.out;
+}
 
 TEST(Ranks, FindEachOtherBesideTorchrunsAgent) {
   const Outcome outcome = run_b3dgs({"2", "agent"});

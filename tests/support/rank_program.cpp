@@ -7,6 +7,7 @@
 #include <cstring>
 #include <exception>
 #include <optional>
+#include <sstream>
 
 #include "core/check.h"
 
@@ -54,13 +55,20 @@ int report_errors(const std::function<int()>& run) {
 
 int run_scenarios(int argc, char** argv, void (*run)(const std::string& scenario, Communicator& ranks)) {
   if (argc != 3) return 2;
-  const std::string scenario = argv[2];
+  const std::string scenarios = argv[2];
   RankProgram program;
   program.size = std::atoi(argv[1]);
-  program.arguments = {argv[1], scenario};
+  program.arguments = {argv[1], scenarios};
   program.body = [&](Communicator& ranks) {
-    torch::manual_seed(11);  // whole tensors are the same on all ranks
-    run(scenario, ranks);
+    std::istringstream list(scenarios);
+    for (std::string scenario; std::getline(list, scenario, ',');) {
+      torch::manual_seed(11);  // whole tensors are the same on all ranks
+      try {
+        run(scenario, ranks);
+      } catch (const LogicError& error) {
+        throw LogicError(scenario + ": " + error.what());
+      }
+    }
   };
   return report_errors([&] { return run_rank_program(program); });
 }

@@ -40,7 +40,8 @@ int run_rank_program(const RankProgram& program);
 /// Calls run() for the exit code; prints an exception as one line and returns its exit code.
 int report_errors(const std::function<int()>& run);
 
-/// main() of a program PROGRAM RANKS SCENARIO: each rank calls run(SCENARIO, ranks), with the same random numbers.
+/// main() of a program PROGRAM RANKS SCENARIO[,SCENARIO...]: each rank calls run(SCENARIO, ranks) for one after the
+/// other, with the same random numbers.
 int run_scenarios(int argc, char** argv, void (*run)(const std::string& scenario, Communicator& ranks));
 
 }  // namespace b3dgs::test

@@ -9,8 +9,9 @@
 #include "core/parallel.h"
 #include "core/random.h"
 #include "model/raster_input.h"
+#include "support/approx.h"
+#include "support/same.h"
 #include "support/temp_dir.h"
-#include "support/train/mixed_scene.h"
 #include "support/train/tiny_scene.h"
 #include "support/train/training.h"
 #include "train/images/view_reducer.h"
@@ -19,7 +20,6 @@ namespace b3dgs {
 namespace {
 
 using test::train;
-using test::Trained;
 
 struct Photograph {
   Image8 rgb, mask;
@@ -151,37 +151,11 @@ TEST(ViewReducer, KeepsItsBuffersAndDoesNotDependOnThreads) {
     set_thread_count(n);
     const TrainView again = reducer.reduce(make_view(large, true), &large.mask, 2);
     EXPECT_EQ(again.truth.data_ptr(), place);
-    EXPECT_TRUE(torch::equal(again.truth, bytes));
+    EXPECT_TRUE(test::same(again.truth, bytes));
   }
   set_thread_count(threads);
   const TrainView view = make_view(large, true);
   EXPECT_EQ(reducer.reduce(view, &large.mask, 1).truth.data_ptr(), view.truth.data_ptr()) << "scale 1 copies nothing";
-}
-
-/// 1 / 3 of the size until iteration 5, 1 / 2 until 10, then full size.
-TrainConfig coarse_config() {
-  TrainConfig config = test::eventful_config();
-  config.coarse_scale = 3;
-  config.coarse_until = 40;
-  return config;
-}
-
-TEST(CoarseTraining, ResumedEqualsUninterruptedBitForBitOnAnyNumberOfThreads) {
-  const Scene scene = test::make_mixed_scene();
-  const test::TempDir temp;
-  TrainConfig config = coarse_config();
-  ASSERT_EQ(coarse_scale_at(config, 5), 3);
-  ASSERT_EQ(coarse_scale_at(config, 10), 2);
-  ASSERT_EQ(coarse_scale_at(config, 11), 1);
-  const Trained whole = train(config, scene, temp / "whole");
-  test::expect_exact_resume(config, scene, whole, temp.path(), {3, 5, 6, 12});
-  for (const int threads : {1, 3}) {
-    config.threads = threads;
-    EXPECT_TRUE(train(config, scene, temp / "again").ply == whole.ply) << threads << " threads";
-  }
-  config.threads = 0;
-  config.coarse_scale = 1;
-  EXPECT_FALSE(train(config, scene, temp / "full").ply == whole.ply) << "the option changes nothing";
 }
 
 TEST(CoarseTraining, LearnsAndEvaluatesAtFullSize) {

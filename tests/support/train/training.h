@@ -8,6 +8,7 @@
 
 #include "core/files/remove_tree.h"
 #include "support/files.h"
+#include "support/same.h"
 #include "train/checkpoint/checkpoint_file.h"
 #include "train/trainer.h"
 
@@ -114,17 +115,15 @@ inline void expect_exact_resume(const TrainConfig& config, const Scene& scene, c
     const Trained first = train(stopped, scene, own);
     const Trained second = train(config, scene, own, first.result.checkpoint);
     EXPECT_EQ(second.result.iteration, config.iterations);
-    EXPECT_TRUE(second.ply == whole.ply) << "PLY";
-    EXPECT_TRUE(second.checkpoint == whole.checkpoint) << "checkpoint";
+    EXPECT_TRUE(same(second.ply, whole.ply)) << "PLY";
+    EXPECT_TRUE(same(second.checkpoint, whole.checkpoint)) << "checkpoint";
   }
 }
 
-/// Checkpoints in the middle of a training, and the end from each of them, equal those of the uninterrupted one, which
-/// is returned.
-inline Trained expect_exact_resume_from_checkpoints(TrainConfig config, const Scene& scene,
+/// Trains, and again from each of config.checkpoint_iterations: the end is that of the training that was never
+/// interrupted, byte for byte, which is returned.
+inline Trained expect_exact_resume_from_checkpoints(const TrainConfig& config, const Scene& scene,
                                                     const std::filesystem::path& folder) {
-  config.checkpoint_interval = 5;  // also in the middle of steps
-  config.keep_checkpoints = 100;
   const Trained whole = train(config, scene, folder / "whole");
   EXPECT_EQ(whole.result.iteration, config.iterations);
   const std::vector<int> saved = ModelFolder(folder / "whole").checkpoint_iterations();
@@ -137,8 +136,8 @@ inline Trained expect_exact_resume_from_checkpoints(TrainConfig config, const Sc
     const std::filesystem::path copy = own / "start.b3dgs";
     std::filesystem::copy_file(ModelFolder(folder / "whole").checkpoint(iteration), copy);
     const Trained resumed = train(config, scene, own / "model", copy);
-    EXPECT_TRUE(resumed.ply == whole.ply) << "from " << iteration;
-    EXPECT_TRUE(resumed.checkpoint == whole.checkpoint) << "from " << iteration;
+    EXPECT_TRUE(same(resumed.ply, whole.ply)) << "from " << iteration;
+    EXPECT_TRUE(same(resumed.checkpoint, whole.checkpoint)) << "from " << iteration;
   }
   return whole;
 }

@@ -3,6 +3,7 @@
 
 #include "support/approx.h"
 #include "support/gpu_test.h"
+#include "support/same.h"
 #include "support/temp_dir.h"
 #include "support/train/tiny_scene.h"
 #include "support/train/training.h"
@@ -69,25 +70,6 @@ TEST(BudgetOnGpu, ErrorImageIsThatOfTheCpu) {
   host.compute(rendered, truth, valid);
   device.compute(rendered.to(torch::kCUDA), truth.to(torch::kCUDA), valid.to(torch::kCUDA));
   EXPECT_TRUE(test::within(device.error().to(torch::kCPU), host.error(), 1e-5));
-}
-
-TEST(BudgetOnGpu, GivesTheSameBytesTwiceAndAfterAResumeIfDeterministic) {
-  B3DGS_NEEDS_GPU();
-  const Scene scene = test::make_tiny_scene();
-  const test::TempDir temp;
-  TrainConfig config = test::eventful_budget_config();
-  config.device = "cuda";
-  config.deterministic = true;
-  const Trained whole = train(config, scene, temp / "a"), again = train(config, scene, temp / "b");
-  EXPECT_TRUE(whole.ply == again.ply);
-  EXPECT_TRUE(whole.checkpoint == again.checkpoint);
-  for (const int stop : {13, 15}) {  // in a window of scored steps, at a round
-    const std::filesystem::path folder = temp / std::to_string(stop);
-    TrainConfig part = config;
-    part.iterations = stop;
-    const std::filesystem::path checkpoint = train(part, scene, folder).result.checkpoint;
-    EXPECT_TRUE(train(config, scene, folder, checkpoint).ply == whole.ply) << "stopped at " << stop;
-  }
 }
 
 TEST(BudgetOnGpu, LearnsAsOnTheCpu) {

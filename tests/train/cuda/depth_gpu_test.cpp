@@ -3,6 +3,7 @@
 
 #include "support/approx.h"
 #include "support/gpu_test.h"
+#include "support/same.h"
 #include "support/temp_dir.h"
 #include "support/train/depth_maps.h"
 #include "support/train/training.h"
@@ -44,20 +45,6 @@ TEST(DepthPriorsOnGpu, GradientEqualsThatOfTheCpu) {
         on_gpu.gradient(2, rendered.to(gpu), used.defined() ? used.to(gpu) : used, n_valid, valid.to(gpu), 0.5);
     EXPECT_TRUE(test::within(found.cpu(), expected, 1e-12)) << reduction;
   }
-}
-
-TEST(DepthPriorsOnGpu, TrainingGivesTheSameBytesTwiceIfDeterministic) {
-  B3DGS_NEEDS_GPU();
-  const SceneWithDepth with;
-  const test::TempDir temp;
-  TrainConfig config = test::eventful_config();
-  config.device = "cuda";
-  config.deterministic = true;
-  config.depths = with.folder.path().string();
-  config.coarse_scale = 2;
-  config.coarse_until = 15;
-  const Trained first = train(config, with.scene, temp / "a");
-  EXPECT_TRUE(train(config, with.scene, temp / "b").checkpoint == first.checkpoint);
 }
 
 }  // namespace

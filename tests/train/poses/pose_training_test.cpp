@@ -11,10 +11,11 @@
 #include "core/files/remove_tree.h"
 #include "core/random.h"
 #include "model/cameras/cameras_json.h"
+#include "support/approx.h"
 #include "support/expect_error.h"
 #include "support/files.h"
+#include "support/same.h"
 #include "support/temp_dir.h"
-#include "support/train/mixed_scene.h"
 #include "support/train/tiny_scene.h"
 #include "support/train/training.h"
 #include "train/checkpoint/checkpoint.h"
@@ -60,38 +61,6 @@ torch::Tensor corrections_of(const std::filesystem::path& checkpoint, const std:
   return {};
 }
 
-TEST(PoseTraining, ResumedEqualsUninterruptedBitForBitOnAnyNumberOfThreads) {
-  const Scene scene = test::make_mixed_scene();
-  const test::TempDir temp;
-  TrainConfig config = refining_config();
-  config.coarse_scale = 3;
-  config.coarse_until = 40;
-  const Trained whole = train(config, scene, temp / "whole");
-  // before the first pose is refined, within an epoch, at a round, at an opacity reset
-  test::expect_exact_resume(config, scene, whole, temp.path(), {1, 4, 10, 12});
-  for (const int threads : {1, 3}) {
-    config.threads = threads;
-    EXPECT_TRUE(train(config, scene, temp / "again").ply == whole.ply) << threads << " threads";
-  }
-  config.threads = 0;
-  config.pose_opt = false;
-  EXPECT_FALSE(train(config, scene, temp / "without").ply == whole.ply) << "the option changes nothing";
-}
-
-TEST(PoseTraining, WorksWithEveryStrategyAndAntialiasing) {
-  const Scene scene = test::make_tiny_scene();
-  for (const char* strategy : {"mcmc", "budget"}) {
-    SCOPED_TRACE(strategy);
-    const test::TempDir temp;
-    TrainConfig config = refining_config(test::eventful_budget_config());
-    config.strategy = strategy;
-    config.antialiasing = true;
-    const Trained whole = train(config, scene, temp / "whole");
-    EXPECT_GT(corrections_of(whole.result.checkpoint).abs().max().item<double>(), 0);
-    test::expect_exact_resume(config, scene, whole, temp.path(), {3, 13});
-  }
-}
-
 TEST(PoseTraining, FirstAndLastViewStayAndTheOthersMove) {
   const Scene scene = test::make_tiny_scene();
   const test::TempDir temp;
@@ -118,7 +87,7 @@ TEST(PoseTraining, NothingIsLearnedBeforeItsIterationNorWithoutTheOption) {
   config = refining_config(config);
   const Trained late = train(config, scene, temp / "late");
   EXPECT_FALSE(corrections_of(late.result.checkpoint).defined());
-  EXPECT_TRUE(late.ply == without.ply);
+  EXPECT_TRUE(test::same(late.ply, without.ply));
 }
 
 TEST(PoseTraining, CorrectionsStayWithinTheirLimits) {
@@ -250,7 +219,7 @@ TEST(PoseTraining, CorrectionsStayInUseWhenTheOptionIsTurnedOff) {
   config.pose_opt = false;
   const Trained second = train(config, scene, temp / "model", first.result.checkpoint);
   const torch::Tensor learned = corrections_of(first.result.checkpoint);
-  EXPECT_TRUE(torch::equal(corrections_of(second.result.checkpoint), learned));
+  EXPECT_TRUE(test::same(corrections_of(second.result.checkpoint), learned));
   config.iterations += 4;
   config.pose_opt = true;
   const Trained third = train(config, scene, temp / "model", second.result.checkpoint);

@@ -1,9 +1,11 @@
 // A program of several ranks for train_ranks_tests: train_together RANKS SCENARIO. What several ranks train together
 // must have the bytes of what one process trains alone with the same options.
+#include <c10/core/CPUAllocator.h>
 #include <torch/types.h>
 
 #include <atomic>
 #include <cstdlib>
+#include <cstring>
 #include <filesystem>
 #include <iostream>
 #include <limits>
@@ -16,9 +18,12 @@
 #include "core/check.h"
 #include "dist/communicator.h"
 #include "multi/rows/row_owners.h"
+#include "multi/splats/splat_words.h"
 #include "multi/train_on_ranks.h"
 #include "support/rank_program.h"
+#include "support/same.h"
 #include "support/temp_dir.h"
+#include "support/train/every_feature.h"
 #include "support/train/short_memory.h"
 #include "support/train/tiny_scene.h"
 #include "support/train/training.h"
@@ -82,10 +87,16 @@ Files train_alone(const TrainConfig& config, const Scene& scene, const fs::path&
   return files;
 }
 
+void expect_same_bytes(const std::string& found, const std::string& expected, const std::string& what) {
+  const testing::AssertionResult result = test::same(found, expected);
+  expect(result, what + ": " + result.message());
+}
+
 void expect_same(const Files& together, const Files& alone, const std::string& what, const Communicator& ranks) {
   if (!ranks.is_first()) return;
-  expect(!alone.ply.empty() && together.ply == alone.ply, what + ": PLY");
-  expect(together.checkpoint == alone.checkpoint, what + ": checkpoint");
+  expect(!alone.ply.empty(), what + ": a PLY");
+  expect_same_bytes(together.ply, alone.ply, what + ": PLY");
+  expect_same_bytes(together.checkpoint, alone.checkpoint, what + ": checkpoint");
   expect(together.result.n_gaussians == alone.result.n_gaussians, what + ": number of Gaussians");
   const auto& own = together.result.evaluations;
   const auto& other = alone.result.evaluations;
@@ -95,12 +106,7 @@ void expect_same(const Files& together, const Files& alone, const std::string& w
   }
 }
 
-TrainConfig config_of(const std::string& strategy) {
-  TrainConfig config = strategy == "budget" ? test::eventful_budget_config() : test::eventful_config();
-  config.strategy = strategy;
-  if (strategy == "mcmc") config.max_gaussians = 160;
-  config.iterations = 23;  // the last step has fewer views
-  config.batch = 3;        // with four ranks, one renders nothing, as in a step of which views are skipped
+TrainConfig on_ranks(TrainConfig config) {
   config.threads = 1;
   config.deterministic = true;
   if (runs_on_gpu()) {
@@ -108,6 +114,15 @@ TrainConfig config_of(const std::string& strategy) {
     config.kernel = "combined";
   }
   return config;
+}
+
+TrainConfig config_of(const std::string& strategy) {
+  TrainConfig config = strategy == "budget" ? test::eventful_budget_config() : test::eventful_config();
+  config.strategy = strategy;
+  if (strategy == "mcmc") config.max_gaussians = 160;
+  config.iterations = 23;  // the last step has fewer views
+  config.batch = 3;        // with four ranks, one draws nothing
+  return on_ranks(config);
 }
 
 void check_strategy(const TrainConfig& config, const Scene& scene, Communicator& ranks,
@@ -118,23 +133,44 @@ void check_strategy(const TrainConfig& config, const Scene& scene, Communicator&
               ranks);
 }
 
-/// Everything that the step of a view may do.
-void check_options(Communicator& ranks) {
-  test::TinySceneOptions options;
-  options.masked = true;
-  Scene scene = test::make_tiny_scene(options);
+/// With every feature on, whole and continued: a checkpoint of any number of ranks continues on any other.
+void check_everything(Communicator& ranks) {
+  const SharedFolder folder(ranks);
+  std::optional<test::FeatureScene> written;  // depth maps are on disk: rank 0 writes them, then the others do so again
+  for (int r = 0; r < ranks.size(); ++r) {
+    if (r == ranks.rank()) written.emplace(folder / "depths");
+    ranks.barrier("depth maps");
+  }
+  Scene scene = written->scene;
   scene.test.assign(scene.train.begin(), scene.train.begin() + 3);
-  TrainConfig config = config_of("budget");
-  config.test_iterations = {7, 12};
-  config.save_iterations = {9};
-  config.antialiasing = true;
-  config.opacity_reg = config.scale_reg = 0.01;
-  config.coarse_scale = 2;
-  config.coarse_until = 12;
-  config.noise_lr = 1000;
-  for (const int batch : {ranks.size(), 5}) {  // as many views as ranks, and more
-    config.batch = batch;
-    check_strategy(config, scene, ranks);
+  for (const test::FeatureRow& row : test::kFeatureRows) {
+    TrainConfig config = on_ranks(test::every_feature(row, folder / "depths"));
+    config.batch = row.batch == 1 ? ranks.size() : 5;  // as many views as ranks, and more
+    config.test_iterations = {17};                     // after the checkpoint below
+    config.save_iterations = {9};
+    const std::string name = row.name();
+    const fs::path alone_at = folder / (name + "alone"), together_at = folder / (name + "together");
+    const Files alone = train_alone(config, scene, alone_at, ranks);
+    expect_same(train(config, scene, together_at, &ranks), alone, name, ranks);
+    if (ranks.is_first()) {
+      for (const char* const file : {"exposures.json", "poses.json", "cameras.json"}) {
+        expect(fs::exists(alone_at / file) == fs::exists(together_at / file), name + ": whether there is a " + file);
+        if (!fs::exists(alone_at / file)) continue;
+        expect_same_bytes(test::read_bytes(together_at / file), test::read_bytes(alone_at / file), name + ": " + file);
+      }
+    }
+    const std::vector<int> saved = ModelFolder(alone_at).checkpoint_iterations();
+    const int half = saved[saved.size() / 2];
+    const auto copy = [&](const fs::path& from) {
+      const fs::path path = from.string() + "_half.b3dgs";
+      if (ranks.is_first()) fs::copy_file(ModelFolder(from).checkpoint(half), path);
+      ranks.barrier("copied");
+      return path;
+    };
+    const fs::path of_one = copy(alone_at), of_many = copy(together_at);
+    expect_same(train(config, scene, folder / (name + "later"), &ranks, of_one), alone, name + ", alone first", ranks);
+    const Files last = train_alone(config, scene, folder / (name + "last"), ranks, of_many);
+    expect_same(last, alone, name + ", together first", ranks);
   }
 }
 
@@ -154,13 +190,32 @@ void check_parts(Communicator& ranks) {
   check_strategy(config, scene, ranks, 1);
 }
 
-/// Fewer Gaussians than ranks x rows of a block, some ranks have none.
+/// Fewer Gaussians than rows of a block: all ranks but one have none, also when resumed with a forecast of memory.
 void check_few(Communicator& ranks) {
   test::TinySceneOptions options;
   options.n_gaussians = 20;
+  const Scene scene = test::make_tiny_scene(options);
   TrainConfig config = config_of("default");
-  config.densify_from_iter = 100;
-  check_strategy(config, test::make_tiny_scene(options), ranks);
+  config.max_gaussians = RowOwners::kBlock;
+  config.checkpoint_iterations = {12};
+  config.keep_checkpoints = 2;
+  const SharedFolder folder(ranks);
+  const Files alone = train_alone(config, scene, folder / "alone", ranks);
+  const fs::path half = ModelFolder(folder / "alone").checkpoint(12);
+  expect_same(train(config, scene, folder / "together", &ranks), alone, "few", ranks);
+  TrainHooks hooks;
+  const auto memory = std::make_shared<test::ShortMemory>();
+  memory->bytes = std::int64_t{1} << 40;
+  hooks.memory = memory;
+  train_on_ranks(ranks, config, hooks);
+  Trainer trainer(config, scene, ModelFolder(folder / "later"), hooks);
+  trainer.resume(half);
+  const std::int64_t n = trainer.n_gaussians();
+  expect(n != scene.points.size() && n <= RowOwners::kBlock, "density control, " + std::to_string(n) + " Gaussians");
+  trainer.forecast_memory();
+  expect(trainer.n_gaussians() == n, "the forecast keeps the resumed model");
+  const TrainResult result = trainer.run();
+  if (ranks.is_first()) expect_same_bytes(test::read_bytes(result.ply), alone.ply, "few, resumed: PLY");
 }
 
 /// The first rank says that no view shows anything, once all have been rendered and at the end.
@@ -177,31 +232,6 @@ void check_empty(Communicator& ranks) {
   const SharedFolder folder(ranks);
   train(config, scene, folder / "together", &ranks, {}, hooks);
   expect(n_said == (ranks.is_first() ? 2 : 0), "warnings of empty views: " + std::to_string(n_said));
-}
-
-/// A checkpoint of any number of ranks continues on any other.
-void check_resume(Communicator& ranks) {
-  const Scene scene = test::make_tiny_scene();
-  const SharedFolder folder(ranks);
-  TrainConfig config = config_of("budget");
-  config.checkpoint_interval = 6;
-  config.keep_checkpoints = 10;
-  const Files alone = train_alone(config, scene, folder / "alone", ranks);
-  const Files together = train(config, scene, folder / "together", &ranks);
-  expect_same(together, alone, "whole", ranks);
-  for (const int iteration : {6, 12, 18}) {
-    const std::string name = std::to_string(iteration);
-    const auto copy = [&](const std::string& from) {
-      const fs::path path = folder / ("from_" + from + name + ".b3dgs");
-      if (ranks.is_first()) fs::copy_file(ModelFolder(folder / from).checkpoint(iteration), path);
-      ranks.barrier("copied");
-      return path;
-    };
-    const Files later = train(config, scene, folder / ("together" + name), &ranks, copy("alone"));
-    expect_same(later, alone, "alone, then together from " + name, ranks);
-    const Files last = train_alone(config, scene, folder / ("alone" + name), ranks, copy("together"));
-    expect_same(last, alone, "together, then alone from " + name, ranks);
-  }
 }
 
 /// Gaussians that cannot be rendered are removed: in a step, and if an evaluation finds them.
@@ -234,7 +264,7 @@ void check_invalid(Communicator& ranks) {
   expect(trainer.n_gaussians() == 118, "the evaluation removes two of 120");
   expect(!ranks.is_first() || evaluation.views.size() == scene.train.size(), "all views are evaluated");
   const TrainResult result = trainer.run();
-  if (ranks.is_first()) expect(test::read_bytes(result.ply) == alone.ply, "training goes on as alone");
+  if (ranks.is_first()) expect_same_bytes(test::read_bytes(result.ply), alone.ply, "training goes on as alone");
 }
 
 /// A signal that one rank receives stops all of them after the same step, with a checkpoint to continue from.
@@ -251,50 +281,6 @@ void check_stop(Communicator& ranks) {
   expect(stopped.result.interrupted && stopped.result.iteration == config.batch, "stops after the first step");
   const fs::path checkpoint = ranks.exchange("checkpoint", stopped.result.checkpoint.string()).front();
   expect_same(train(config, scene, folder / "together", &ranks, checkpoint), alone, "resumed", ranks);
-}
-
-/// What is learned with the Gaussians, for each photograph or for all: a resumed training has it, too.
-void check_learned(const std::vector<void (*)(TrainConfig&)>& options, Communicator& ranks) {
-  Scene scene = test::make_tiny_scene();
-  scene.test.assign(scene.train.begin(), scene.train.begin() + 3);
-  for (std::size_t i = 0; i < options.size(); ++i) {
-    for (const int batch : {3, 5}) {
-      TrainConfig config = config_of("default");
-      config.batch = batch;
-      config.test_iterations = {17};
-      config.save_iterations = {9};
-      config.checkpoint_interval = 11;
-      config.keep_checkpoints = 10;
-      options[i](config);
-      const std::string what = "options " + std::to_string(i) + ", batch " + std::to_string(batch);
-      const SharedFolder folder(ranks);
-      const Files alone = train_alone(config, scene, folder / "alone", ranks);
-      expect_same(train(config, scene, folder / "together", &ranks), alone, what, ranks);
-      if (batch != 3) continue;
-      const fs::path half = ModelFolder(folder / "alone").checkpoint(12);
-      expect_same(train(config, scene, folder / "later", &ranks, half), alone, what + ", resumed", ranks);
-      if (!ranks.is_first()) continue;
-      for (const char* const name : {"exposures.json", "poses.json", "cameras.json"}) {
-        expect(fs::exists(folder / "alone" / name) == fs::exists(folder / "together" / name), name);
-        if (!fs::exists(folder / "alone" / name)) continue;
-        expect(test::read_bytes(folder / "alone" / name) == test::read_bytes(folder / "together" / name), name);
-      }
-    }
-  }
-}
-
-void check_appearance(Communicator& ranks) {
-  check_learned({[](TrainConfig& config) {
-                   config.exposure = config.pose_opt = true;  // in one exchange
-                 },
-                 [](TrainConfig& config) { config.bilateral_grid = true; }},
-                ranks);
-}
-
-void check_poses(Communicator& ranks) {
-  check_learned({[](TrainConfig& config) { config.pose_opt = true; },
-                 [](TrainConfig& config) { config.pose_opt = config.antialiasing = true; }},
-                ranks);
 }
 
 /// Ranks without memory for more Gaussians: the number is held, all agree on it, and a training resumed from the
@@ -358,6 +344,47 @@ void check_exhausted(Communicator& ranks) {
   }
   const Files alone = train_alone(config, scene, folder / "alone", ranks, checkpoint);
   expect_same(train(config, scene, folder / "together", &ranks, checkpoint), alone, "resumed", ranks);
+}
+
+/// LibTorch's memory of the CPU. Once armed, the next allocation of whole rows of packed splats fails.
+class ShortAllocator final : public c10::Allocator {
+ public:
+  ShortAllocator() : own_(c10::GetCPUAllocator()) { c10::SetCPUAllocator(this, kPriority); }
+  ~ShortAllocator() override { c10::SetCPUAllocator(own_, kPriority); }
+  // Some versions of LibTorch have the first of these, others the last two.
+  c10::DataPtr allocate(std::size_t n_bytes) const { return take(n_bytes); }
+  c10::DataPtr allocate(std::size_t n_bytes) { return take(n_bytes); }
+  void copy_data(void* to, const void* from, std::size_t n_bytes) const { std::memcpy(to, from, n_bytes); }
+
+  mutable bool is_armed = false;
+
+ private:
+  static constexpr std::uint8_t kPriority = 255;
+  c10::DataPtr take(std::size_t n_bytes) const {
+    constexpr std::size_t kRow = kRowWords * sizeof(std::int32_t), kFewRows = 20;
+    if (is_armed && n_bytes >= kFewRows * kRow && n_bytes % kRow == 0) {
+      is_armed = false;
+      throw c10::OutOfMemoryError({__func__, __FILE__, __LINE__}, "the test has no memory for that");
+    }
+    return own_->allocate(n_bytes);
+  }
+  c10::Allocator* own_;
+};
+
+/// A rank that runs out of memory while it packs splats: it frees some, and the step is repeated.
+void check_packing(Communicator& ranks) {
+  const Scene scene = test::make_tiny_scene();
+  const SharedFolder folder(ranks);
+  TrainConfig config = config_of("default");
+  config.iterations = 9;
+  const Files alone = train_alone(config, scene, folder / "alone", ranks);
+  ShortAllocator memory;
+  TrainHooks hooks;
+  hooks.on_progress = [&](const TrainProgress& progress) {
+    if (ranks.rank() == ranks.size() - 1) memory.is_armed |= progress.iteration == 6;
+  };
+  expect_same(train(config, scene, folder / "together", &ranks, {}, hooks), alone, "packed again", ranks);
+  expect(!memory.is_armed, "no allocation has failed");
 }
 
 /// A rank that fails alone: the others say which one, why, and where to continue.
@@ -432,20 +459,18 @@ void check_scenes(Communicator& ranks) {
 }
 
 void run_scenario(const std::string& scenario, Communicator& ranks) {
-  if (scenario == "options") return check_options(ranks);
+  if (scenario == "everything") return check_everything(ranks);
   if (scenario == "parts") return check_parts(ranks);
   if (scenario == "few") return check_few(ranks);
   if (scenario == "empty") return check_empty(ranks);
-  if (scenario == "resume") return check_resume(ranks);
   if (scenario == "invalid") return check_invalid(ranks);
   if (scenario == "stop") return check_stop(ranks);
-  if (scenario == "appearance") return check_appearance(ranks);
-  if (scenario == "poses") return check_poses(ranks);
   if (scenario == "memory") return check_memory(ranks);
   if (scenario == "exhausted") return check_exhausted(ranks);
+  if (scenario == "packing") return check_packing(ranks);
   if (scenario == "failure") return check_failure(ranks);
   if (scenario == "scenes") return check_scenes(ranks);
-  check_strategy(config_of(scenario), test::make_tiny_scene(), ranks);
+  throw LogicError("unknown scenario " + scenario);
 }
 
 }  // namespace

@@ -1,0 +1,77 @@
+// What holds whatever is on: a training that was interrupted, or has other numbers of threads, gives the same files.
+#include "support/train/every_feature.h"
+
+#include <gtest/gtest.h>
+
+#include <functional>
+#include <utility>
+#include <vector>
+
+#include "support/same.h"
+#include "support/temp_dir.h"
+#include "train/checkpoint/checkpoint_file.h"
+#include "train/density/strategies/balanced_strategy.h"
+
+namespace b3dgs {
+namespace {
+
+using test::train;
+using test::Trained;
+
+class EveryFeature : public testing::TestWithParam<test::FeatureRow> {
+ protected:
+  const test::TempDir temp;
+  const Scene scene = test::FeatureScene(temp / "depths").scene;
+  TrainConfig config = test::every_feature(GetParam(), temp / "depths");
+};
+
+TEST_P(EveryFeature, ResumedEqualsUninterruptedBitForBitOnAnyNumberOfThreads) {
+  if (config.strategy == "budget") {
+    ASSERT_TRUE(budget_plan(config, 13).score && budget_plan(config, 14).score);
+  }
+  const Trained whole = test::expect_exact_resume_from_checkpoints(config, scene, temp.path());
+  EXPECT_NE(whole.result.n_gaussians, static_cast<std::int64_t>(scene.points.size())) << "no density control happened";
+  const nlohmann::ordered_json header = read_checkpoint_header(whole.result.checkpoint);
+  EXPECT_EQ(header.at("adam_steps"), config.iterations) << "counts views";
+  EXPECT_EQ(header.at("appearance_steps"), config.iterations);
+  for (const int threads : {1, 3}) {
+    config.threads = threads;
+    EXPECT_TRUE(test::same(train(config, scene, temp / "again").ply, whole.ply)) << threads << " threads";
+  }
+}
+
+INSTANTIATE_TEST_SUITE_P(Rows, EveryFeature, testing::ValuesIn(test::kFeatureRows),
+                         [](const auto& info) { return info.param.name(); });
+
+/// Whether each of them is on: the tests above prove nothing of one that has no effect.
+TEST(Features, MakeADifference) {
+  const std::vector<std::pair<const char*, void (*)(TrainConfig&)>> without{
+      {"exposures or grid", [](TrainConfig& c) { c.exposure = c.bilateral_grid = false; }},
+      {"poses", [](TrainConfig& c) { c.pose_opt = false; }},
+      {"anti-aliasing", [](TrainConfig& c) { c.antialiasing = false; }},
+      {"depths", [](TrainConfig& c) { c.depths.clear(); }},
+      {"opacity_reg", [](TrainConfig& c) { c.opacity_reg = 0; }},
+      {"scale_reg", [](TrainConfig& c) { c.scale_reg = 0; }},
+      {"coarse", [](TrainConfig& c) { c.coarse_scale = 1; }},
+      {"background", [](TrainConfig& c) { c.random_background = false; }},
+      {"seed", [](TrainConfig& c) { ++c.seed; }}};
+  const test::TempDir temp;
+  const Scene scene = test::FeatureScene(temp / "depths").scene;
+  for (const test::FeatureRow& row : {test::kFeatureRows[1], test::kFeatureRows[2]}) {
+    SCOPED_TRACE(row.name());
+    const TrainConfig config = test::every_feature(row, temp / "depths");
+    const std::string with = train(config, scene, temp / "with").ply;
+    for (const auto& [what, turn_off] : without) {
+      TrainConfig changed = config;
+      turn_off(changed);
+      EXPECT_FALSE(train(changed, scene, temp / "without").ply == with) << what;
+    }
+    if (config.strategy != "mcmc") continue;
+    TrainConfig still = config;
+    still.noise_lr = 0;
+    EXPECT_FALSE(train(still, scene, temp / "without").ply == with) << "noise";
+  }
+}
+
+}  // namespace
+}  // namespace b3dgs
