@@ -76,6 +76,8 @@ TEST_F(Compare, TrainsAllInTurnsAndReports) {
   EXPECT_EQ(shown["summary"]["verdict"], result["summary"]["verdict"]);
   EXPECT_EQ(shown["previews"][0]["renders"][1]["image"].get<std::string>().find("data:image/jpeg"), 0u);
   EXPECT_EQ(shown["runs"][0]["kernel_checks"], json::array()) << "no kernels were timed";
+  const json config = json::parse(read_bytes(output() / "naive/seed_0/config.json"));
+  EXPECT_EQ(config["gpu_memory_gb"], -1) << "the budget derived from free memory is not stored as an option";
 }
 
 TEST_F(Compare, StoppedAndResumedGivesTheSameCurves) {
@@ -178,13 +180,6 @@ TEST_F(Compare, NoiseMeasuresTheRunToRunVariation) {
       << more.err;
 }
 
-TEST_F(Compare, RunsHaveTheRequestedOptions) {
-  ASSERT_EQ(compare({"--iterations", "5", "--quiet"}).exit_code, 0);
-  const json config = json::parse(read_bytes(output() / "naive/seed_0/config.json"));
-  EXPECT_EQ(config["iterations"], 5);
-  EXPECT_EQ(config["gpu_memory_gb"], 0) << "shares of this machine's memory are not stored as options";
-}
-
 TEST(FirstInTurn, RotatesOverTurnsAndSeeds) {
   for (const std::size_t n : {2u, 3u, 5u}) {
     std::set<std::size_t> of_turns, of_seeds;
@@ -259,8 +254,11 @@ TEST_F(Compare, DoesNotReplaceAComparisonWithoutOverwrite) {
   const Outcome again = compare({"--iterations", "5"});
   EXPECT_EQ(again.exit_code, 2);
   EXPECT_NE(again.err.find("already holds a comparison"), std::string::npos) << again.err;
+  const fs::path log = output() / "naive/seed_0/train.jsonl";
+  std::ofstream(log, std::ios::app) << "old\n";
   EXPECT_EQ(compare({"--iterations", "6", "--overwrite", "--quiet"}).exit_code, 0);
   EXPECT_EQ(result()["summary"]["done"], 6);
+  EXPECT_EQ(read_bytes(log).find("old"), std::string::npos) << "it is trained again";
   const Outcome other = run_b3dgs({"compare", "--resume", "-m", output().string(), "--configs", "naive,combined"});
   EXPECT_EQ(other.exit_code, 2);
   EXPECT_NE(other.err.find("--resume cannot change --configs"), std::string::npos) << other.err;
@@ -288,14 +286,6 @@ TEST_F(Compare, OverwriteDeletesOldRunsOnlyAfterReadingTheScene) {
   EXPECT_TRUE(fs::exists(output() / "shared-memory/seed_0/point_cloud/iteration_5/point_cloud.ply"));
 }
 
-TEST_F(Compare, OverwriteTrainsAgain) {
-  ASSERT_EQ(compare({"--iterations", "5", "--quiet"}).exit_code, 0);
-  const fs::path log = output() / "naive/seed_0/train.jsonl";
-  std::ofstream(log, std::ios::app) << "old\n";
-  ASSERT_EQ(compare({"--iterations", "5", "--overwrite", "--quiet"}).exit_code, 0);
-  EXPECT_EQ(read_bytes(log).find("old"), std::string::npos);
-}
-
 TEST_F(Compare, InitPlyReplacesMissingPointsOfTheScene) {
   ASSERT_EQ(run_b3dgs({"train", "-s", scene(), "-m", output("model").string(), "--iterations", "2", "--device", "cpu",
                        "--quiet"})
@@ -320,7 +310,7 @@ TEST_F(Compare, SeedsHave64Bits) {
   EXPECT_TRUE(fs::exists(output() / "naive/seed_5000000001/train.jsonl"));
 }
 
-TEST_F(Compare, ResumeRejectsOptionsThatItWouldIgnore) {
+TEST_F(Compare, ResumeRejectsOptionsThatItWouldIgnoreAndOtherDefaults) {
   ASSERT_EQ(compare({"--iterations", "5", "--quiet"}).exit_code, 0);
   const auto rejected = [&](const Words& more, const std::string& reason) {
     Words words{"compare", "--resume", "-m", output().string()};
@@ -337,6 +327,16 @@ TEST_F(Compare, ResumeRejectsOptionsThatItWouldIgnore) {
   std::ofstream(file) << json{{"seed", 7}};
   rejected({"--config", file.string()}, "the comparison has the seeds 0");
   EXPECT_EQ(result()["plan"]["config"]["seed"], 0);
+
+  // A comparison of a version with other defaults is shown, but not resumed.
+  json older = result();
+  older["plan"]["config"]["pixels_per_gaussian"] = 45;
+  std::ofstream(output() / "compare.json") << older;
+  const Outcome resumed = run_b3dgs({"compare", "--resume", "-m", output().string(), "--quiet"});
+  EXPECT_EQ(resumed.exit_code, 2);
+  EXPECT_NE(resumed.err.find("earlier version"), std::string::npos) << resumed.err;
+  const Outcome shown = run_b3dgs({"report", output().string()});
+  EXPECT_EQ(shown.exit_code, 0) << shown.err;
 }
 
 TEST_F(Compare, AComparisonOfAVersionWithAnotherDefaultPresetKeepsItsPreset) {
@@ -349,18 +349,6 @@ TEST_F(Compare, AComparisonOfAVersionWithAnotherDefaultPresetKeepsItsPreset) {
   EXPECT_EQ(result()["plan"]["config"]["preset"], "inria");
   EXPECT_EQ(result()["plan"]["config"]["densify_until_iter"], 15000);
   EXPECT_EQ(result()["summary"]["done"], 6);
-}
-
-TEST_F(Compare, AComparisonOfAVersionWithOtherDefaultsIsShownButNotResumed) {
-  ASSERT_EQ(compare({"--iterations", "4", "--quiet"}).exit_code, 0);
-  json older = result();
-  older["plan"]["config"]["pixels_per_gaussian"] = 45;
-  std::ofstream(output() / "compare.json") << older;
-  const Outcome resumed = run_b3dgs({"compare", "--resume", "-m", output().string(), "--quiet"});
-  EXPECT_EQ(resumed.exit_code, 2);
-  EXPECT_NE(resumed.err.find("earlier version"), std::string::npos) << resumed.err;
-  const Outcome shown = run_b3dgs({"report", output().string()});
-  EXPECT_EQ(shown.exit_code, 0) << shown.err;
 }
 
 TEST_F(Compare, ReportRewritesThePagesFromTheFolder) {
