@@ -12,7 +12,9 @@ namespace b3dgs::test {
 /// Sets variables, and removes them at the end.
 class Variables {
  public:
-  Variables(std::initializer_list<std::pair<const char*, std::string>> values) {
+  Variables(std::initializer_list<std::pair<const char*, std::string>> values)
+      : Variables(std::vector<std::pair<const char*, std::string>>(values)) {}
+  explicit Variables(const std::vector<std::pair<const char*, std::string>>& values) {
     for (const auto& [name, value] : values) {
       setenv(name, value.c_str(), 1);
       names_.push_back(name);

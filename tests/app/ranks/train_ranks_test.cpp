@@ -20,6 +20,7 @@
 #include "support/run_program.h"
 #include "support/same.h"
 #include "support/temp_dir.h"
+#include "support/variables.h"
 #include "train/threads.h"
 
 namespace b3dgs {
@@ -29,23 +30,8 @@ namespace fs = std::filesystem;
 using test::Outcome;
 using test::read_bytes;
 using test::run_b3dgs;
+using test::Variables;
 using Words = std::vector<std::string>;
-
-/// Environment variables during a test.
-class Variables {
- public:
-  explicit Variables(std::vector<std::pair<const char*, std::string>> values) : values_(std::move(values)) {
-    for (const auto& [name, value] : values_) setenv(name, value.c_str(), 1);
-  }
-  ~Variables() {
-    for (const auto& [name, value] : values_) unsetenv(name);
-  }
-  Variables(const Variables&) = delete;
-  Variables& operator=(const Variables&) = delete;
-
- private:
-  std::vector<std::pair<const char*, std::string>> values_;
-};
 
 std::vector<std::pair<const char*, std::string>> launched(int rank, int size, int port = 29500) {
   return {{"RANK", std::to_string(rank)},
