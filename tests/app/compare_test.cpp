@@ -77,7 +77,7 @@ TEST_F(Compare, TrainsAllInTurnsAndReports) {
   EXPECT_EQ(shown["previews"][0]["renders"][1]["image"].get<std::string>().find("data:image/jpeg"), 0u);
   EXPECT_EQ(shown["runs"][0]["kernel_checks"], json::array()) << "no kernels were timed";
   const json config = json::parse(read_bytes(output() / "naive/seed_0/config.json"));
-  EXPECT_EQ(config["gpu_memory_gb"], -1) << "the budget derived from free memory is not stored as an option";
+  EXPECT_EQ(config["gpu_memory_gb"], 0) << "shares of this machine's memory are not stored as options";
 }
 
 TEST_F(Compare, StoppedAndResumedGivesTheSameCurves) {

@@ -39,12 +39,12 @@ inline constexpr FeatureRow kFeatureRows[] = {{"default", 1, false}, {"mcmc", 1,
 /// rounds of density control (10, 15, 20), among the scored steps before them, at an opacity reset, after the last
 /// round.
 inline TrainConfig every_feature(const FeatureRow& row, const std::filesystem::path& depth_maps) {
-  const bool is_balanced = row.strategy == std::string("budget"), is_mcmc = row.strategy == std::string("mcmc");
-  TrainConfig config = is_balanced ? eventful_budget_config() : eventful_config();
+  const bool is_budget = row.strategy == std::string("budget"), is_mcmc = row.strategy == std::string("mcmc");
+  TrainConfig config = is_budget ? eventful_budget_config() : eventful_config();
   config.strategy = row.strategy;
   config.iterations = 23;
   config.batch = row.batch;
-  config.max_gaussians = is_balanced ? 600 : is_mcmc ? 500 : 0;
+  config.max_gaussians = is_budget ? 600 : is_mcmc ? 500 : 0;
   config.exposure = !row.has_grid;
   config.bilateral_grid = row.has_grid;
   config.pose_opt = config.antialiasing = true;

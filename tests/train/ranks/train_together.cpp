@@ -121,7 +121,7 @@ TrainConfig config_of(const std::string& strategy) {
   config.strategy = strategy;
   if (strategy == "mcmc") config.max_gaussians = 160;
   config.iterations = 23;  // the last step has fewer views
-  config.batch = 3;        // with four ranks, one draws nothing
+  config.batch = 3;        // with four ranks, one renders nothing
   return on_ranks(config);
 }
 
