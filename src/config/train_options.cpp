@@ -153,7 +153,7 @@ void for_each_option(TrainConfig& c, const std::function<void(const TrainOption&
         "kernels that adaptive chooses from; training starts with the first");
   field(Option{"backward_kernel"}, c.backward_kernel, backward_kernels,
         "backward kernel on the GPU; adaptive: the fastest, by --kernel_policy");
-  field(Option{"tile"}, c.tile, OneOf{{"auto", "16x16", "16x8"}}, "tile size, px; auto: 16x8 on a GPU, 16x16 on a CPU");
+  field(Option{"tile"}, c.tile, OneOf{{"auto", "16x16", "16x8"}}, "tile size, px; auto: 16x16");
   field(Option{"culling"}, c.culling, OneOf{{"ellipse", "square"}},
         "how to decide which tiles a Gaussian touches; square: 3-sigma box, as in 3DGS");
   field(Option{"deterministic"}.group("Schedule"), c.deterministic, Any{},

@@ -5,14 +5,7 @@
 
 namespace b3dgs {
 
-TileShape default_tile(const std::string& device) {
-  // Measured (docs/lab/experiments.md): on a GPU smaller tiles have shorter lists per pixel and cost little to bin; on
-  // a CPU the larger number of pairs costs more.
-  return {16, device == "cuda" ? 8 : 16};
-}
-
 TileShape tile_shape(const TrainConfig& config) {
-  if (config.tile == "auto") return default_tile(config.device);
   return {16, config.tile == "16x8" ? 8 : 16};
 }
 

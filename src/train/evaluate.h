@@ -17,10 +17,7 @@
 
 namespace b3dgs {
 
-/// The faster tile size for a device: 16 x 8 px on "cuda", 16 x 16 px otherwise ("auto" counts as the CPU).
-TileShape default_tile(const std::string& device);
-
-/// The tile size that the options select, for the device that they name.
+/// The tile size that the options select.
 TileShape tile_shape(const TrainConfig& config);
 
 /// Settings for deterministic rendering, e.g. for evaluation. `sh_degree` is at most that of the Gaussians.

@@ -141,7 +141,7 @@ TEST_F(TrainedModel, TheTileIsThatOfTheMachineThatRenders) {
   change_config("device", "cuda");
   const LoadedModel model = load_model(options_, status_);
   EXPECT_EQ(model.config.device, "cpu");
-  EXPECT_EQ(image_settings(model).tile.height, default_tile("cpu").height);
+  EXPECT_EQ(image_settings(model).tile.height, 16);
 }
 
 TEST_F(TrainedModel, IsRenderedAndEvaluatedWithRefinedPoses) {
