@@ -9,17 +9,14 @@
 #include "app/train_setup.h"
 #include "core/check.h"
 #include "core/files/atomic_file.h"
-#include "core/print.h"
-#include "core/shell_quote.h"
+#include "core/text.h"
 #include "model/cameras/cameras_json.h"
-#include "model/formats/ply.h"
 #include "model/formats/splat_formats.h"
 #include "scene/cameras/coordinate_frame.h"
-#include "train/checkpoint/checkpoint_file.h"
+#include "train/checkpoint/checkpoint.h"
 #include "train/device.h"
 #include "train/evaluate.h"
 #include "train/gaussians/gaussian_model.h"
-#include "train/threads.h"
 
 namespace b3dgs {
 namespace {

@@ -9,7 +9,7 @@
 #include "app/status/status_line.h"
 #include "config/train_config.h"
 #include "core/config.h"
-#include "model/formats/splat_cloud.h"
+#include "model/formats/splat_formats.h"
 #include "model/model_folder.h"
 #include "raster/torch/rasterizer.h"
 #include "scene/scene.h"

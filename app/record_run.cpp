@@ -5,8 +5,8 @@
 
 #include "app/model.h"
 #include "core/check.h"
-#include "report/run_info.h"
-#include "scene/images/image_io.h"
+#include "report/page_data.h"
+#include "scene/images/image.h"
 #include "scene/view_image.h"
 #include "train/quality/metrics.h"
 

@@ -1,4 +1,4 @@
-// Writes what a report needs of a training beyond its log (report/run_info.h), while the training runs.
+// Writes what a report needs of a training beyond its log (report/page_data.h), while the training runs.
 #pragma once
 
 #include <nlohmann/json.hpp>

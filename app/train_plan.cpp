@@ -13,13 +13,10 @@
 #include "core/check.h"
 #include "core/files/own_files.h"
 #include "core/options/command_line.h"
-#include "core/shell_quote.h"
 #include "core/text.h"
 #include "model/checkpoint/checkpoint_header.h"
 #include "model/model_folder.h"
 #include "train/checkpoint/checkpoint.h"
-#include "train/checkpoint/checkpoint_file.h"
-#include "train/checkpoint/checkpoint_scene.h"
 #include "train/scene_limits.h"
 
 namespace b3dgs {

@@ -10,7 +10,7 @@
 #include "core/check.h"
 #include "core/files/atomic_file.h"
 #include "core/files/own_files.h"
-#include "report/run_info.h"
+#include "report/page_data.h"
 
 namespace b3dgs {
 namespace {

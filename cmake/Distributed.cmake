@@ -1,5 +1,5 @@
 # What the LibTorch that was found can do between processes: c10d's headers, Gloo on CPUs, NCCL on GPUs. All of it is
-# optional: without it, tensors go through rank 0 (src/dist/relay_group.h), which is slow.
+# optional: without it, tensors go through rank 0 (src/dist/tensor_group.h), which is slow.
 
 set(B3DGS_C10D OFF)
 set(B3DGS_GLOO OFF)

@@ -5,7 +5,7 @@
 #include <vector>
 
 #include "data_synth/synth_config.h"
-#include "model/formats/splat_cloud.h"
+#include "model/formats/splat_formats.h"
 #include "raster/math/opacity.h"
 #include "scene/cameras/camera.h"
 #include "scene/images/image.h"

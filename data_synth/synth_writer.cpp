@@ -11,11 +11,11 @@
 #include "core/config.h"
 #include "core/files/atomic_file.h"
 #include "core/files/own_files.h"
-#include "core/print.h"
 #include "core/random.h"
+#include "core/text.h"
 #include "model/formats/splat_formats.h"
 #include "scene/colmap/colmap.h"
-#include "scene/images/image_io.h"
+#include "scene/images/image.h"
 
 namespace b3dgs {
 namespace {

@@ -16,7 +16,7 @@
 #include "app/tools/commands.h"
 #include "core/check.h"
 #include "core/options/command_line.h"
-#include "core/print.h"
+#include "core/text.h"
 #include "dist/communicator.h"
 #include "dist/launch/start_ranks.h"
 

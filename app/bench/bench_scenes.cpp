@@ -7,7 +7,6 @@
 #include "data_synth/random.h"
 #include "data_synth/synth_scene.h"
 #include "model/cameras/cameras_json.h"
-#include "model/formats/ply.h"
 #include "model/formats/splat_formats.h"
 #include "model/model_folder.h"
 #include "model/raster_input.h"

@@ -4,7 +4,7 @@
 #include <string>
 
 #include "core/config.h"
-#include "model/formats/splat_cloud.h"
+#include "model/formats/splat_formats.h"
 #include "raster/args.h"
 
 namespace b3dgs {

@@ -19,10 +19,7 @@
 #include "core/options/command_line.h"
 #include "raster/stages.h"
 #include "train/checkpoint/checkpoint.h"
-#include "train/checkpoint/checkpoint_file.h"
-#include "train/checkpoint/checkpoint_scene.h"
 #include "train/device.h"
-#include "train/threads.h"
 #include "train/trainer.h"
 
 namespace b3dgs {

@@ -7,7 +7,6 @@
 #include "app/tools/commands.h"
 #include "core/check.h"
 #include "core/options/command_line.h"
-#include "core/options/nearest_name.h"
 #include "core/parallel.h"
 
 namespace b3dgs {

@@ -6,7 +6,7 @@
 
 #include <vector>
 
-#include "model/formats/splat_cloud.h"
+#include "model/formats/splat_formats.h"
 #include "scene/cameras/camera.h"
 #include "scene/images/image.h"
 

@@ -13,13 +13,12 @@
 #include "config/option_layers.h"
 #include "config/train_options.h"
 #include "core/check.h"
-#include "core/files/folder_lock.h"
+#include "core/files/folders.h"
 #include "core/options/command_line.h"
 #include "core/text.h"
 #include "scene/view_image.h"
 #include "train/device.h"
 #include "train/scene_limits.h"
-#include "train/threads.h"
 
 namespace b3dgs {
 namespace {

@@ -5,8 +5,8 @@
 
 #include "app/record_run.h"
 #include "app/train_setup.h"
-#include "core/files/work_folder.h"
-#include "core/shell_quote.h"
+#include "core/files/folders.h"
+#include "core/text.h"
 #include "report/train_log_reader.h"
 #include "report/train_report.h"
 #include "train/checkpoint/checkpoint.h"

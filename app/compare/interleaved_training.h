@@ -10,7 +10,7 @@
 
 #include "app/terminal/progress.h"
 #include "compare/comparison.h"
-#include "core/files/folder_lock.h"
+#include "core/files/folders.h"
 #include "train/trainer.h"
 
 namespace b3dgs {

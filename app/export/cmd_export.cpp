@@ -13,10 +13,8 @@
 #include "core/check.h"
 #include "core/options/command_line.h"
 #include "core/text.h"
-#include "model/edit/rotate.h"
-#include "model/edit/select.h"
+#include "model/edit/edit.h"
 #include "model/formats/splat_formats.h"
-#include "model/formats/spz.h"
 #include "scene/cameras/coordinate_frame.h"
 #include "train/device.h"
 

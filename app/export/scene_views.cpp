@@ -6,7 +6,7 @@
 #include "app/train_setup.h"
 #include "core/check.h"
 #include "model/raster_input.h"
-#include "scene/images/image_io.h"
+#include "scene/images/image.h"
 #include "scene/view_image.h"
 #include "train/quality/metrics.h"
 

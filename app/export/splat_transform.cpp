@@ -13,9 +13,8 @@
 
 #include "core/check.h"
 #include "core/files/atomic_file.h"
-#include "core/files/work_folder.h"
+#include "core/files/folders.h"
 #include "core/process/child_process.h"
-#include "model/formats/ply.h"
 #include "model/formats/splat_formats.h"
 
 namespace b3dgs {

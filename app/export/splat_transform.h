@@ -6,7 +6,7 @@
 #include <string>
 
 #include "app/status/status_line.h"
-#include "model/formats/splat_cloud.h"
+#include "model/formats/splat_formats.h"
 
 namespace b3dgs {
 

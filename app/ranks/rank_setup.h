@@ -7,7 +7,7 @@
 #include <string>
 
 #include "dist/communicator.h"
-#include "dist/launch/rank_place.h"
+#include "dist/launch/start_ranks.h"
 
 namespace b3dgs {
 

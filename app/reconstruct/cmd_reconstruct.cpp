@@ -7,8 +7,6 @@
 #include "app/tools/commands.h"
 #include "core/check.h"
 #include "core/options/command_line.h"
-#include "core/print.h"
-#include "core/shell_quote.h"
 #include "core/text.h"
 #include "reconstruct/reconstruct.h"
 

@@ -7,7 +7,7 @@
 #include "app/render/camera_path.h"
 #include "app/render/orbit.h"
 #include "core/check.h"
-#include "core/print.h"
+#include "core/text.h"
 #include "scene/cameras/coordinate_frame.h"
 
 namespace b3dgs {

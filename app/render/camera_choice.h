@@ -7,8 +7,8 @@
 
 #include "core/config.h"
 #include "core/options/command_line.h"
-#include "model/cameras/camera_files.h"
-#include "model/formats/splat_cloud.h"
+#include "model/cameras/cameras_json.h"
+#include "model/formats/splat_formats.h"
 #include "scene/scene.h"
 
 namespace b3dgs {

@@ -16,9 +16,8 @@
 #include "core/check.h"
 #include "core/files/own_files.h"
 #include "core/options/command_line.h"
-#include "core/print.h"
 #include "core/text.h"
-#include "scene/images/image_io.h"
+#include "scene/images/image.h"
 #include "train/device.h"
 #include "train/evaluate.h"
 

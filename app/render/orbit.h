@@ -5,7 +5,7 @@
 #include <vector>
 
 #include "core/vec.h"
-#include "model/formats/splat_cloud.h"
+#include "model/formats/splat_formats.h"
 #include "scene/cameras/camera.h"
 
 namespace b3dgs {

@@ -6,7 +6,7 @@
 #include <vector>
 
 #include "core/check.h"
-#include "core/print.h"
+#include "core/text.h"
 
 namespace b3dgs {
 namespace {

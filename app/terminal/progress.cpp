@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
-#include "core/print.h"
+#include "core/text.h"
 
 namespace b3dgs {
 namespace {

@@ -8,8 +8,8 @@
 
 #include "app/tools/commands.h"
 #include "core/check.h"
-#include "core/options/nearest_name.h"
-#include "dist/control/limits.h"
+#include "core/options/command_line.h"
+#include "dist/control/message.h"
 
 namespace b3dgs {
 namespace {

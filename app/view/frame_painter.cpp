@@ -7,7 +7,6 @@
 
 #include "adaptive/load_statistics.h"
 #include "app/colors/depth_colors.h"
-#include "core/print.h"
 #include "core/text.h"
 #include "model/raster_input.h"
 #include "train/quality/metrics.h"

@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
-#include "scene/images/image_io.h"
+#include "scene/images/image.h"
 #include "scene/view_image.h"
 
 namespace b3dgs {

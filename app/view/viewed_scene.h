@@ -8,7 +8,6 @@
 
 #include "app/view/frame_painter.h"
 #include "scene/scene.h"
-#include "view/frame_queue.h"
 #include "view/frame_source.h"
 
 namespace b3dgs {

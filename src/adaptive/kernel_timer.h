@@ -4,8 +4,11 @@
 
 #include <chrono>
 #include <functional>
+#include <memory>
 #include <utility>
 #include <vector>
+
+#include "core/vec.h"
 
 namespace b3dgs {
 
@@ -33,6 +36,26 @@ class SteadyTimer final : public KernelTimer {
 
  private:
   std::vector<double> ms_;
+};
+
+// Times work on a CUDA stream with two events around each piece.
+
+/// Borrows the stream. All timed work must run on it.
+class CudaEventTimer final : public KernelTimer {
+ public:
+  explicit CudaEventTimer(cudaStream_t stream);
+  ~CudaEventTimer() override;
+
+  void measure(const std::function<void()>& work) override;
+  std::vector<double> finish() override;
+
+ private:
+  class Event;
+  struct Span;
+
+  cudaStream_t stream_;
+  std::vector<Span> spans_;  // reused after finish()
+  std::size_t n_used_ = 0;
 };
 
 }  // namespace b3dgs

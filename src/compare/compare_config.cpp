@@ -10,7 +10,6 @@
 #include "config/train_options.h"
 #include "core/check.h"
 #include "core/options/command_line.h"
-#include "core/options/nearest_name.h"
 
 namespace b3dgs {
 namespace {

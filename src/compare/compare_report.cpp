@@ -1,4 +1,4 @@
-#include "compare/compare_report.h"
+#include "compare/comparison.h"
 
 #include <optional>
 #include <string>

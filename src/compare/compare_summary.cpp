@@ -7,7 +7,7 @@
 #include "compare/compare_config.h"
 #include "compare/compare_verdict.h"
 #include "core/check.h"
-#include "core/print.h"
+#include "core/text.h"
 
 namespace b3dgs {
 namespace {

@@ -2,14 +2,12 @@
 #pragma once
 
 #include <cstdint>
+#include <nlohmann/json.hpp>
 #include <optional>
 #include <set>
 #include <string>
 #include <vector>
 
-#include <nlohmann/json.hpp>
-
-#include "compare/compare_balancing.h"
 #include "compare/compare_results.h"
 #include "report/time_saved.h"
 

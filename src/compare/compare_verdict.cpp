@@ -6,8 +6,8 @@
 #include <utility>
 #include <vector>
 
-#include "core/print.h"
-#include "report/figures.h"
+#include "core/text.h"
+#include "report/page_data.h"
 
 namespace b3dgs {
 namespace {

@@ -3,8 +3,8 @@
 #include <algorithm>
 #include <cstdio>
 
-#include "compare/compare_report.h"
 #include "compare/compare_results.h"
+#include "compare/compare_summary.h"
 #include "compare/compare_verdict.h"
 #include "config/former_options.h"
 #include "config/option_layers.h"
@@ -12,10 +12,8 @@
 #include "core/check.h"
 #include "core/files/atomic_file.h"
 #include "core/options/command_line.h"
-#include "core/print.h"
-#include "report/figures.h"
+#include "core/text.h"
 #include "report/page_data.h"
-#include "report/report_page.h"
 
 namespace b3dgs {
 namespace {

@@ -10,7 +10,7 @@
 
 #include "compare/compare_config.h"
 #include "compare/compare_summary.h"
-#include "report/run_info.h"
+#include "report/page_data.h"
 
 namespace b3dgs {
 
@@ -73,5 +73,9 @@ void print_comparison(const Comparison& comparison);
 
 /// Explains loading_ms in a sentence.
 std::string describe_loading(const Comparison& comparison);
+
+/// What the report shows: the results, the runs of all seeds, and texts of the terminal. @throws IoError, InputError if
+/// an image cannot be read
+nlohmann::ordered_json comparison_report_data(const Comparison& comparison);
 
 }  // namespace b3dgs

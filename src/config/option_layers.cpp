@@ -6,7 +6,7 @@
 #include "config/former_options.h"
 #include "config/train_options.h"
 #include "core/check.h"
-#include "core/print.h"
+#include "core/text.h"
 
 namespace b3dgs {
 namespace {

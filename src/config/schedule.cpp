@@ -9,7 +9,6 @@
 
 #include "config/train_options.h"
 #include "core/check.h"
-#include "core/print.h"
 #include "core/text.h"
 
 namespace b3dgs {

@@ -1,5 +1,5 @@
-// Parallel loops with OpenMP: over equal chunks, one per thread, or over tasks that threads take one by one. An
-// exception in a loop body is rethrown in the caller.
+// Parallel loops with OpenMP: over equal chunks or rows, one chunk per thread, or over tasks that threads take one by
+// one. An exception in a loop body is rethrown in the caller.
 #pragma once
 
 #include <omp.h>
@@ -73,6 +73,15 @@ void parallel_chunks(std::int64_t n, std::int64_t grain, Body&& body) {
   if (n <= 0) return;
   const Chunks chunks = make_chunks(n, grain);
   detail::on_threads(static_cast<int>(chunks.count), [&](int chunk) { body(chunks.begin(chunk), chunks.end(chunk)); });
+}
+
+/// Calls row(args, i) for each i in [0, n). A kernel of core/cuda_rows.cuh calls the same function on a GPU.
+template <auto row, class Args>
+void for_rows(const Args& args, std::int64_t n) {
+  constexpr std::int64_t kGrain = 1024;
+  parallel_chunks(n, kGrain, [&](std::int64_t begin, std::int64_t end) {
+    for (std::int64_t i = begin; i < end; ++i) row(args, i);
+  });
 }
 
 }  // namespace b3dgs

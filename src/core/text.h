@@ -1,16 +1,30 @@
-// Counts, sizes and durations as text; lower case.
+// Text of messages, reports and commands, and the fields of a line of text.
 #pragma once
 
 #include <algorithm>
 #include <cctype>
+#include <charconv>
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
+#include <cstdio>
 #include <string>
+#include <string_view>
+#include <type_traits>
 
-#include "core/print.h"
+#include "core/check.h"
 
 namespace b3dgs {
+
+/// std::printf into a string, for short numbers. Cuts the text after 199 characters.
+template <class... Args>
+std::string print_to_string(const char* format, Args... args) {
+  char buffer[200];
+  std::snprintf(buffer, sizeof buffer, format, args...);
+  return buffer;
+}
+
+// Counts, sizes and durations as text; lower case.
 
 /// "1,234,567".
 inline std::string format_count(std::int64_t n) {
@@ -42,5 +56,66 @@ inline std::string lower_case(std::string text) {
   std::transform(text.begin(), text.end(), text.begin(), [](unsigned char c) { return std::tolower(c); });
   return text;
 }
+
+// Words of commands that are printed to be copied into a shell.
+
+/// The word as a POSIX shell reads it back: unchanged if it has only characters without a meaning there, else in single
+/// quotes. A name that begins with "-" is to be written "./-name" before.
+inline std::string shell_quote(const std::string& word) {
+  constexpr const char* kPlain = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789_-+./:,=@%";
+  if (!word.empty() && word.find_first_not_of(kPlain) == std::string::npos) return word;
+  std::string quoted = "'";
+  for (const char c : word) quoted += c == '\'' ? std::string("'\\''") : std::string(1, c);
+  return quoted + "'";
+}
+
+// Reads the fields of one line of a text file in order.
+
+/// Fields are separated by blanks, tabs and commas, as in COLMAP's text files.
+class TextFields {
+ public:
+  explicit TextFields(std::string_view line) : rest_(line) { skip_separators(); }
+
+  bool empty() const { return rest_.empty(); }
+
+  /// The next field; empty at the end of the line.
+  std::string_view word() {
+    const std::size_t end = std::min(rest_.find_first_of(kSeparators), rest_.size());
+    const std::string_view field = rest_.substr(0, end);
+    rest_.remove_prefix(end);
+    skip_separators();
+    return field;
+  }
+
+  /// The rest of the line without trailing blanks, for names, which may contain blanks and commas.
+  std::string_view rest() const {
+    const std::size_t last = rest_.find_last_not_of(" \t\r");
+    return last == std::string_view::npos ? std::string_view() : rest_.substr(0, last + 1);
+  }
+
+  /// The next field as a number. @throws InputError naming place() and `what` if it is not one
+  template <class T, class Place>
+  T number(const char* what, const Place& place) {
+    std::string_view field = word();
+    if (field.size() > 1 && field[0] == '+') field.remove_prefix(1);  // from_chars rejects a plus sign
+    T value{};
+    const auto result = std::from_chars(field.data(), field.data() + field.size(), value);
+    if (result.ec != std::errc() || result.ptr != field.data() + field.size() || field.empty()) {
+      input_error(place(), ": expected ", what, std::is_integral_v<T> ? " (a whole number)" : " (a number)", ", found ",
+                  field.empty() ? std::string("the end of the line") : '"' + std::string(field.substr(0, 40)) + '"');
+    }
+    return value;
+  }
+
+ private:
+  static constexpr const char* kSeparators = " \t\r,";
+
+  void skip_separators() {
+    const std::size_t begin = rest_.find_first_not_of(kSeparators);
+    rest_.remove_prefix(begin == std::string_view::npos ? rest_.size() : begin);
+  }
+
+  std::string_view rest_;
+};
 
 }  // namespace b3dgs

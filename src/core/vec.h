@@ -1,4 +1,5 @@
-// Small vectors and matrices for host and device code, with the operators that the project needs.
+// What host and device code share: small vectors and matrices with the operators that the project needs, and
+// declarations.
 #pragma once
 
 #if defined(__CUDACC__)
@@ -6,6 +7,10 @@
 #else
 #define B3DGS_HD inline
 #endif
+
+// As in CUDA's headers, so that builds without CUDA can declare what its kernels do.
+struct CUstream_st;
+using cudaStream_t = CUstream_st*;
 
 namespace b3dgs {
 

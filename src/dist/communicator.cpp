@@ -12,7 +12,6 @@
 #if B3DGS_TORCH_CUDA
 #include "core/cuda_check.h"
 #endif
-#include "dist/control/rank_hub.h"
 #include "dist/control/rank_link.h"
 #include "dist/control/socket.h"
 

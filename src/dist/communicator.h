@@ -11,8 +11,8 @@
 #include <type_traits>
 #include <vector>
 
-#include "dist/control/limits.h"
-#include "dist/launch/rank_place.h"
+#include "dist/control/message.h"
+#include "dist/launch/start_ranks.h"
 #include "dist/tensor_group.h"
 
 namespace b3dgs {

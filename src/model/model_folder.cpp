@@ -1,11 +1,15 @@
 #include "model/model_folder.h"
 
+#include <zlib.h>
+
 #include <algorithm>
+#include <array>
 #include <charconv>
 #include <fstream>
 #include <nlohmann/json.hpp>
 #include <random>
 #include <sstream>
+#include <string_view>
 #include <system_error>
 
 #include "config/option_layers.h"
@@ -14,9 +18,9 @@
 #include "core/files/atomic_file.h"
 #include "core/files/own_files.h"
 #include "core/json_text.h"
+#include "core/text.h"
 #include "model/cameras/cameras_json.h"
-#include "model/formats/ply.h"
-#include "model/photographs.h"
+#include "model/formats/splat_formats.h"
 
 namespace b3dgs {
 namespace {
@@ -179,6 +183,89 @@ void check_holds_no_model(const ModelFolder& folder) {
 std::string training_id_for(const ModelFolder& folder) {
   const std::string own = folder.training_id();
   return own.empty() || !folder.holds_model() ? new_training_id() : own;
+}
+
+std::int64_t free_disk_bytes(const std::filesystem::path& folder) {
+  std::error_code error;
+  const std::filesystem::space_info space = std::filesystem::space(folder, error);
+  return error ? -1 : static_cast<std::int64_t>(space.available);
+}
+
+std::int64_t ply_bytes(std::int64_t n_gaussians, int sh_degree) {
+  constexpr std::int64_t kFloatBytes = 4, kNormals = 3;
+  const std::int64_t parameters = 11 + 3 * std::int64_t{sh_coefficient_count(sh_degree)};
+  return kFloatBytes * n_gaussians * (parameters + kNormals);
+}
+
+std::string disk_warning(const std::filesystem::path& folder, std::int64_t free_bytes, const FirstFiles& files,
+                         int n_checkpoints) {
+  const std::int64_t wanted = files.ply_bytes + (n_checkpoints + 1) * files.checkpoint_bytes;
+  if (free_bytes < 0 || free_bytes >= wanted) return "";
+  return detail::concat(
+      folder.string(), ": ", format_bytes(free_bytes), " free on this disk, expected ", format_bytes(wanted),
+      " or more: the size of a PLY and ", n_checkpoints + 1, " checkpoints of the ", files.n_gaussians,
+      " Gaussians that training starts with, before densification; free some space, or ", "lower --max_gaussians");
+}
+
+using Json = nlohmann::ordered_json;
+
+namespace {
+
+constexpr std::size_t kPiece = std::size_t{64} << 10;
+
+/// Whether a change of a pixel changes the size of the file or its end: PNG ends with a checksum of its pixels.
+bool is_compressed(const std::filesystem::path& path) {
+  const std::string extension = lower_case(path.extension().string());
+  constexpr std::array<std::string_view, 4> kCompressed{".jpg", ".jpeg", ".png", ".webp"};
+  return std::find(kCompressed.begin(), kCompressed.end(), extension) != kCompressed.end();
+}
+
+}  // namespace
+
+Json photograph_fingerprint(const std::string& path) {
+  std::ifstream file(path, std::ios::binary);
+  std::error_code error;
+  const std::uintmax_t bytes = std::filesystem::file_size(path, error);
+  if (path.empty() || !file || error) return nullptr;
+  std::string piece(kPiece, '\0');
+  const auto add_piece = [&](uLong crc) {
+    file.read(piece.data(), static_cast<std::streamsize>(piece.size()));
+    return ::crc32_z(crc, reinterpret_cast<const Bytef*>(piece.data()), static_cast<std::size_t>(file.gcount()));
+  };
+  const uLong start = add_piece(0);
+  uLong rest = 0;
+  if (bytes > 2 * kPiece && is_compressed(path)) file.seekg(static_cast<std::streamoff>(bytes - kPiece));
+  while (file) rest = add_piece(rest);
+  return {{"bytes", bytes}, {"crc32", start}, {"rest_crc32", rest}};
+}
+
+bool is_same_photograph(const Json& before, const Json& now) {
+  if (!before.is_object() || !now.is_object()) return before == now;
+  return before.value("bytes", Json()) == now.value("bytes", Json()) &&
+         before.value("crc32", Json()) == now.value("crc32", Json()) &&
+         (!before.contains("rest_crc32") || before.at("rest_crc32") == now.value("rest_crc32", Json()));
+}
+
+Json photograph_fingerprints(const Scene& scene) {
+  Json fingerprints = Json::object();
+  for (const std::vector<View>* views : {&scene.train, &scene.test}) {
+    for (const View& view : *views) fingerprints[view.name] = photograph_fingerprint(view.file);
+  }
+  return fingerprints;
+}
+
+std::vector<std::string> changed_views(const std::filesystem::path& file, const std::vector<View>& views) {
+  std::ifstream text(file);
+  const Json saved = Json::parse(text, nullptr, /*allow_exceptions=*/false);
+  std::vector<std::string> names;
+  if (!saved.is_object()) return names;
+  for (const View& view : views) {
+    const Json before = saved.value(view.name, Json());
+    if (!before.is_null() && !is_same_photograph(before, photograph_fingerprint(view.file))) {
+      names.push_back(view.name);
+    }
+  }
+  return names;
 }
 
 }  // namespace b3dgs

@@ -1,16 +1,48 @@
-// The folder of a trained model, with the layout of the original 3DGS. All file names are defined here.
+// How closely the renders of a model match the photographs.
 #pragma once
 
 #include <array>
+#include <cstdint>
 #include <filesystem>
+#include <nlohmann/json.hpp>
+#include <optional>
 #include <string>
 #include <vector>
 
 #include "config/train_config.h"
-#include "model/evaluation.h"
 #include "scene/scene.h"
 
 namespace b3dgs {
+
+struct ImageQuality {
+  double psnr = 0;  // dB
+  double ssim = 0;
+  std::optional<double> corrected_psnr{};  // dB, of the render with its colours fitted to the photograph
+  std::optional<double> lpips{};           // by Evaluation::lpips_network
+};
+
+struct ViewQuality {
+  std::string name;
+  ImageQuality quality;
+};
+
+struct Evaluation {
+  std::vector<ViewQuality> views;         // those that have a valid pixel to compare
+  ImageQuality mean;                      // of `views`; 0 if there are none
+  bool fits_left_half = false;            // only right halves were measured, with colours fitted to the left ones
+  std::string lpips_network{};            // file name; empty: LPIPS was not computed
+  std::vector<std::string> unmeasured{};  // names of views without a valid pixel
+};
+
+/// "", or what follows a number of views: "; 2 more have no valid pixel (first: b.png)".
+inline std::string describe_unmeasured(const Evaluation& evaluation) {
+  const std::size_t n = evaluation.unmeasured.size();
+  if (n == 0) return "";
+  return "; " + std::to_string(n) + (n == 1 ? " more has no valid pixel (" : " more have no valid pixel (first: ") +
+         evaluation.unmeasured.front() + ")";
+}
+
+// The folder of a trained model, with the layout of the original 3DGS. All file names are defined here.
 
 /// The photographs of an evaluation. Two evaluations can be compared if these are the same.
 struct EvaluationSource {
@@ -109,5 +141,41 @@ std::string training_id_for(const ModelFolder& folder);
 /// set_aside/after_iteration_N_1 (_2, _3, ... if that exists), which is returned; empty if there is nothing of later
 /// iterations. @throws IoError
 std::filesystem::path set_aside_after(const ModelFolder& folder, int iteration);
+
+// Predicts whether the files of a training will fit on the disk.
+
+/// Bytes that this user can write to the file system of `folder`; -1 if unknown.
+std::int64_t free_disk_bytes(const std::filesystem::path& folder);
+
+/// Size of a PLY in bytes, without its header.
+std::int64_t ply_bytes(std::int64_t n_gaussians, int sh_degree);
+
+/// The files of the Gaussians that a training starts with.
+struct FirstFiles {
+  std::int64_t n_gaussians = 0;
+  std::int64_t ply_bytes = 0, checkpoint_bytes = 0;  // of one file each
+};
+
+/// A warning of one line if `free_bytes` are too few for a PLY and `n_checkpoints` + 1 checkpoints (a new checkpoint is
+/// written before the oldest is removed); else "".
+std::string disk_warning(const std::filesystem::path& folder, std::int64_t free_bytes, const FirstFiles& files,
+                         int n_checkpoints);
+
+// Detects photographs that have changed since a model was trained on them.
+
+/// {"bytes", "crc32", "rest_crc32"}: the size of a photograph, the CRC-32 of its first 64 KiB, and that of the rest; of
+/// the rest of a JPEG, PNG or WebP file only the last 64 KiB. An edit of a compressed image changes the size or all
+/// that follows; in a file without compression it may change a few bytes anywhere. Null if the file cannot be read.
+nlohmann::ordered_json photograph_fingerprint(const std::string& path);
+
+/// Whether the fingerprints are of the same file. `before` may be of an early version, which had no "rest_crc32".
+bool is_same_photograph(const nlohmann::ordered_json& before, const nlohmann::ordered_json& now);
+
+/// An object from the names of all views to the fingerprints of their photographs.
+nlohmann::ordered_json photograph_fingerprints(const Scene& scene);
+
+/// Names of views whose photographs have other fingerprints than in `file` (photographs.json of the model folder).
+/// Empty if that file is missing or damaged, as in models of early versions.
+std::vector<std::string> changed_views(const std::filesystem::path& file, const std::vector<View>& views);
 
 }  // namespace b3dgs

@@ -1,7 +1,7 @@
 // A scene's camera and a cloud of Gaussians in the form that the rasterizer takes.
 #pragma once
 
-#include "model/formats/splat_cloud.h"
+#include "model/formats/splat_formats.h"
 #include "raster/args.h"
 #include "scene/cameras/camera.h"
 

@@ -8,11 +8,10 @@
 #include <vector>
 
 #include "multi/rank_stepper.h"
-#include "multi/rows/move_rows.h"
-#include "multi/rows/sharded_row_edit.h"
+#include "multi/rows/row_owners.h"
 #include "multi/rows/sharded_rows.h"
 #include "train/checkpoint/checkpoint.h"
-#include "train/density/invalid_gaussians.h"
+#include "train/density/row_edit.h"
 
 namespace b3dgs {
 

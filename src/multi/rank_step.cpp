@@ -11,7 +11,7 @@
 #include "multi/rank_stepper.h"
 #include "multi/rows/sharded_rows.h"
 #include "raster/torch/splat_owner.h"
-#include "train/optimizer/lr_schedule.h"
+#include "train/optimizer/adam.h"
 
 namespace b3dgs {
 

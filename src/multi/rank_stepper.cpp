@@ -2,7 +2,7 @@
 // model; the others project their Gaussians on its request.
 #include "multi/rank_stepper.h"
 
-#include "multi/scene_agreement.h"
+#include "multi/train_on_ranks.h"
 
 namespace b3dgs {
 

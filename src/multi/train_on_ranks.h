@@ -2,9 +2,11 @@
 #pragma once
 
 #include <cstdint>
+#include <nlohmann/json.hpp>
 
 #include "config/train_config.h"
 #include "dist/communicator.h"
+#include "scene/scene.h"
 #include "train/train_hooks.h"
 
 namespace b3dgs {
@@ -15,5 +17,13 @@ namespace b3dgs {
 /// --gpu_memory_gb is given. All ranks call this together. `splats_at_a_time`: see RankStepper.
 void train_on_ranks(Communicator& ranks, const TrainConfig& config, TrainHooks& hooks,
                     std::int64_t splats_at_a_time = 2000000);
+
+// Whether all ranks read the same scene: each reads the folder of its own machine.
+
+/// All ranks call this together. `fingerprint` has the lists "photographs" and "masks", with a value for each training
+/// view that changes with the contents of the file. Ranks exchange a checksum, and what a message needs only if these
+/// differ. @throws InputError on all ranks, naming the first rank whose scene differs from that of rank 0 and the first
+/// difference: number, names, sizes, lenses, poses, photographs or masks of views, or points
+void check_same_scene(Communicator& ranks, const Scene& scene, const nlohmann::ordered_json& fingerprint);
 
 }  // namespace b3dgs

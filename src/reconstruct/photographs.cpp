@@ -19,9 +19,8 @@
 #include "core/files/file_reader.h"
 #include "core/files/own_files.h"
 #include "core/text.h"
+#include "scene/images/image.h"
 #include "scene/images/image_folder.h"
-#include "scene/images/image_header.h"
-#include "scene/images/image_io.h"
 
 namespace b3dgs {
 namespace {

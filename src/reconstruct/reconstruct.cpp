@@ -8,7 +8,7 @@
 #include "core/check.h"
 #include "core/files/atomic_file.h"
 #include "core/files/own_files.h"
-#include "core/shell_quote.h"
+#include "core/text.h"
 #include "reconstruct/colmap_program.h"
 #include "reconstruct/photographs.h"
 #include "reconstruct/program_log.h"

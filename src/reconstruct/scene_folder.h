@@ -8,7 +8,7 @@
 #include <string>
 #include <vector>
 
-#include "core/files/folder_lock.h"
+#include "core/files/folders.h"
 
 namespace b3dgs {
 

@@ -9,7 +9,7 @@
 #include "core/check.h"
 #include "core/files/atomic_file.h"
 #include "core/json_text.h"
-#include "core/print.h"
+#include "core/text.h"
 
 namespace b3dgs {
 namespace {

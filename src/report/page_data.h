@@ -1,16 +1,73 @@
-// The parts of a report's data (JSON) that trainings and comparisons share. page/ reads them.
+// Numbers as text, in the terminal's output; those in pages are written by src/page/text.js.
 #pragma once
 
+#include <algorithm>
+#include <cmath>
 #include <cstdint>
+#include <filesystem>
+#include <nlohmann/json.hpp>
 #include <string>
 #include <vector>
 
-#include <nlohmann/json.hpp>
-
-#include "report/run_info.h"
+#include "core/text.h"
+#include "model/model_folder.h"
 #include "report/train_log_reader.h"
+#include "scene/images/image.h"
 
 namespace b3dgs {
+
+/// "12.3 s", or "3.21 s" if `smallest`, the smallest of the times shown together, is below 10.
+inline std::string format_seconds(double value, double smallest) {
+  return print_to_string(smallest < 10 ? "%.2f s" : "%.1f s", value);
+}
+
+/// With three significant digits.
+inline std::string format_figure(double value) {
+  if (std::fabs(value) >= 1e7) return print_to_string("%.1f M", 1e-6 * value);
+  if (std::fabs(value) >= 1000) return format_count(std::llround(value));
+  if (value == std::round(value)) return print_to_string("%.0f", value);
+  const int digits_before = static_cast<int>(std::floor(std::log10(std::fabs(value)))) + 1;
+  return print_to_string("%.*f", std::clamp(3 - digits_before, 0, 6), value);
+}
+
+// What a report needs from a training besides its log: MODEL/report/run.json and small images beside it. With these,
+// report.html can be written again without the scene and without a GPU.
+
+/// Thumbnails of a photograph and of its render.
+struct Preview {
+  std::string view;
+  double psnr = 0;                           // dB, at full resolution
+  std::filesystem::path photograph, render;  // PNG files
+};
+
+struct RunInfo {
+  nlohmann::ordered_json machine = nlohmann::ordered_json::object();
+  double reading_s = 0;   // reading the scene, sum over all sessions
+  double output_s = 0;    // evaluation, saving and checkpoints, sum over all sessions
+  int iteration = 0;      // at which the previews were rendered
+  bool held_out = false;  // the previews show test views
+  std::vector<Preview> previews;
+};
+
+/// Returns an empty RunInfo if run.json is missing or damaged: the report then leaves those parts out.
+RunInfo read_run_info(const ModelFolder& folder);
+
+/// MODEL/report
+std::filesystem::path report_folder(const ModelFolder& folder);
+
+/// @throws IoError
+void write_run_info(const RunInfo& info, const ModelFolder& folder);
+
+// report.html: a single file without external resources. The program writes the data; page/ draws it.
+
+/// The page that shows `data`, with "kind" training or comparison. Any text in `data` is safe, also broken UTF-8 and
+/// HTML; fractions are rounded to 6 digits.
+std::string report_page(nlohmann::ordered_json data);
+
+/// The image as JPEG in a data URI. @throws IoError if it cannot be encoded
+std::string data_uri(const Image8& rgb);
+
+// The parts of a report's data (JSON) that trainings and comparisons share. page/ reads them.
 
 /// "stages_ms" (mean per step), "curves" (an array per quantity, null where it was not measured), "kernel_checks" and
 /// "load_statistics", as in compare.json.

@@ -1,4 +1,4 @@
-#include "report/report_page.h"
+#include "report/page_data.h"
 
 #include <cmath>
 #include <cstdint>
@@ -8,7 +8,7 @@
 #include <vector>
 
 #include "core/check.h"
-#include "core/print.h"
+#include "core/text.h"
 
 namespace b3dgs {
 

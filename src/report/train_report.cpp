@@ -5,10 +5,8 @@
 #include "config/option_layers.h"
 #include "core/check.h"
 #include "core/files/atomic_file.h"
-#include "core/print.h"
 #include "core/text.h"
 #include "report/page_data.h"
-#include "report/report_page.h"
 
 namespace b3dgs {
 namespace {

@@ -10,9 +10,8 @@
 #include "scene/cameras/coordinate_frame.h"
 #include "scene/cameras/undistort.h"
 #include "scene/colmap/colmap.h"
+#include "scene/images/image.h"
 #include "scene/images/image_folder.h"
-#include "scene/images/image_io.h"
-#include "scene/images/resolution.h"
 #include "scene/scene_model.h"
 #include "scene/view_image.h"
 

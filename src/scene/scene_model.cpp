@@ -5,7 +5,7 @@
 
 #include "core/check.h"
 #include "scene/colmap/colmap.h"
-#include "scene/images/image_io.h"
+#include "scene/images/image.h"
 #include "scene/points/point_cloud.h"
 #include "scene/transforms/transforms.h"
 

@@ -10,8 +10,8 @@
 
 #include "core/parallel.h"
 #include "scene/cameras/coordinate_frame.h"
-#include "scene/images/image_io.h"
-#include "scene/points/seed_points.h"
+#include "scene/images/image.h"
+#include "scene/points/point_cloud.h"
 #include "scene/view_image.h"
 
 namespace b3dgs {

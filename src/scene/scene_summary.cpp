@@ -9,7 +9,7 @@
 
 #include "core/check.h"
 #include "core/text.h"
-#include "scene/images/resolution.h"
+#include "scene/images/image.h"
 #include "scene/view_image.h"
 
 namespace b3dgs {

@@ -9,9 +9,8 @@
 #include "core/check.h"
 #include "core/host_memory.h"
 #include "core/parallel.h"
+#include "scene/images/image.h"
 #include "scene/images/image_folder.h"
-#include "scene/images/image_io.h"
-#include "scene/images/resolution.h"
 
 namespace b3dgs {
 namespace {

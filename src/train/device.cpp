@@ -1,9 +1,13 @@
 #include "train/device.h"
 
 #include <ATen/Context.h>
+#include <ATen/Parallel.h>
+
+#include <algorithm>
 
 #include "core/check.h"
 #include "core/parallel.h"
+
 #if B3DGS_TORCH_CUDA
 #include <c10/cuda/CUDAFunctions.h>
 
@@ -45,6 +49,23 @@ std::string describe_device(const torch::Device& device) {
   if (device.is_cuda()) return "device      GPU";
   const int threads = thread_count();
   return "device      CPU, " + std::to_string(threads) + (threads == 1 ? " thread" : " threads");
+}
+
+namespace {
+
+int default_threads = 0;
+
+}  // namespace
+
+int set_compute_threads(int n) {
+  constexpr int kFew = 64;  // as for a training that is resumed on a smaller machine
+  set_thread_count(std::min(n > 0 ? n : default_threads, std::max(kFew, 4 * omp_get_num_procs())));
+  at::set_num_threads(thread_count());
+  return thread_count();
+}
+
+void set_default_threads(int n) {
+  default_threads = n;
 }
 
 }  // namespace b3dgs

@@ -11,8 +11,6 @@
 #include "model/raster_input.h"
 #include "raster/torch/rasterizer.h"
 #include "scene/scene.h"
-#include "train/quality/color_fit.h"
-#include "train/quality/lpips.h"
 #include "train/quality/metrics.h"
 
 namespace b3dgs {

@@ -1,7 +1,7 @@
 #include "train/objective.h"
 
 #include "train/loss/loss_weights.h"
-#include "train/optimizer/lr_schedule.h"
+#include "train/optimizer/adam.h"
 
 namespace b3dgs {
 

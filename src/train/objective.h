@@ -14,7 +14,6 @@
 #include "train/appearance/appearance_model.h"
 #include "train/depth/depth_priors.h"
 #include "train/images/image_store.h"
-#include "train/loss/error_image.h"
 #include "train/loss/loss.h"
 
 namespace b3dgs {
@@ -34,7 +33,7 @@ class Objective {
 
   /// Of the last compare(), for which this waits on a GPU.
   double value() const { return loss_.value().loss; }
-  /// [H, W] of the last compare(): by how much each pixel is wrong (error_image.h).
+  /// [H, W] of the last compare(): by how much each pixel is wrong (loss.h).
   const torch::Tensor& errors() const { return error_image_.error(); }
 
   /// How photographs differ because of their cameras, which is learned with the Gaussians; null = not at all.

@@ -6,7 +6,6 @@
 #include <limits>
 
 #include "core/check.h"
-#include "core/print.h"
 #include "core/text.h"
 
 namespace b3dgs {

@@ -15,10 +15,10 @@
 #include "config/batch_steps.h"
 #include "config/coarse_schedule.h"
 #include "core/random.h"
-#include "raster/torch/tensor_storage.h"
-#include "train/density/invalid_gaussians.h"
+#include "raster/torch/tensors.h"
+#include "train/density/row_edit.h"
 #include "train/evaluate.h"
-#include "train/optimizer/lr_schedule.h"
+#include "train/optimizer/adam.h"
 
 namespace b3dgs {
 

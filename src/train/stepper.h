@@ -25,7 +25,7 @@
 #include "raster/checks.h"
 #include "train/density/row_edit.h"
 #include "train/gaussians/smoothing_filter.h"
-#include "train/memory/memory_plan.h"
+#include "train/memory/memory.h"
 #include "train/optimizer/gaussian_optimizer.h"
 #include "train/training.h"
 

@@ -8,11 +8,11 @@
 #include <string>
 
 #include "adaptive/kernel_timer.h"
-#include "raster/torch/gaussian_tensors.h"
+#include "raster/torch/rasterizer.h"
 #include "scene/scene.h"
-#include "train/memory/memory_source.h"
+#include "train/memory/memory.h"
 #include "train/output/train_events.h"
-#include "train/poses/pose_state.h"
+#include "train/poses/camera_correction.h"
 
 namespace b3dgs {
 

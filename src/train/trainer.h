@@ -1,4 +1,8 @@
-// Trains a model: the public interface.
+// Trains a model, from the start or a checkpoint to its end or a failure: takes the steps and does what is due between
+// them, and writes what the user gets. The public interface.
+//
+//   trainer.cpp          the loop, and what happens when it fails
+//   trainer_outputs.cpp  the start of a session, and what an iteration evaluates, logs and saves
 #pragma once
 
 #include <cstdint>
@@ -9,6 +13,7 @@
 #include <vector>
 
 #include "config/train_config.h"
+#include "core/files/own_files.h"
 #include "model/model_folder.h"
 #include "scene/scene.h"
 #include "train/evaluate.h"
@@ -16,7 +21,11 @@
 
 namespace b3dgs {
 
-class Session;
+class DensityControl;
+class Stepper;
+struct BlendInput;
+struct OutputPlan;
+struct Training;
 
 /// Of a GPU, bytes besides the CUDA context, before the first step.
 struct MemoryForecast {
@@ -87,7 +96,49 @@ class Trainer {
   std::optional<MemoryForecast> forecast_memory();
 
  private:
-  std::unique_ptr<Session> session_;
+  // trainer.cpp
+  void initialize_model();
+  /// One step and everything that is due after it.
+  void run_iteration();
+  /// Times the blending kernels before the next step, if that is due. Does not change the Gaussians.
+  void check_kernels();
+  void show_model();
+  /// Writes a checkpoint if the state is consistent, and rethrows the current exception with the checkpoint's path.
+  [[noreturn]] void end_with_checkpoint();
+  /// The end of the error message: where training can be resumed.
+  std::string save_last_state();
+  std::string last_checkpoint() const;
+  /// How to continue from a checkpoint.
+  std::string resume_words(const std::filesystem::path& checkpoint) const;
+
+  // trainer_outputs.cpp
+  /// Prepares the first step of this session. Does nothing when called again.
+  void begin();
+  /// Marks the folder as the one of this training, and sets aside what it holds of later iterations.
+  void claim_folder();
+  void warn_of_disk_space();
+  void write_outputs(const OutputPlan& plan);
+  void log_load();
+  void log_kernel_times();
+  void log_floaters();
+  /// No value if no test view has a valid pixel.
+  std::optional<ImageQuality> evaluate_test_views();
+  Evaluation evaluate_here(const std::vector<View>& views, const RenderedFn& on_rendered);
+  /// The next views, and the current model.
+  BlendInput kernel_check_input();
+  void write_ply();
+  /// cameras.json and poses.json, with the refined poses.
+  void write_poses();
+  void write_state();
+
+  std::unique_ptr<Training> training_;
+  std::unique_ptr<Stepper> stepper_;
+  std::unique_ptr<DensityControl> density_control_;
+  std::optional<OwnFiles> own_files_;  // of the folder, while it is written
+  TrainResult result_;
+  bool has_begun_ = false;
+  std::filesystem::path resumed_;             // checkpoint
+  std::vector<std::string> changed_options_;  // since that checkpoint was written
 };
 
 }  // namespace b3dgs

@@ -7,8 +7,9 @@
 #include <utility>
 
 #include "scene/view_image.h"
+#include "train/checkpoint/checkpoint.h"
 #include "train/device.h"
-#include "train/memory/memory_plan.h"
+#include "train/memory/memory.h"
 
 namespace b3dgs {
 namespace {
@@ -92,6 +93,15 @@ MemoryRemedy Training::release_photographs() {
     recorder.say("fewer photographs stay on the GPU: memory is short");
     return true;
   };
+}
+
+nlohmann::ordered_json scene_identity(const Training& training) {
+  nlohmann::ordered_json identity = scene_fingerprint(training.scene);
+  if (!training.objective.has_depths()) return identity;
+  for (const std::filesystem::path& file : depth_map_files(training.config.depths, training.scene)) {
+    identity["depth_maps"].push_back(photograph_fingerprint(file.string()));
+  }
+  return identity;
 }
 
 }  // namespace b3dgs

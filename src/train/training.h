@@ -1,7 +1,8 @@
-// What the parts of a training share. A Session owns it, and it outlives everything that refers to it.
+// What the parts of a training share. A Trainer owns it, and it outlives everything that refers to it.
 #pragma once
 
 #include <memory>
+#include <nlohmann/json.hpp>
 #include <vector>
 
 #include "adaptive/kernel_selector.h"
@@ -11,12 +12,11 @@
 #include "scene/scene.h"
 #include "train/checkpoint/train_state.h"
 #include "train/density/density_strategy.h"
-#include "train/memory/memory_source.h"
+#include "train/memory/memory.h"
 #include "train/objective.h"
 #include "train/output/train_recorder.h"
 #include "train/selection/kernel_chooser.h"
-#include "train/timing/stage_timer.h"
-#include "train/timing/time_account.h"
+#include "train/timing/timers.h"
 #include "train/train_hooks.h"
 #include "train/training_views.h"
 
@@ -57,7 +57,11 @@ struct Training {
   StageTimer timer;
   TimeAccount time;
   TrainRecorder recorder;
-  bool is_consistent = true;  // `state`; false while, or after, a change to it was interrupted halfway
+  nlohmann::ordered_json fingerprint;  // of the scene, for checkpoints; null until the first step
+  bool is_consistent = true;           // `state`; false while, or after, a change to it was interrupted halfway
 };
+
+/// What a checkpoint says about the scene.
+nlohmann::ordered_json scene_identity(const Training& training);
 
 }  // namespace b3dgs

@@ -1,8 +1,87 @@
 #include "train/training_views.h"
 
 #include "config/coarse_schedule.h"
+#include "core/check.h"
+#include "core/parallel.h"
+#include "raster/torch/tensors.h"
+#include "raster/torch/torch_cuda.h"
+#include "train/images/reduce_image.h"
 
 namespace b3dgs {
+
+PinholeView reduced_camera(const PinholeView& camera, int scale) {
+  const auto divisor = static_cast<float>(scale);
+  PinholeView reduced = camera;
+  reduced.fx /= divisor;
+  reduced.fy /= divisor;
+  reduced.cx /= divisor;
+  reduced.cy /= divisor;
+  reduced.width /= scale;
+  reduced.height /= scale;
+  return reduced;
+}
+
+void reduce_image(const ReduceImageArgs& args) {
+  parallel_pool(args.reduced_height(), [&](std::int64_t y, int) {
+    for (std::int32_t x = 0; x < args.reduced_width(); ++x) reduce_pixel(args, x, static_cast<std::int32_t>(y));
+  });
+}
+
+std::int64_t ViewReducer::count_valid(const Image8& mask, int scale) {
+  if (counted_scale_ != scale) n_valid_.clear();
+  counted_scale_ = scale;
+  const auto [known, is_new] = n_valid_.emplace(&mask, 0);
+  if (!is_new) return known->second;
+  ReduceImageArgs args;
+  args.width = mask.width;
+  args.height = mask.height;
+  args.scale = scale;
+  args.valid = mask.pixels.data();
+  for (std::int32_t y = 0; y < args.reduced_height(); ++y) {
+    for (std::int32_t x = 0; x < args.reduced_width(); ++x) {
+      known->second += is_reduced_valid(args, count_valid_in(args, x, y)) ? 1 : 0;
+    }
+  }
+  return known->second;
+}
+
+TrainView ViewReducer::reduce(const TrainView& view, const Image8* mask, int scale) {
+  if (scale == 1) return view;
+  B3DGS_CHECK(view.valid.defined() == (mask != nullptr), "view ", view.name, ": a mask on one side only");
+  TrainView reduced = view;
+  reduced.camera = reduced_camera(view.camera, scale);
+  const std::int64_t width = reduced.camera.width, height = reduced.camera.height;
+  const auto options = torch::TensorOptions(torch::kUInt8).device(device_);
+  place_tensor(truth_, truth_room_, {height, width, 3}, options);
+  reduced.truth = truth_;
+  reduced.n_valid = mask == nullptr ? width * height : count_valid(*mask, scale);
+
+  ReduceImageArgs args;
+  args.width = view.camera.width;
+  args.height = view.camera.height;
+  args.scale = scale;
+  args.rgb = view.truth.data_ptr<std::uint8_t>();
+  args.reduced = truth_.data_ptr<std::uint8_t>();
+  if (view.valid.defined()) {
+    place_tensor(valid_, valid_room_, {height, width}, options);
+    reduced.valid = valid_;
+    args.valid = view.valid.data_ptr<std::uint8_t>();
+    args.reduced_valid = valid_.data_ptr<std::uint8_t>();
+  }
+  if (view.empty.defined()) {
+    // Only pixels all of whose parts are empty.
+    reduced.empty = view.empty.slice(0, 0, height * scale)
+                        .slice(1, 0, width * scale)
+                        .reshape({height, scale, width, scale})
+                        .amin({1, 3});
+  }
+  if (kTorchHasCuda && device_.is_cuda()) {
+    cuda::reduce_image(args, torch_stream());
+  } else {
+    reduce_image(args);
+  }
+  return reduced;
+}
 
 int TrainingViews::scale_at(int iteration, const PinholeView& camera) const {
   return coarse_scale_of(coarse_scale_at(config_, iteration), camera.width, camera.height);

@@ -1,4 +1,4 @@
-#include "view/frame_queue.h"
+#include "view/frame_source.h"
 
 #include <algorithm>
 #include <utility>

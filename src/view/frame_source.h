@@ -2,8 +2,14 @@
 #pragma once
 
 #include <array>
+#include <chrono>
+#include <condition_variable>
 #include <cstdint>
+#include <deque>
+#include <exception>
+#include <functional>
 #include <memory>
+#include <mutex>
 #include <optional>
 #include <string>
 #include <vector>
@@ -101,6 +107,38 @@ class FrameSource {
   virtual void command(ViewCommand command) = 0;
   /// There are no more frames: render() throws from now on, also where it waits.
   virtual void close() = 0;
+};
+
+// Hands frame requests from the server's threads to the one thread that may render.
+
+class FrameQueue {
+ public:
+  /// Waits for the frame. @throws BusyError if nobody has begun it after `patience`, or the queue is closed; what the
+  /// renderer has thrown
+  Frame ask(const FrameRequest& request, std::chrono::milliseconds patience);
+
+  /// Whether a request waits. Cheap enough to be asked after every step of a training.
+  bool has_request() const;
+
+  /// Answers the oldest request, after waiting for one for at most `wait`. Exceptions go to the one who asked. Returns
+  /// whether there was one.
+  bool serve(const std::function<Frame(const FrameRequest&)>& render, std::chrono::milliseconds wait);
+
+  /// Ends waiting in ask() and serve(), now and from now on.
+  void close();
+
+ private:
+  struct Waiting {
+    FrameRequest request;
+    Frame frame;
+    std::exception_ptr error;
+    bool is_begun = false, is_done = false;
+  };
+
+  mutable std::mutex mutex_;
+  std::condition_variable asked_, answered_;
+  std::deque<std::shared_ptr<Waiting>> waiting_;
+  bool is_closed_ = false;
 };
 
 }  // namespace b3dgs

@@ -9,7 +9,7 @@
 
 #include "core/files/atomic_file.h"
 #include "scene/colmap/colmap.h"
-#include "scene/images/image_io.h"
+#include "scene/images/image.h"
 #include "support/files.h"
 #include "support/run_program.h"
 #include "support/temp_dir.h"

@@ -1,6 +1,5 @@
 // Option names, conversions, precedence and help texts, mostly with the training options.
 #include "core/options/command_line.h"
-#include "core/options/nearest_name.h"
 
 #include <gtest/gtest.h>
 

@@ -5,8 +5,8 @@
 #include <csignal>
 #include <nlohmann/json.hpp>
 
-#include "model/formats/ply.h"
-#include "scene/images/image_io.h"
+#include "model/formats/splat_formats.h"
+#include "scene/images/image.h"
 #include "support/files.h"
 #include "support/page_data.h"
 #include "support/run_program.h"

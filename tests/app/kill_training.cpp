@@ -23,12 +23,11 @@
 
 #include "app/tools/commands.h"
 #include "core/check.h"
-#include "core/files/remove_tree.h"
-#include "model/formats/ply.h"
+#include "core/files/folders.h"
+#include "model/formats/splat_formats.h"
 #include "model/model_folder.h"
 #include "support/files.h"
 #include "train/checkpoint/checkpoint.h"
-#include "train/checkpoint/checkpoint_file.h"
 
 namespace b3dgs {
 namespace {

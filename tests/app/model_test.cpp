@@ -10,8 +10,8 @@
 #include <sstream>
 
 #include "core/files/atomic_file.h"
-#include "core/files/remove_tree.h"
-#include "scene/images/image_io.h"
+#include "core/files/folders.h"
+#include "scene/images/image.h"
 #include "support/files.h"
 #include "support/run_program.h"
 #include "support/temp_dir.h"

@@ -6,14 +6,14 @@
 
 #include "config/train_options.h"
 #include "core/files/atomic_file.h"
-#include "core/files/remove_tree.h"
+#include "core/files/folders.h"
 #include "model/model_folder.h"
 #include "support/files.h"
 #include "support/page_data.h"
 #include "support/run_program.h"
 #include "support/same.h"
 #include "support/temp_dir.h"
-#include "train/checkpoint/checkpoint_file.h"
+#include "train/checkpoint/checkpoint.h"
 
 namespace b3dgs {
 namespace {

@@ -10,7 +10,7 @@
 #include "core/check.h"
 #include "core/files/atomic_file.h"
 #include "data_synth/synth_writer.h"
-#include "model/formats/ply.h"
+#include "model/formats/splat_formats.h"
 #include "scene/scene.h"
 #include "scene/view_image.h"
 #include "support/expect_error.h"

@@ -6,8 +6,8 @@
 #include <cstdint>
 #include <random>
 
-#include "compare/compare_report.h"
 #include "compare/compare_verdict.h"
+#include "compare/comparison.h"
 
 namespace b3dgs {
 namespace {

@@ -1,5 +1,5 @@
 // The data of a comparison's report, and the text that a browser shows of it, for synthetic runs.
-#include "compare/compare_report.h"
+#include "compare/comparison.h"
 
 #include <gtest/gtest.h>
 #include <sys/wait.h>
@@ -11,9 +11,9 @@
 #include <map>
 
 #include "config/train_options.h"
-#include "report/report_page.h"
+#include "report/page_data.h"
 #include "report/train_report.h"
-#include "scene/images/image_io.h"
+#include "scene/images/image.h"
 #include "support/files.h"
 #include "support/temp_dir.h"
 

@@ -9,7 +9,7 @@
 #include <vector>
 
 #include "core/files/atomic_file.h"
-#include "core/files/remove_tree.h"
+#include "core/files/folders.h"
 #include "support/files.h"
 #include "support/temp_dir.h"
 

@@ -1,4 +1,4 @@
-#include "core/files/remove_tree.h"
+#include "core/files/folders.h"
 
 #include <gtest/gtest.h>
 

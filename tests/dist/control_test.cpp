@@ -21,7 +21,6 @@
 
 #include "core/check.h"
 #include "dist/control/message.h"
-#include "dist/control/rank_hub.h"
 #include "dist/control/rank_link.h"
 #include "dist/control/socket.h"
 #include "support/expect_error.h"

@@ -11,7 +11,7 @@
 #include <sstream>
 #include <thread>
 
-#include "dist/control/limits.h"
+#include "dist/control/message.h"
 #include "dist/control/socket.h"
 #include "support/run_program.h"
 #include "support/temp_dir.h"

@@ -5,7 +5,7 @@
 #include <string>
 
 #include "core/check.h"
-#include "dist/launch/rank_place.h"
+#include "dist/launch/start_ranks.h"
 #include "support/expect_error.h"
 
 namespace b3dgs {

@@ -2,7 +2,7 @@
 #include <cmath>
 
 #include "fuzz/fuzz_target.h"
-#include "model/cameras/camera_files.h"
+#include "model/cameras/cameras_json.h"
 
 void b3dgs::fuzz::read_input(std::string_view bytes) {
   const CameraFile file = parse_camera_file(std::string(bytes), "nowhere/cameras.json", {640, 480});

@@ -7,7 +7,6 @@
 #include "adaptive/kernel_selector.h"
 #include "fuzz/fuzz_target.h"
 #include "model/checkpoint/checkpoint_header.h"
-#include "model/checkpoint/checkpoint_layout.h"
 
 namespace b3dgs::fuzz {
 namespace {

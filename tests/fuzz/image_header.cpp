@@ -1,5 +1,5 @@
 // Size and completeness of JPEG and PNG files.
-#include "scene/images/image_header.h"
+#include "scene/images/image.h"
 
 #include "fuzz/fuzz_target.h"
 

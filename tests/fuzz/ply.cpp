@@ -4,7 +4,7 @@
 
 #include "fuzz/fuzz_target.h"
 #include "fuzz/splat_check.h"
-#include "model/formats/ply.h"
+#include "model/formats/splat_formats.h"
 
 namespace b3dgs::fuzz {
 namespace {

@@ -4,7 +4,7 @@
 #include <cmath>
 
 #include "core/check.h"
-#include "model/formats/splat_cloud.h"
+#include "model/formats/splat_formats.h"
 
 namespace b3dgs::fuzz {
 

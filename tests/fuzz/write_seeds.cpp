@@ -6,13 +6,12 @@
 #include "adaptive/kernel_selector.h"
 #include "config/train_options.h"
 #include "core/files/atomic_file.h"
-#include "core/files/remove_tree.h"
+#include "core/files/folders.h"
 #include "fuzz/fuzz_target.h"
 #include "model/cameras/cameras_json.h"
-#include "model/formats/ply.h"
-#include "model/formats/spz.h"
+#include "model/formats/splat_formats.h"
 #include "scene/colmap/colmap.h"
-#include "scene/images/image_io.h"
+#include "scene/images/image.h"
 #include "support/files.h"
 #include "support/formats/spz_content.h"
 #include "support/formats/write_transforms.h"
@@ -20,7 +19,7 @@
 #include "support/train/tiny_scene.h"
 #include "train/checkpoint/checkpoint.h"
 #include "train/gaussians/gaussian_model.h"
-#include "train/output/train_log.h"
+#include "train/output/train_recorder.h"
 
 namespace b3dgs {
 namespace {

@@ -1,5 +1,5 @@
 // Camera files of every kind give the same cameras; bad files are named with the frame.
-#include "model/cameras/camera_files.h"
+#include "model/cameras/cameras_json.h"
 
 #include <gtest/gtest.h>
 
@@ -8,7 +8,7 @@
 
 #include "core/check.h"
 #include "scene/cameras/camera.h"
-#include "scene/images/image_io.h"
+#include "scene/images/image.h"
 #include "support/expect_error.h"
 #include "support/files.h"
 #include "support/temp_dir.h"

@@ -8,8 +8,7 @@
 
 #include "core/check.h"
 #include "core/vec.h"
-#include "model/edit/rotate.h"
-#include "model/edit/select.h"
+#include "model/edit/edit.h"
 #include "raster/math/sh.h"
 #include "scene/cameras/camera.h"
 #include "support/expect_error.h"

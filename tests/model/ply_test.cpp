@@ -1,4 +1,4 @@
-#include "model/formats/ply.h"
+#include "model/formats/splat_formats.h"
 
 #include <gtest/gtest.h>
 

@@ -5,7 +5,6 @@
 #include <set>
 
 #include "core/check.h"
-#include "model/formats/ply.h"
 #include "support/expect_error.h"
 #include "support/files.h"
 #include "support/temp_dir.h"

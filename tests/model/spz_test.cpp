@@ -1,4 +1,4 @@
-#include "model/formats/spz.h"
+#include "model/formats/splat_formats.h"
 
 #include <gtest/gtest.h>
 

@@ -4,7 +4,7 @@
 #include <map>
 
 #include "core/check.h"
-#include "core/files/remove_tree.h"
+#include "core/files/folders.h"
 #include "reconstruct/fake_programs.h"
 #include "reconstruct/reconstruct.h"
 #include "support/expect_error.h"

@@ -1,12 +1,12 @@
 // With the programs colmap and ffmpeg themselves, where they are installed.
 #include <gtest/gtest.h>
 
-#include "core/print.h"
 #include "core/process/child_process.h"
+#include "core/text.h"
 #include "data_synth/synth_writer.h"
 #include "reconstruct/reconstruct.h"
 #include "reconstruct/video_frames.h"
-#include "scene/images/image_io.h"
+#include "scene/images/image.h"
 #include "support/files.h"
 #include "support/temp_dir.h"
 

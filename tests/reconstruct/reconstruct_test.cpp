@@ -4,7 +4,7 @@
 
 #include "core/check.h"
 #include "reconstruct/fake_programs.h"
-#include "scene/images/image_io.h"
+#include "scene/images/image.h"
 #include "scene/photograph.h"
 #include "support/expect_error.h"
 #include "support/files.h"

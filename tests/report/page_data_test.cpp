@@ -3,7 +3,7 @@
 
 #include <gtest/gtest.h>
 
-#include "scene/images/image_io.h"
+#include "scene/images/image.h"
 #include "support/temp_dir.h"
 
 namespace b3dgs {

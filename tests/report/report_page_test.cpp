@@ -1,11 +1,10 @@
 // The HTML page around a report's data.
-#include "report/report_page.h"
+#include "report/page_data.h"
 
 #include <gtest/gtest.h>
 
 #include <limits>
 
-#include "report/figures.h"
 #include "support/page_data.h"
 
 namespace b3dgs {

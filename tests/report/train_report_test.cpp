@@ -8,8 +8,8 @@
 #include <nlohmann/json.hpp>
 
 #include "config/train_options.h"
-#include "report/run_info.h"
-#include "scene/images/image_io.h"
+#include "report/page_data.h"
+#include "scene/images/image.h"
 #include "support/files.h"
 #include "support/page_data.h"
 #include "support/temp_dir.h"

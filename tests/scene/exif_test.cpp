@@ -1,4 +1,4 @@
-#include "scene/images/image_header.h"
+#include "scene/images/image.h"
 
 #include <gtest/gtest.h>
 

@@ -4,8 +4,8 @@
 #include <algorithm>
 
 #include "scene/colmap/colmap.h"
+#include "scene/images/image.h"
 #include "scene/images/image_folder.h"
-#include "scene/images/image_io.h"
 #include "scene/scene_folder.h"
 #include "scene/view_image.h"
 #include "support/files.h"

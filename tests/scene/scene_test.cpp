@@ -8,7 +8,7 @@
 
 #include "core/check.h"
 #include "scene/colmap/colmap.h"
-#include "scene/images/image_io.h"
+#include "scene/images/image.h"
 #include "scene/view_image.h"
 #include "support/expect_error.h"
 #include "support/files.h"

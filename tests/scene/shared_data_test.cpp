@@ -6,7 +6,7 @@
 #include <set>
 
 #include "core/check.h"
-#include "scene/images/image_io.h"
+#include "scene/images/image.h"
 #include "scene/scene.h"
 #include "scene/view_image.h"
 #include "support/expect_error.h"

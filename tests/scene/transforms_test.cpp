@@ -5,7 +5,7 @@
 #include <algorithm>
 #include <cmath>
 
-#include "scene/images/image_io.h"
+#include "scene/images/image.h"
 #include "scene/points/point_cloud.h"
 #include "scene/scene_folder.h"
 #include "scene/view_image.h"

@@ -8,7 +8,7 @@
 
 #include "core/check.h"
 #include "scene/colmap/colmap.h"
-#include "scene/images/image_io.h"
+#include "scene/images/image.h"
 #include "support/expect_error.h"
 
 namespace b3dgs {

@@ -180,7 +180,7 @@ TEST(Layers, AWrongIncludeIsFound) {
             "core/a.h: includes \"new/b.h\", whose folder is not in src/layers.txt");
 }
 
-// core/files/remove_tree.h has the reason.
+// core/files/folders.h has the reason.
 TEST(Calls, FoldersAreRemovedByRemoveTree) {
   const std::string call = std::string("remove_all") + "(";  // in two parts, so that this line is not a call
   for (const fs::path& file : sources({"src", "app", "data_synth", "tests"})) {

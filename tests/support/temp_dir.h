@@ -8,7 +8,7 @@
 #include <string>
 #include <system_error>
 
-#include "core/files/remove_tree.h"
+#include "core/files/folders.h"
 
 namespace b3dgs::test {
 

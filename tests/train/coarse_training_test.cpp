@@ -14,7 +14,7 @@
 #include "support/temp_dir.h"
 #include "support/train/tiny_scene.h"
 #include "support/train/training.h"
-#include "train/images/view_reducer.h"
+#include "train/training_views.h"
 
 namespace b3dgs {
 namespace {

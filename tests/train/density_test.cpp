@@ -1,6 +1,6 @@
 // Density control on cases small enough to follow by hand.
 
-#include "train/density/strategies/default_strategy.h"
+#include "train/density/strategies/strategies.h"
 
 #include <gtest/gtest.h>
 

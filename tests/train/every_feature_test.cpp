@@ -9,7 +9,7 @@
 
 #include "support/same.h"
 #include "support/temp_dir.h"
-#include "train/checkpoint/checkpoint_file.h"
+#include "train/checkpoint/checkpoint.h"
 #include "train/density/strategies/budget_strategy.h"
 
 namespace b3dgs {

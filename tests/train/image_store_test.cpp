@@ -7,7 +7,7 @@
 #include "support/expect_error.h"
 #include "support/train/disk_scene.h"
 #include "support/train/tiny_scene.h"
-#include "train/images/upload_slots.h"
+#include "train/images/image_reader.h"
 
 namespace b3dgs {
 namespace {

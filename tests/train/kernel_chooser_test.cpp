@@ -14,7 +14,6 @@
 #include "support/temp_dir.h"
 #include "support/train/tiny_scene.h"
 #include "support/train/training.h"
-#include "train/selection/kernel_agreement.h"
 
 namespace b3dgs {
 namespace {

@@ -11,7 +11,7 @@
 #include "core/parallel.h"
 #include "support/approx.h"
 #include "support/finite_difference.h"
-#include "train/loss/ssim_window.h"
+#include "train/loss/loss_args.h"
 
 namespace b3dgs {
 namespace {

@@ -1,5 +1,5 @@
 // Training with too little memory, simulated by a MemorySource, without a GPU.
-#include "train/memory/memory_source.h"
+#include "train/memory/memory.h"
 
 #include <gtest/gtest.h>
 
@@ -14,9 +14,8 @@
 #include "support/train/short_memory.h"
 #include "support/train/tiny_scene.h"
 #include "support/train/training.h"
-#include "train/density/strategies/default_strategy.h"
+#include "train/density/strategies/strategies.h"
 #include "train/loss/loss.h"
-#include "train/memory/memory_plan.h"
 
 namespace b3dgs {
 namespace {

@@ -14,7 +14,7 @@
 #include "config/view_order.h"
 #include "core/random.h"
 #include "train/loss/loss_weights.h"
-#include "train/optimizer/lr_schedule.h"
+#include "train/optimizer/adam.h"
 #include "train/scene_limits.h"
 
 namespace b3dgs {

@@ -1,4 +1,4 @@
-#include "train/timing/stage_timer.h"
+#include "train/timing/timers.h"
 
 #include <gtest/gtest.h>
 
@@ -10,7 +10,7 @@
 #include "support/temp_dir.h"
 #include "support/train/tiny_scene.h"
 #include "support/train/training.h"
-#include "train/density/strategies/default_strategy.h"
+#include "train/density/strategies/strategies.h"
 
 namespace b3dgs {
 namespace {

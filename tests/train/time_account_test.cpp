@@ -1,6 +1,6 @@
 // What counts as training time: on an invented device whose work is done later than it is queued, and in a training
 // with an invented clock.
-#include "train/timing/time_account.h"
+#include "train/timing/timers.h"
 
 #include <gtest/gtest.h>
 

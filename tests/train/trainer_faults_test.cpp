@@ -7,8 +7,8 @@
 #include <nlohmann/json.hpp>
 
 #include "core/check.h"
-#include "core/files/folder_lock.h"
-#include "model/formats/ply.h"
+#include "core/files/folders.h"
+#include "model/formats/splat_formats.h"
 #include "support/expect_error.h"
 #include "support/full_disk.h"
 #include "support/same.h"
@@ -16,7 +16,6 @@
 #include "support/train/tiny_scene.h"
 #include "support/train/training.h"
 #include "train/checkpoint/checkpoint.h"
-#include "train/density/invalid_gaussians.h"
 #include "train/density/row_edit.h"
 
 namespace b3dgs {

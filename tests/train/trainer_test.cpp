@@ -8,17 +8,16 @@
 #include "config/train_options.h"
 #include "core/check.h"
 #include "core/parallel.h"
-#include "model/formats/ply.h"
+#include "model/formats/splat_formats.h"
 #include "support/expect_error.h"
 #include "support/same.h"
 #include "support/temp_dir.h"
 #include "support/train/tiny_scene.h"
 #include "support/train/training.h"
 #include "train/checkpoint/checkpoint.h"
-#include "train/checkpoint/checkpoint_file.h"
-#include "train/density/strategies/default_strategy.h"
 #include "train/selection/kernel_chooser.h"
-#include "train/threads.h"
+#include "train/density/strategies/strategies.h"
+#include "train/device.h"
 
 namespace b3dgs {
 namespace {

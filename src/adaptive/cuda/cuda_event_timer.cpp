@@ -1,4 +1,4 @@
-#include "adaptive/cuda/cuda_event_timer.h"
+#include "adaptive/kernel_timer.h"
 
 #include "core/cuda_check.h"
 

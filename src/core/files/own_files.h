@@ -12,7 +12,7 @@
 namespace b3dgs {
 
 /// The path without symbolic links, as far as it exists. Instead of std::filesystem::weakly_canonical(), for the reason
-/// in remove_tree.h.
+/// in folders.h.
 std::filesystem::path real_path(const std::filesystem::path& path);
 
 /// The first of PATH.previous, PATH.previous.2, ... that is not taken.

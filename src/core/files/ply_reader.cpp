@@ -5,7 +5,7 @@
 #include <utility>
 
 #include "core/check.h"
-#include "core/text_fields.h"
+#include "core/text.h"
 
 namespace b3dgs {
 namespace {

@@ -1,4 +1,4 @@
-#include "dist/control/rank_hub.h"
+#include "dist/control/rank_link.h"
 
 #include <fcntl.h>
 #include <netinet/in.h>

@@ -1,4 +1,4 @@
-#include "dist/launch/rank_place.h"
+#include "dist/launch/start_ranks.h"
 
 #include <charconv>
 #include <cstdint>

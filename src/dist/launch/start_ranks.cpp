@@ -15,8 +15,8 @@
 #include <set>
 
 #include "core/check.h"
-#include "core/print.h"
-#include "dist/control/limits.h"
+#include "core/text.h"
+#include "dist/control/message.h"
 #include "dist/control/socket.h"
 
 namespace b3dgs {

@@ -1,6 +1,6 @@
 // The properties of Gaussians in PLY files. Files hold the SH coefficients of f_rest channel by channel,
 // the transpose of SplatCloud::shN; only this file deals with that.
-#include "model/formats/ply.h"
+#include "model/formats/splat_formats.h"
 
 #include <algorithm>
 #include <array>

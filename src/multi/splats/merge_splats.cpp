@@ -3,11 +3,7 @@
 #include <torch/types.h>
 
 #include "core/parallel.h"
-
-#if B3DGS_TORCH_CUDA
-#include "multi/splats/splat_words_cuda.h"
-#include "raster/torch/torch_launch.h"
-#endif
+#include "raster/torch/torch_cuda.h"
 
 namespace b3dgs {
 namespace {
@@ -35,12 +31,10 @@ MergedSplats merge_few(const torch::Tensor& words, const std::vector<RowRange>& 
   args.extents = static_cast<std::int32_t*>(merged.splats.extents.data_ptr());
   args.radii = merged.splats.radii.data_ptr<std::int32_t>();
   args.places = merged.places.data_ptr<std::int64_t>();
-#if B3DGS_TORCH_CUDA
-  if (words.is_cuda()) {
-    cuda::merge_splats(args, n, torch_launch_context().stream);
+  if (kTorchHasCuda && words.is_cuda()) {
+    cuda::merge_splats(args, n, torch_stream());
     return merged;
   }
-#endif
   parallel_chunks(n, kGrain, [&](std::int64_t begin, std::int64_t end) {
     for (std::int64_t i = begin; i < end; ++i) {
       const MergedPlace at = merged_place(args, i);
@@ -73,12 +67,8 @@ MergedSplats merge_many(const torch::Tensor& words, const std::vector<RowRange>&
 void pack_splats(const ViewSplats& splats, const torch::Tensor& model_rows, const torch::Tensor& words) {
   const PackSplatsArgs args{splats.size(),          words_of(splats.splats), words_of(splats.extents),
                             words_of(splats.radii), words_of(model_rows),    words.data_ptr<std::int32_t>()};
-#if B3DGS_TORCH_CUDA
-  if (words.is_cuda()) return cuda::pack_splats(args, torch_launch_context().stream);
-#endif
-  parallel_chunks(args.n_splats * kRowWords, kGrain, [&](std::int64_t begin, std::int64_t end) {
-    for (std::int64_t k = begin; k < end; ++k) pack_splat_word(args, k);
-  });
+  if (kTorchHasCuda && words.is_cuda()) return cuda::pack_splats(args, torch_stream());
+  for_rows<pack_splat_word>(args, args.n_splats * kRowWords);
 }
 
 MergedSplats merge_splats(const torch::Tensor& words, const std::vector<RowRange>& lists, std::size_t max_lists) {

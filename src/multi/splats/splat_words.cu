@@ -3,7 +3,7 @@
 // neighbours read and write side by side. One barrier.
 
 #include "core/cuda_rows.cuh"
-#include "multi/splats/splat_words_cuda.h"
+#include "multi/splats/splat_words.h"
 
 namespace b3dgs::cuda {
 namespace {

@@ -8,23 +8,15 @@
 
 #include "core/check.h"
 #include "raster/cpu/passes.h"
-#include "raster/torch/tensor_arrays.h"
-#include "raster/torch/tensor_storage.h"
+#include "raster/torch/tensors.h"
+#include "raster/torch/torch_cuda.h"
 
-// Set by the build where both nvcc and a LibTorch with CUDA are there.
 #if B3DGS_TORCH_CUDA
 #include "raster/cuda/passes.h"
-#include "raster/torch/torch_launch.h"
 #endif
 
 namespace b3dgs {
 namespace {
-
-#if B3DGS_TORCH_CUDA
-constexpr bool kTorchHasCuda = true;
-#else
-constexpr bool kTorchHasCuda = false;
-#endif
 
 std::unique_ptr<RasterizerBackend> make_backend(torch::Device device) {
 #if B3DGS_TORCH_CUDA

@@ -1,12 +1,11 @@
 #include "raster/torch/splat_owner.h"
 
 #include "raster/cpu/passes.h"
-#include "raster/torch/tensor_arrays.h"
-#include "raster/torch/tensor_storage.h"
+#include "raster/torch/tensors.h"
 
 #if B3DGS_TORCH_CUDA
 #include "raster/cuda/passes.h"
-#include "raster/torch/torch_launch.h"
+#include "raster/torch/torch_cuda.h"
 #endif
 
 namespace b3dgs {

@@ -4,7 +4,7 @@
 #include <cmath>
 
 #include "core/check.h"
-#include "scene/cameras/lens_models.h"
+#include "scene/cameras/lens.h"
 #include "scene/colmap/colmap.h"
 
 namespace b3dgs {

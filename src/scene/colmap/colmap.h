@@ -118,3 +118,18 @@ bool has_model_folder(const std::filesystem::path& source);
 SparseModelFolder find_model_folder(const std::filesystem::path& source);
 
 }  // namespace b3dgs
+
+namespace b3dgs::colmap {
+
+// Inside the reader and writer of COLMAP models: the records of their files.
+
+/// "FOLDER/images.bin" for the stem "images".
+std::filesystem::path file_of(const std::filesystem::path& folder, const char* stem, ColmapFormat format);
+
+/// Reads the files and checks their structure, and that no camera is there twice, but not values. @throws InputError
+ColmapModel read_unchecked(const ColmapFiles& files, ColmapFormat format, bool tracks);
+
+/// Number of images in an images file. @throws InputError
+std::uint64_t count_images(FileReader& file, ColmapFormat format);
+
+}  // namespace b3dgs::colmap

@@ -6,7 +6,6 @@
 #include "core/check.h"
 #include "core/files/file_reader.h"
 #include "scene/colmap/colmap.h"
-#include "scene/colmap/colmap_records.h"
 
 namespace b3dgs {
 namespace {

@@ -8,8 +8,8 @@
 #include "core/check.h"
 #include "core/files/atomic_file.h"
 #include "core/files/file_reader.h"
-#include "core/text_fields.h"
-#include "scene/colmap/colmap_records.h"
+#include "core/text.h"
+#include "scene/colmap/colmap.h"
 
 namespace b3dgs {
 namespace {

@@ -3,6 +3,9 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <filesystem>
+#include <optional>
+#include <string>
 #include <vector>
 
 namespace b3dgs {
@@ -31,5 +34,83 @@ struct Depth16 {
   Depth16() = default;
   Depth16(int w, int h) : width(w), height(h), values(static_cast<std::size_t>(w) * static_cast<std::size_t>(h)) {}
 };
+
+// The size that a photograph is trained at: the rules of -r and of a missing images_N folder; aspect ratios.
+
+inline constexpr int kMaxDefaultWidth = 1600;  // px; largest width for -r -1
+inline constexpr int kMinWidth = 32;           // px; smallest width that -r accepts
+
+/// Size of the images in an images_N folder: each side divided by N and rounded to nearest, halves up.
+ImageSize divided_size(ImageSize size, int divisor);
+
+/// 1, 2, 4 and 8 divide each side, rounding to nearest, halves to even, as Python does; -1 limits the width to
+/// kMaxDefaultWidth; other values are the target width, with the height rounded down. Never larger than `size`, never
+/// smaller than 1 px.
+ImageSize training_size(ImageSize size, int resolution);
+
+/// @throws InputError unless `resolution` is -1, 1, 2, 4, 8 or at least kMinWidth: -r 3 is probably meant as a divisor
+void check_resolution(int resolution);
+
+/// Whether the sizes have one aspect ratio, up to the rounding of one side by less than a pixel of `size`.
+bool has_same_aspect(ImageSize other, ImageSize size);
+
+// Size and completeness of JPEG and PNG files, without decoding them: OpenCV decodes the whole image to tell its size,
+// and fills the missing part of a truncated JPEG with grey. And the EXIF orientation of JPEG files, by which a camera
+// that was held upright says that its image lies on its side.
+
+/// Size from the first bytes of a JPEG or PNG file; nothing for other formats, or if the size comes later in the file.
+std::optional<ImageSize> image_size_from_header(const std::vector<std::uint8_t>& beginning);
+
+/// Why the bytes of a file are not a complete JPEG or PNG ("the PNG ends before ..."); "" if they seem complete or are
+/// of another format.
+std::string image_damage(const std::vector<std::uint8_t>& file);
+
+/// The orientation that the first bytes of a JPEG file give, 1 to 8; 1 is upright, and what is taken if there is none.
+int exif_orientation(const std::vector<std::uint8_t>& beginning);
+
+/// The same for a file; 1 if it is not a JPEG file that can be read.
+int read_exif_orientation(const std::filesystem::path& path);
+
+/// A JPEG file turned upright and encoded again with quality 98. Keeps the other EXIF data, from which COLMAP takes the
+/// focal length, and the colour profile. Nothing if the file cannot be decoded.
+std::optional<std::vector<std::uint8_t>> turned_upright(const std::vector<std::uint8_t>& jpeg);
+
+// Reads and writes image files with OpenCV. Images are RGB here; only image_io.cpp sees OpenCV's BGR.
+
+/// Reads JPEG, PNG, PNM and other formats as 8-bit RGB. Grey is copied to all channels, 16 bits are reduced to 8, alpha
+/// is composited on white or black; the EXIF orientation is ignored, as COLMAP does. @throws InputError with the file's
+/// name if it is missing or damaged
+Image8 read_image(const std::filesystem::path& path, bool white_background);
+
+/// The same, written to 3 x width x height bytes; `size` is that of read_image_size(). @throws InputError also if the
+/// file's size has changed
+void read_image_into(const std::filesystem::path& path, bool white_background, ImageSize size, std::uint8_t* rgb);
+
+/// The alpha channel, 8 bits; nothing if the image has none. @throws InputError as read_image()
+std::optional<Image8> read_alpha(const std::filesystem::path& path);
+
+/// Width and height of an image file, from its header where possible. @throws InputError
+ImageSize read_image_size(const std::filesystem::path& path);
+
+/// Averages areas when shrinking, interpolates bilinearly when enlarging.
+Image8 resize_image(const Image8& image, int width, int height);
+/// The same, written to size.width x size.height x image.channels bytes.
+void resize_image_into(const Image8& image, ImageSize size, std::uint8_t* pixels);
+
+/// Reads a grey image of 16 bits. @throws InputError with the file's name if it is missing, damaged or something else
+Depth16 read_depth_map(const std::filesystem::path& path);
+/// Averages areas when shrinking, interpolates bilinearly when enlarging.
+Depth16 resize_depth_map(const Depth16& map, ImageSize size);
+
+/// Writes a grey PNG of 16 bits. The file appears complete or not at all. @throws IoError
+void write_depth_map(const std::filesystem::path& path, const Depth16& map);
+
+/// Writes an OpenEXR file with one channel of 32-bit floats, "Y". `values` [height, width]. The file appears complete
+/// or not at all. @throws InputError if the installed OpenCV cannot write OpenEXR; IoError
+void write_exr(const std::filesystem::path& path, ImageSize size, const float* values);
+
+/// Writes PNG or JPEG by extension, with one or three channels. The file appears complete or not at all.
+/// @throws InputError for other extensions; IoError
+void write_image(const std::filesystem::path& path, const Image8& image);
 
 }  // namespace b3dgs

@@ -7,8 +7,7 @@
 
 #include "core/check.h"
 #include "core/text.h"
-#include "scene/images/image_io.h"
-#include "scene/images/resolution.h"
+#include "scene/images/image.h"
 
 namespace b3dgs {
 namespace {

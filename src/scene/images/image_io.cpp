@@ -1,4 +1,4 @@
-#include "scene/images/image_io.h"
+#include "scene/images/image.h"
 
 #include <algorithm>
 #include <cstdint>
@@ -14,7 +14,6 @@
 #include "core/files/atomic_file.h"
 #include "core/files/file_reader.h"
 #include "core/text.h"
-#include "scene/images/image_header.h"
 
 namespace b3dgs {
 namespace {

@@ -1,4 +1,4 @@
-#include "scene/points/seed_points.h"
+#include "scene/points/point_cloud.h"
 
 #include <algorithm>
 #include <array>

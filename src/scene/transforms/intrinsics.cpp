@@ -1,4 +1,4 @@
-#include "scene/transforms/intrinsics.h"
+#include "scene/transforms/transforms.h"
 
 #include <algorithm>
 #include <array>

@@ -6,7 +6,6 @@
 #include "core/files/file_reader.h"
 #include "scene/cameras/camera.h"
 #include "scene/images/image_folder.h"
-#include "scene/transforms/intrinsics.h"
 #include "scene/transforms/transforms.h"
 
 namespace b3dgs {

@@ -1,17 +1,46 @@
-// How a photograph differs from a render of the model because of its camera's settings: exposure, white balance,
-// processing. A transform of the render's colours, learned for each training view together with the Gaussians, which
-// then need not explain these differences.
+// What is learned of the appearance of each photograph (--exposure, --bilateral_grid); part of the training state.
 #pragma once
 
 #include <torch/types.h>
 
 #include <cstdint>
+#include <filesystem>
+#include <map>
 #include <memory>
+#include <string>
+#include <vector>
 
 #include "config/train_config.h"
-#include "train/appearance/appearance_state.h"
+#include "scene/scene.h"
+#include "train/appearance/bilateral_grid.h"
+#include "train/quality/metrics.h"
 
 namespace b3dgs {
+
+/// Undefined tensors: nothing is learned.
+struct AppearanceState {
+  // By training view; one of the two is defined.
+  torch::Tensor exposures;               // [V, 3, 4], transforms: colour' = transform (r, g, b, 1)
+  torch::Tensor grids;                   // [V, 8, 16, 16, 12]: bilateral_grid.h
+  torch::Tensor m, v;                    // Adam moments, shape of the parameters
+  std::int64_t steps = 0;                // of Adam
+  std::vector<std::int64_t> last_steps;  // of grids: the step that each view's grid and moments show
+
+  bool is_defined() const { return m.defined(); }
+};
+
+/// Calls visit(name, tensor) for each tensor that is defined, in file order.
+template <class State, class Visit>
+void visit_appearance(State& state, Visit&& visit) {
+  if (state.exposures.defined()) visit("exposures", state.exposures);
+  if (state.grids.defined()) visit("grids", state.grids);
+  if (state.m.defined()) visit("m", state.m);
+  if (state.v.defined()) visit("v", state.v);
+}
+
+// How a photograph differs from a render of the model because of its camera's settings: exposure, white balance,
+// processing. A transform of the render's colours, learned for each training view together with the Gaussians, which
+// then need not explain these differences.
 
 /// Transforms renders, and learns how. Reuses its buffers from step to step; asynchronous on a GPU.
 class AppearanceModel {
@@ -64,5 +93,84 @@ class AppearanceModel {
 /// The model that the options select; null = none.
 std::unique_ptr<AppearanceModel> make_appearance_model(const TrainConfig& config, std::int64_t n_views,
                                                        torch::Device device);
+
+// An affine transform of the colours of each photograph (--exposure), as in the original 3DGS code: Adam with its own
+// learning rate, from the identity.
+
+class ExposureModel final : public AppearanceModel {
+ public:
+  /// The learning rate falls log-linearly from config.exposure_lr_init to exposure_lr_final in the last iteration.
+  ExposureModel(const TrainConfig& config, std::int64_t n_views, torch::Device device);
+
+  bool fits(const AppearanceState& state) const override;
+  AppearanceState make_state() const override;
+  torch::Tensor apply(const AppearanceState& state, std::int32_t view, const torch::Tensor& rendered) override;
+  void backward(const AppearanceState& state, std::int32_t view, const torch::Tensor& rendered,
+                torch::Tensor grad) override;
+  torch::Tensor grad() const override { return transform_grad(); }
+  void step(std::int32_t view, int iteration, AppearanceState& state) override;
+
+  /// dL/d(transform) of the last backward(), [3, 4].
+  const torch::Tensor& transform_grad() const { return transform_grads_.at(place()); }
+
+ private:
+  double lr_init_, lr_final_;
+  int iterations_;
+  std::int64_t n_views_;
+  torch::Device device_;
+  torch::Tensor corrected_, corrected_room_, block_sums_;
+  std::vector<torch::Tensor> transform_grads_;  // by place
+  torch::Tensor all_grads_;                     // on a CPU: [V, 3, 4], 0 between steps
+};
+
+// A bilateral grid of affine colour transforms for each photograph (--bilateral_grid; bilateral_grid.h). Unlike
+// one transform for the whole image, it can follow vignetting, local tone mapping and glare.
+
+class BilateralGridModel final : public AppearanceModel {
+ public:
+  BilateralGridModel(const TrainConfig& config, std::int64_t n_views, torch::Device device);
+
+  bool fits(const AppearanceState& state) const override;
+  AppearanceState make_state() const override;
+  void begin_step(std::int32_t view, int iteration, AppearanceState& state) override;
+  torch::Tensor apply(const AppearanceState& state, std::int32_t view, const torch::Tensor& rendered) override;
+  /// Adds the total variation of the view's grid to the loss.
+  void backward(const AppearanceState& state, std::int32_t view, const torch::Tensor& rendered,
+                torch::Tensor grad) override;
+  torch::Tensor grad() const override { return grid_grad(); }
+  void step(std::int32_t view, int iteration, AppearanceState& state) override;
+
+  /// Rises linearly from a hundredth of 0.002 in the first thirtieth of all iterations, and falls
+  /// log-linearly to a hundredth at the end; both factors apply throughout.
+  double rate(int iteration) const;
+
+  /// dL/d(grid) of the last backward(), [levels, height, width, 12].
+  const torch::Tensor& grid_grad() const { return grid_grads_.at(place()); }
+
+ private:
+  double variation_weight_;
+  int iterations_;
+  std::int64_t n_views_;
+  torch::Device device_;
+  torch::Tensor corrected_, corrected_room_, cell_sums_;
+  std::vector<torch::Tensor> grid_grads_;  // by place
+  torch::Tensor no_grad_;                  // on a CPU: zeros
+};
+
+// exposure.json: the colour transforms of a model's training views (--exposure), as the original 3DGS code writes them:
+// an object from the name of the view to the rows of its transform [3, 4], colour' = transform (r, g, b, 1). The PLY
+// does not include them.
+
+/// By name of the view.
+using Exposures = std::map<std::string, ColorTransform>;
+
+/// `exposures` [V, 3, 4] of these views, in their order.
+Exposures named_exposures(const torch::Tensor& exposures, const std::vector<View>& views);
+
+/// @throws IoError
+void write_exposures(const std::filesystem::path& path, const Exposures& exposures);
+
+/// @throws InputError if the file cannot be read, or is damaged
+Exposures read_exposures(const std::filesystem::path& path);
 
 }  // namespace b3dgs

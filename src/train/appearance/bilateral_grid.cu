@@ -7,7 +7,7 @@
 //   step       a thread per element
 
 #include "core/cuda_check.h"
-#include "train/appearance/bilateral_grid_cuda.h"
+#include "train/appearance/bilateral_grid.h"
 #include "train/optimizer/adam_step.cuh"
 
 namespace b3dgs::cuda {

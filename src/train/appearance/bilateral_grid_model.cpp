@@ -1,18 +1,14 @@
-#include "train/appearance/bilateral_grid_model.h"
+#include "train/appearance/appearance_model.h"
 
 #include <algorithm>
 #include <cmath>
 
 #include "core/check.h"
 #include "core/parallel.h"
-#include "raster/torch/tensor_check.h"
-#include "raster/torch/tensor_storage.h"
+#include "raster/torch/tensors.h"
+#include "raster/torch/torch_cuda.h"
+#include "train/appearance/bilateral_grid.h"
 #include "train/optimizer/adam.h"
-
-#if B3DGS_TORCH_CUDA
-#include "raster/torch/torch_launch.h"
-#include "train/appearance/bilateral_grid_cuda.h"
-#endif
 
 namespace b3dgs {
 namespace {
@@ -104,9 +100,7 @@ BilateralGridModel::BilateralGridModel(const TrainConfig& config, std::int64_t n
     grid_grads_.push_back(torch::zeros({kGridLevels, kGridHeight, kGridWidth, kTransformSize}, floats));
   }
   std::int64_t n_sums = std::int64_t{on_cpu::kParts} * kCells * kCellSums;
-#if B3DGS_TORCH_CUDA
-  if (device.is_cuda()) n_sums = cuda::bilateral_grid_sums();
-#endif
+  if (kTorchHasCuda && device.is_cuda()) n_sums = cuda::bilateral_grid_sums();
   cell_sums_ = torch::zeros({n_sums}, floats.dtype(torch::kFloat64));
   if (device.is_cpu()) no_grad_ = torch::zeros({kGridSize});
 }
@@ -148,9 +142,7 @@ void BilateralGridModel::begin_step(std::int32_t view, int iteration, Appearance
   missed.m_factor = static_cast<float>(std::pow(kAdamBeta1, n_left));
   missed.v_factor = static_cast<float>(std::pow(kAdamBeta2, n_left));
   AdamArgs args = adam_args(view, state);
-#if B3DGS_TORCH_CUDA
-  if (device_.is_cuda()) return cuda::apply_missed_steps(args, missed, torch_launch_context().stream);
-#endif
+  if (kTorchHasCuda && device_.is_cuda()) return cuda::apply_missed_steps(args, missed, torch_stream());
   args.grad = no_grad_.data_ptr<float>();
   for (int i = 0; i < missed.n; ++i) {
     args.size = missed.sizes[i];
@@ -165,13 +157,11 @@ torch::Tensor BilateralGridModel::apply(const AppearanceState& state, std::int32
   BilateralGridArgs args = grid_args(state, view, rendered);
   place_tensor(corrected_, corrected_room_, rendered.sizes(), rendered.options());
   args.corrected = corrected_.data_ptr<float>();
-#if B3DGS_TORCH_CUDA
-  if (device_.is_cuda()) {
-    cuda::apply_bilateral_grid(args, torch_launch_context().stream);
-    return corrected_;
+  if (kTorchHasCuda && device_.is_cuda()) {
+    cuda::apply_bilateral_grid(args, torch_stream());
+  } else {
+    on_cpu::for_pixels(args, [&](std::int32_t x, std::int32_t y) { correct_pixel(args, x, y); });
   }
-#endif
-  on_cpu::for_pixels(args, [&](std::int32_t x, std::int32_t y) { correct_pixel(args, x, y); });
   return corrected_;
 }
 
@@ -185,9 +175,7 @@ void BilateralGridModel::backward(const AppearanceState& state, std::int32_t vie
   args.cell_sums = cell_sums_.data_ptr<double>();
   args.variation_weight = static_cast<float>(variation_weight_);
   args.grid_grad = grid_grads_.at(place()).data_ptr<float>();
-#if B3DGS_TORCH_CUDA
-  if (device_.is_cuda()) return cuda::bilateral_grid_backward(args, torch_launch_context().stream);
-#endif
+  if (kTorchHasCuda && device_.is_cuda()) return cuda::bilateral_grid_backward(args, torch_stream());
   on_cpu::backward(args);
 }
 
@@ -197,9 +185,7 @@ void BilateralGridModel::step(std::int32_t view, int iteration, AppearanceState&
   AdamArgs args = adam_args(view, state);
   args.grad = grid_grads_.at(place()).data_ptr<float>();
   args.size = adam_step_size(rate(iteration), state.steps);
-#if B3DGS_TORCH_CUDA
-  if (device_.is_cuda()) return cuda::bilateral_grid_step(args, torch_launch_context().stream);
-#endif
+  if (kTorchHasCuda && device_.is_cuda()) return cuda::bilateral_grid_step(args, torch_stream());
   cpu::adam_step(args);
 }
 

@@ -5,7 +5,7 @@
 //   step       a thread per element of all transforms; then one block shifts them
 
 #include "core/cuda_check.h"
-#include "train/appearance/exposure_cuda.h"
+#include "train/appearance/exposure.h"
 #include "train/optimizer/adam_step.cuh"
 
 namespace b3dgs::cuda {

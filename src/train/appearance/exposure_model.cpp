@@ -1,29 +1,21 @@
-#include "train/appearance/exposure_model.h"
+#include <cmath>
+#include <fstream>
+#include <nlohmann/json.hpp>
 
 #include "core/check.h"
+#include "core/files/atomic_file.h"
+#include "core/json_text.h"
 #include "core/parallel.h"
-#include "raster/torch/tensor_check.h"
-#include "raster/torch/tensor_storage.h"
-#include "train/appearance/exposure_args.h"
+#include "raster/torch/tensors.h"
+#include "raster/torch/torch_cuda.h"
+#include "train/appearance/appearance_model.h"
+#include "train/appearance/exposure.h"
 #include "train/optimizer/adam.h"
-#include "train/optimizer/lr_schedule.h"
-
-#if B3DGS_TORCH_CUDA
-#include "raster/torch/torch_launch.h"
-#include "train/appearance/exposure_cuda.h"
-#endif
 
 namespace b3dgs {
 namespace {
 
 namespace on_cpu {
-
-void apply_exposure(const ExposureArgs& args) {
-  constexpr std::int64_t kGrain = 4096;
-  parallel_chunks(args.n_pixels, kGrain, [&](std::int64_t begin, std::int64_t end) {
-    for (std::int64_t pixel = begin; pixel < end; ++pixel) expose_pixel(args, pixel);
-  });
-}
 
 void exposure_backward(const ExposureArgs& args) {
   parallel_pool(args.n_blocks(), [&](std::int64_t block, int) {
@@ -97,13 +89,11 @@ torch::Tensor ExposureModel::apply(const AppearanceState& state, std::int32_t vi
   ExposureArgs args = exposure_args(state, view, rendered, photograph());
   place_tensor(corrected_, corrected_room_, rendered.sizes(), rendered.options());
   args.corrected = corrected_.data_ptr<float>();
-#if B3DGS_TORCH_CUDA
-  if (device_.is_cuda()) {
-    cuda::apply_exposure(args, torch_launch_context().stream);
-    return corrected_;
+  if (kTorchHasCuda && device_.is_cuda()) {
+    cuda::apply_exposure(args, torch_stream());
+  } else {
+    for_rows<expose_pixel>(args, args.n_pixels);
   }
-#endif
-  on_cpu::apply_exposure(args);
   return corrected_;
 }
 
@@ -120,9 +110,7 @@ void ExposureModel::backward(const AppearanceState& state, std::int32_t view, co
   args.grad = grad.data_ptr<float>();
   args.block_sums = block_sums_.data_ptr<double>();
   args.transform_grad = transform_grads_.at(place()).data_ptr<float>();
-#if B3DGS_TORCH_CUDA
-  if (device_.is_cuda()) return cuda::exposure_backward(args, torch_launch_context().stream);
-#endif
+  if (kTorchHasCuda && device_.is_cuda()) return cuda::exposure_backward(args, torch_stream());
   on_cpu::exposure_backward(args);
 }
 
@@ -136,15 +124,73 @@ void ExposureModel::step(std::int32_t view, int iteration, AppearanceState& stat
   args.adam.size = adam_step_size(log_linear_rate(lr_init_, lr_final_, iterations_, iteration), state.steps);
   args.first = std::int64_t{view} * kExposureSize;
   args.transform_grad = transform_grads_.at(place()).data_ptr<float>();
-#if B3DGS_TORCH_CUDA
-  if (device_.is_cuda()) return cuda::exposure_step(args, torch_launch_context().stream);
-#endif
+  if (kTorchHasCuda && device_.is_cuda()) return cuda::exposure_step(args, torch_stream());
   float* const grads = all_grads_.data_ptr<float>();
   std::copy_n(args.transform_grad, kExposureSize, grads + args.first);
   args.adam.grad = grads;
   cpu::adam_step(args.adam);
   std::fill_n(grads + args.first, kExposureSize, 0.0f);
   on_cpu::center_exposures(args);
+}
+
+std::unique_ptr<AppearanceModel> make_appearance_model(const TrainConfig& config, std::int64_t n_views,
+                                                       torch::Device device) {
+  if (config.bilateral_grid) return std::make_unique<BilateralGridModel>(config, n_views, device);
+  if (config.exposure) return std::make_unique<ExposureModel>(config, n_views, device);
+  return nullptr;
+}
+
+using Json = nlohmann::ordered_json;
+
+Exposures named_exposures(const torch::Tensor& exposures, const std::vector<View>& views) {
+  B3DGS_CHECK(exposures.size(0) == static_cast<std::int64_t>(views.size()), exposures.size(0), " exposures of ",
+              views.size(), " views");
+  const torch::Tensor host = exposures.to(torch::kCPU).contiguous();
+  Exposures named;
+  const float* values = host.data_ptr<float>();
+  for (const View& view : views) {
+    ColorTransform& transform = named[view.name];
+    for (double& value : transform) value = *values++;
+  }
+  return named;
+}
+
+void write_exposures(const std::filesystem::path& path, const Exposures& exposures) {
+  Json json = Json::object();
+  for (const auto& [name, transform] : exposures) {
+    Json& rows = json[name] = Json::array();
+    for (std::size_t row = 0; row < 3; ++row) {
+      rows.push_back({transform[4 * row], transform[4 * row + 1], transform[4 * row + 2], transform[4 * row + 3]});
+    }
+  }
+  write_file(path, json.dump(2, ' ', false, Json::error_handler_t::replace) + "\n");
+}
+
+Exposures read_exposures(const std::filesystem::path& path) {
+  std::ifstream file(path);
+  if (!file) input_error(path.string(), ": cannot be opened");
+  const Json json = parse_json(file);
+  if (!json.is_object()) input_error(path.string(), ": not a JSON object; the file is damaged");
+  Exposures exposures;
+  for (const auto& [name, rows] : json.items()) {
+    ColorTransform& transform = exposures[name];
+    try {
+      const auto values = rows.get<std::array<std::array<double, 4>, 3>>();
+      // Of a longer list, the conversion takes the beginning.
+      bool is_valid = rows.size() == 3;
+      for (std::size_t row = 0; row < 3; ++row) {
+        is_valid = is_valid && rows[row].size() == 4;
+        for (std::size_t i = 0; i < 4; ++i) {
+          transform[4 * row + i] = values[row][i];
+          is_valid = is_valid && std::isfinite(values[row][i]);
+        }
+      }
+      if (is_valid) continue;
+    } catch (const nlohmann::json::exception&) {  // reported below
+    }
+    input_error(path.string(), ": ", name, ": expected 3 rows of 4 numbers, found ", json_excerpt(rows));
+  }
+  return exposures;
 }
 
 }  // namespace b3dgs

@@ -13,9 +13,7 @@
 #include "core/check.h"
 #include "core/files/own_files.h"
 #include "model/checkpoint/checkpoint_header.h"
-#include "train/appearance/bilateral_grid_args.h"
-#include "train/checkpoint/checkpoint_file.h"
-#include "train/checkpoint/checkpoint_scene.h"
+#include "train/appearance/bilateral_grid.h"
 #include "train/density/density_strategy.h"
 #include "train/gaussians/gaussian_model.h"
 

@@ -1,11 +1,11 @@
-#include "train/checkpoint/checkpoint_file.h"
+#include "train/checkpoint/checkpoint.h"
 
 #include <algorithm>
 #include <array>
 #include <limits>
 
 #include "core/check.h"
-#include "model/checkpoint/checkpoint_layout.h"
+#include "model/checkpoint/checkpoint_header.h"
 
 namespace b3dgs {
 namespace {

@@ -1,4 +1,4 @@
-#include "train/checkpoint/checkpoint_scene.h"
+#include "train/checkpoint/checkpoint.h"
 
 #include <algorithm>
 #include <cmath>
@@ -7,8 +7,8 @@
 #include <utility>
 
 #include "core/check.h"
-#include "model/checkpoint/checkpoint_layout.h"
-#include "model/photographs.h"
+#include "model/checkpoint/checkpoint_header.h"
+#include "model/model_folder.h"
 
 namespace b3dgs {
 namespace {

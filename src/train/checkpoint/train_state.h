@@ -8,11 +8,11 @@
 
 #include "config/view_order.h"
 #include "config/view_ratios.h"
-#include "raster/torch/gaussian_tensors.h"
-#include "train/appearance/appearance_state.h"
-#include "train/density/density_statistics.h"
+#include "raster/torch/rasterizer.h"
+#include "train/appearance/appearance_model.h"
+#include "train/density/row_edit.h"
 #include "train/optimizer/adam.h"
-#include "train/poses/pose_state.h"
+#include "train/poses/camera_correction.h"
 
 namespace b3dgs {
 
@@ -40,7 +40,7 @@ struct TrainState : StepPosition {
   std::string training_id;  // ModelFolder::training_id(); empty in checkpoints of early versions
   // The session ended between the last iteration's step and its density control, which is still to be done.
   bool is_density_pending = false;
-  std::int64_t n_removed = 0;  // invalid Gaussians that were removed (invalid_gaussians.h)
+  std::int64_t n_removed = 0;  // invalid Gaussians that were removed (row_edit.h)
   std::int64_t held_at = 0;    // the count is held here for lack of memory; 0 = not held
   nlohmann::ordered_json kernel_selection = nlohmann::ordered_json::object();
 

@@ -5,8 +5,7 @@
 
 #include "core/check.h"
 #include "train/density/strategies/budget_strategy.h"
-#include "train/density/strategies/default_strategy.h"
-#include "train/density/strategies/mcmc_strategy.h"
+#include "train/density/strategies/strategies.h"
 
 namespace b3dgs {
 namespace {

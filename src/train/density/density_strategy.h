@@ -19,8 +19,7 @@
 #include <memory>
 
 #include "config/train_config.h"
-#include "raster/torch/gaussian_tensors.h"
-#include "train/density/density_statistics.h"
+#include "raster/torch/rasterizer.h"
 #include "train/density/row_edit.h"
 #include "train/optimizer/adam.h"
 
@@ -40,7 +39,7 @@ struct DensityStep {
   int iteration = 0;  // counted from 1
   const ViewStatistics& view;
   std::int32_t width = 0, height = 0;  // px, of the view
-  // Adds what the view's pixels say about its Gaussians (Rasterizer::score()), given their errors (error_image.h).
+  // Adds what the view's pixels say about its Gaussians (Rasterizer::score()), given their errors (loss.h).
   // Empty unless the plan says `score`.
   std::function<void(const GaussianScores&)> add_scores{};
 };

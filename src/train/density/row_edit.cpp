@@ -3,13 +3,42 @@
 #include <torch/types.h>
 
 #include <algorithm>
+#include <cmath>
 #include <limits>
 #include <utility>
 #include <vector>
 
 #include "core/check.h"
+#include "core/parallel.h"
+#include "raster/torch/torch_cuda.h"
+#include "train/density/density_kernels.h"
 
 namespace b3dgs {
+
+DensityStatistics make_density_statistics(std::int64_t n_gaussians, torch::Device device) {
+  const auto counts = torch::TensorOptions(torch::kInt32).device(device);
+  DensityStatistics statistics;
+  statistics.grad_norm_sum = torch::zeros({n_gaussians}, counts.dtype(torch::kFloat32));
+  statistics.view_count = torch::zeros({n_gaussians}, counts);
+  statistics.max_radii = torch::zeros({n_gaussians}, counts);
+  return statistics;
+}
+
+void add_view(const ViewStatistics& view, std::int32_t width, std::int32_t height, DensityStatistics& statistics) {
+  // No temporary tensor: a step may run out of memory before its first change to the model, but not here.
+  AddViewArgs args;
+  args.n_gaussians = view.radii.numel();
+  args.means2d_grad = view.means2d_grad.data_ptr<float>();
+  args.radii = view.radii.data_ptr<std::int32_t>();
+  args.half_width = 0.5f * static_cast<float>(width);
+  args.half_height = 0.5f * static_cast<float>(height);
+  args.grad_norm_sum = statistics.grad_norm_sum.data_ptr<float>();
+  args.view_count = statistics.view_count.data_ptr<std::int32_t>();
+  args.max_radii = statistics.max_radii.data_ptr<std::int32_t>();
+  if (kTorchHasCuda && view.radii.is_cuda()) return cuda::add_view(args, torch_stream());
+  for_rows<add_view_row>(args, args.n_gaussians);
+}
+
 namespace {
 
 std::int64_t row_elements(const torch::Tensor& tensor) {
@@ -150,6 +179,50 @@ void apply_row_edit(const RowEdit& edit, GaussianTensors& gaussians, AdamState& 
   RowEditor editor;
   editor.reserve(edit, edit.sources.size(0), gaussians, adam, statistics);
   editor.apply(edit, gaussians, adam, statistics);
+}
+
+namespace {
+
+/// [N] bool, whether all values of a row are finite.
+torch::Tensor finite_rows(const torch::Tensor& values) {
+  const std::int64_t n = values.size(0);
+  return torch::isfinite(values.reshape({n, n > 0 ? values.numel() / n : 1})).all(1);
+}
+
+}  // namespace
+
+GaussianWidths gaussian_widths(const GaussianTensors& gaussians, const AdamState& adam) {
+  GaussianWidths widths;
+  widths.is_finite = torch::ones({gaussians.size()}, gaussians.means.options().dtype(torch::kBool));
+  for (const GaussianTensors* group : {&gaussians, &adam.m, &adam.v}) {
+    for (const torch::Tensor* tensor : group->all()) widths.is_finite.logical_and_(finite_rows(*tensor));
+  }
+  widths.largest = gaussians.log_scales.amax(1);
+  return widths;
+}
+
+RowEdit edit_without_invalid(std::int64_t named, double extent, const GaussianWidths& widths) {
+  constexpr double kAbsurd = 1e4;  // times the scene extent
+  const std::int64_t n = widths.largest.size(0);
+  B3DGS_CHECK(named >= 0 && named < n, "Gaussian ", named, " of ", n);
+  torch::Tensor stays = widths.is_finite.clone();
+  stays.slice(0, named, named + 1).fill_(false);
+  const double own = widths.largest[named].item<double>();
+  if (std::isfinite(own) && own > std::log(kAbsurd * extent)) stays.logical_and_(widths.largest < own);
+  RowEdit edit;
+  edit.sources = stays.nonzero().flatten();
+  edit.n_kept = edit.sources.size(0);
+  edit.new_means = torch::empty({0, 3}, widths.largest.options());
+  edit.new_log_scales = torch::empty({0, 3}, widths.largest.options());
+  return edit;
+}
+
+std::int64_t remove_invalid_gaussians(std::int64_t named, double extent, GaussianTensors& gaussians, AdamState& adam,
+                                      DensityStatistics& statistics) {
+  const std::int64_t n = gaussians.size();
+  const RowEdit edit = edit_without_invalid(named, extent, gaussian_widths(gaussians, adam));
+  apply_row_edit(edit, gaussians, adam, statistics);
+  return n - edit.n_kept;
 }
 
 }  // namespace b3dgs

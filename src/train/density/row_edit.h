@@ -1,15 +1,57 @@
-// Additions and removals of Gaussians as data, applied to every tensor with one row per Gaussian.
+// What density control records of each Gaussian between two rounds.
 #pragma once
 
 #include <cstdint>
 #include <functional>
 #include <set>
+#include <string>
+#include <vector>
 
-#include "raster/torch/gaussian_tensors.h"
-#include "train/density/density_statistics.h"
+#include "raster/torch/rasterizer.h"
 #include "train/optimizer/adam.h"
 
 namespace b3dgs {
+
+struct DensityStatistics {
+  /// A further column of one strategy.
+  struct Column {
+    std::string name;
+    torch::Tensor values;  // [N] float
+  };
+
+  // [N] float, sum over views of the norm of dL/d(projected centre) in normalised device coordinates: dL/dpx times half
+  // the image size.
+  torch::Tensor grad_norm_sum;
+  torch::Tensor view_count;  // [N] int32, views that saw the Gaussian
+  torch::Tensor max_radii;   // [N] int32, px, largest radius in any of them
+  std::vector<Column> extra;
+
+  /// All columns and their names, in the order of a checkpoint.
+  std::vector<torch::Tensor*> all() {
+    std::vector<torch::Tensor*> columns{&grad_norm_sum, &view_count, &max_radii};
+    for (Column& column : extra) columns.push_back(&column.values);
+    return columns;
+  }
+  std::vector<const torch::Tensor*> all() const {
+    std::vector<const torch::Tensor*> columns{&grad_norm_sum, &view_count, &max_radii};
+    for (const Column& column : extra) columns.push_back(&column.values);
+    return columns;
+  }
+  std::vector<std::string> names() const {
+    std::vector<std::string> names{"grad_norm_sum", "view_count", "max_radii"};
+    for (const Column& column : extra) names.push_back(column.name);
+    return names;
+  }
+};
+
+/// Zeros, without extra columns.
+DensityStatistics make_density_statistics(std::int64_t n_gaussians, torch::Device device);
+
+/// Adds one view of width x height px. A gradient in 1/px times half the width (height) is one in normalised device
+/// coordinates, the unit of the original 3DGS threshold. Allocates nothing.
+void add_view(const ViewStatistics& view, std::int32_t width, std::int32_t height, DensityStatistics& statistics);
+
+// Additions and removals of Gaussians as data, applied to every tensor with one row per Gaussian.
 
 /// Rows after the edit: first the kept ones, in ascending order, then the new ones, whose Adam moments are 0.
 struct RowEdit {
@@ -57,5 +99,23 @@ class RowEditor {
 
 /// reserve() and apply(), without spare capacity.
 void apply_row_edit(const RowEdit& edit, GaussianTensors& gaussians, AdamState& adam, DensityStatistics& statistics);
+
+// Removes Gaussians that cannot be rendered, so that training can continue with the others.
+
+/// What tells which Gaussians are invalid.
+struct GaussianWidths {
+  torch::Tensor is_finite;  // [N] bool, whether all parameters and Adam moments are
+  torch::Tensor largest;    // [N] logarithm of the largest scale
+};
+GaussianWidths gaussian_widths(const GaussianTensors& gaussians, const AdamState& adam);
+
+/// The edit that remove_invalid_gaussians() applies.
+RowEdit edit_without_invalid(std::int64_t named, double extent, const GaussianWidths& widths);
+
+/// Removes row `named`, and all rows in which a parameter or an Adam moment is not finite. If the named row is wider
+/// than 1e4 times the scene `extent` (world units), all rows at least as wide are removed too. Returns how many rows
+/// were removed.
+std::int64_t remove_invalid_gaussians(std::int64_t named, double extent, GaussianTensors& gaussians, AdamState& adam,
+                                      DensityStatistics& statistics);
 
 }  // namespace b3dgs

@@ -8,16 +8,55 @@
 #include "core/check.h"
 #include "core/parallel.h"
 #include "core/text.h"
-#include "raster/torch/tensor_check.h"
-#include "raster/torch/tensor_storage.h"
-#include "train/depth/depth_loss_args.h"
-
-#if B3DGS_TORCH_CUDA
-#include "raster/torch/torch_launch.h"
-#include "train/depth/depth_loss_cuda.h"
-#endif
+#include "raster/torch/tensors.h"
+#include "raster/torch/torch_cuda.h"
+#include "train/depth/depth_loss.h"
 
 namespace b3dgs {
+namespace {
+
+/// The mean of the two in the middle for an even number.
+double median(std::vector<double> values) {
+  const std::size_t half = values.size() / 2;
+  std::sort(values.begin(), values.end());
+  return values.size() % 2 == 1 ? values[half] : 0.5 * (values[half - 1] + values[half]);
+}
+
+double mean_absolute_deviation(const std::vector<double>& values, double from) {
+  double sum = 0;
+  for (const double value : values) sum += std::abs(value - from);
+  return sum / static_cast<double>(values.size());
+}
+
+}  // namespace
+
+std::optional<DepthAlignment> align_depth(const std::vector<double>& values,
+                                          const std::vector<double>& inverse_depths) {
+  if (values.size() < kMinAlignmentPoints) return std::nullopt;
+  const double middle = median(values), middle_inverse = median(inverse_depths);
+  const double spread = mean_absolute_deviation(values, middle),
+               inverse_spread = mean_absolute_deviation(inverse_depths, middle_inverse);
+  if (!(spread > 0) || !(inverse_spread > 0)) return std::nullopt;
+  const double scale = inverse_spread / spread;
+  return DepthAlignment{scale, middle_inverse - scale * middle};
+}
+
+int remove_unlikely_alignments(std::vector<std::optional<DepthAlignment>>& alignments) {
+  std::vector<double> scales;
+  for (const std::optional<DepthAlignment>& own : alignments) {
+    if (own) scales.push_back(own->scale);
+  }
+  if (scales.empty()) return 0;
+  const double middle = median(scales);
+  int n_removed = 0;
+  for (std::optional<DepthAlignment>& own : alignments) {
+    if (!own || (own->scale >= kMinScaleRatio * middle && own->scale <= kMaxScaleRatio * middle)) continue;
+    own.reset();
+    ++n_removed;
+  }
+  return n_removed;
+}
+
 namespace {
 
 namespace fs = std::filesystem;
@@ -208,16 +247,11 @@ torch::Tensor DepthPriors::gradient(std::int32_t view, const torch::Tensor& rend
   args.offset = static_cast<float>(prior.alignment->offset);
   args.gradient = n_valid > 0 ? static_cast<float>(weight / static_cast<double>(n_valid)) : 0.0f;
   args.grad = grad_.data_ptr<float>();
-#if B3DGS_TORCH_CUDA
-  if (device_.is_cuda()) {
-    cuda::depth_loss_gradient(args, torch_launch_context().stream);
-    return grad_;
+  if (kTorchHasCuda && device_.is_cuda()) {
+    cuda::depth_loss_gradient(args, torch_stream());
+  } else {
+    for_rows<depth_loss_grad_at>(args, width * height);
   }
-#endif
-  constexpr std::int64_t kGrain = 4096;
-  parallel_chunks(width * height, kGrain, [&](std::int64_t begin, std::int64_t end) {
-    for (std::int64_t pixel = begin; pixel < end; ++pixel) depth_loss_grad_at(args, pixel);
-  });
   return grad_;
 }
 

@@ -1,9 +1,14 @@
 // Converts between point clouds, SplatCloud (host arrays) and parameter tensors.
 #pragma once
 
-#include "model/formats/splat_cloud.h"
-#include "raster/torch/gaussian_tensors.h"
+#include <cstdint>
+#include <vector>
+
+#include "config/train_config.h"
+#include "model/formats/splat_formats.h"
+#include "raster/torch/rasterizer.h"
 #include "scene/points/point_cloud.h"
+#include "scene/scene.h"
 
 namespace b3dgs {
 
@@ -24,5 +29,27 @@ void include_filters(const std::vector<float>& filters, SplatCloud& cloud);
 
 /// With filters included, if there are any.
 SplatCloud to_splat_cloud(const GaussianTensors& gaussians);
+
+// The initial Gaussians of a training.
+
+/// The Gaussians of --init_ply unchanged, or one per point of --init_ply, or else one per point of the scene, with the
+/// opacity and scale that the options give; in the frame of the scene.
+/// @throws InputError if there are no points or Gaussians
+SplatCloud initial_splats(const TrainConfig& config, const Scene& scene);
+
+// Counts Gaussians that may be floaters: training views constrain them so little that they may look wrong in others.
+
+/// A Gaussian contributes to a view if its blend weight is at least 1/255 in one of the pixels; masks are ignored. One
+/// Gaussian can be in several of these counts.
+struct FloaterCount {
+  std::int64_t unseen = 0;    // contribute to no view
+  std::int64_t one_view = 0;  // contribute to exactly one
+  std::int64_t close = 0;     // contribute to a view from a distance of less than a tenth of its median depth
+  std::int64_t large = 0;     // contribute to a view in which 3 standard deviations exceed 0.3 times its longer side
+};
+
+/// Renders every view; on a GPU, waits for each. @throws what Rasterizer::project() and forward_splats() throw
+FloaterCount count_floaters(Rasterizer& rasterizer, const GaussianTensors& gaussians,
+                            const std::vector<PinholeView>& views, const RenderSettings& settings);
 
 }  // namespace b3dgs

@@ -3,12 +3,9 @@
 #include <algorithm>
 
 #include "core/parallel.h"
-#include "raster/torch/tensor_storage.h"
-
-#if B3DGS_TORCH_CUDA
-#include "raster/torch/torch_launch.h"
-#include "train/gaussians/smoothing_filter_cuda.h"
-#endif
+#include "raster/torch/tensors.h"
+#include "raster/torch/torch_cuda.h"
+#include "train/gaussians/smoothing_filter_args.h"
 
 namespace b3dgs {
 
@@ -26,7 +23,7 @@ SmoothingFilter::SmoothingFilter(const std::vector<PinholeView>& views, float ne
 }
 
 void SmoothingFilter::compute(GaussianTensors& gaussians, const FindLargest& find_largest) {
-  constexpr std::int64_t kSparePart = 8, kGrain = 1024;
+  constexpr std::int64_t kSparePart = 8;
   place_tensor(gaussians.filters, storage_, {gaussians.size()}, gaussians.means.options(), kSparePart);
   SmoothingFilterArgs args;
   args.n_gaussians = gaussians.size();
@@ -36,18 +33,14 @@ void SmoothingFilter::compute(GaussianTensors& gaussians, const FindLargest& fin
   args.near_plane = near_plane_;
   args.filters = gaussians.filters.data_ptr<float>();
   args.largest = largest_.data_ptr<float>();
-#if B3DGS_TORCH_CUDA
-  if (gaussians.means.is_cuda()) {
-    const cudaStream_t stream = torch_launch_context().stream;
+  if (kTorchHasCuda && gaussians.means.is_cuda()) {
+    const cudaStream_t stream = torch_stream();
     cuda::find_finest_pixels(args, stream);
     if (find_largest) find_largest(largest_);
     args.largest = largest_.data_ptr<float>();
     return cuda::size_filters(args, stream);
   }
-#endif
-  parallel_chunks(args.n_gaussians, kGrain, [&](std::int64_t begin, std::int64_t end) {
-    for (std::int64_t i = begin; i < end; ++i) args.filters[i] = finest_pixel(args, i);
-  });
+  for_rows<write_finest_pixel>(args, args.n_gaussians);
   float* const end = args.filters + args.n_gaussians;
   *args.largest = args.n_gaussians > 0 ? *std::max_element(args.filters, end) : 0;
   if (find_largest) find_largest(largest_);

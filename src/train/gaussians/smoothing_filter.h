@@ -5,7 +5,7 @@
 #include <functional>
 #include <vector>
 
-#include "raster/torch/gaussian_tensors.h"
+#include "raster/torch/rasterizer.h"
 #include "train/gaussians/smoothing_filter_args.h"
 
 namespace b3dgs {

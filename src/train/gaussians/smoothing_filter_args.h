@@ -53,10 +53,21 @@ B3DGS_HD float finest_pixel(const SmoothingFilterArgs& args, std::int64_t i) {
   return finest;
 }
 
+B3DGS_HD void write_finest_pixel(const SmoothingFilterArgs& args, std::int64_t i) {
+  args.filters[i] = finest_pixel(args, i);
+}
+
 /// Standard deviation of the filter, world units. `finest`: finest_pixel() of the Gaussian; if 0 because no view
 /// contains it, `largest` is used, the largest finest_pixel() of all Gaussians.
 B3DGS_HD float filter_size(float finest, float largest) {
   return std::sqrt(kFilterVariance) * (finest > 0 ? finest : largest);
 }
 
+namespace cuda {
+
+/// The two halves: pixel sizes and the largest of them, then filters. Asynchronous.
+void find_finest_pixels(const SmoothingFilterArgs& args, cudaStream_t stream);
+void size_filters(const SmoothingFilterArgs& args, cudaStream_t stream);
+
+}  // namespace cuda
 }  // namespace b3dgs

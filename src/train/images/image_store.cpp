@@ -14,8 +14,7 @@
 #include "train/loss/loss.h"
 
 #if B3DGS_TORCH_CUDA
-#include "raster/torch/torch_launch.h"
-#include "raster/torch/torch_memory.h"
+#include "raster/torch/torch_cuda.h"
 #include "train/images/image_uploader.h"
 #endif
 
@@ -239,7 +238,7 @@ TrainView ImageStore::take_on_gpu(std::int32_t index, const Indices& streamed) {
   TrainView view = stored_view(index);
   Streamed& s = *streamed_;
   ImageReader& reader = *s.reader;
-  const cudaStream_t stream = torch_launch_context().stream;
+  const cudaStream_t stream = torch_stream();
   if (s.slot_in_use >= 0) s.uploader->release(std::exchange(s.slot_in_use, -1), stream);
 
   // This view and the next ones, up to the first that is neither on the device nor ready for upload.

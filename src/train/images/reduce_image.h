@@ -58,4 +58,10 @@ B3DGS_HD void reduce_pixel(const ReduceImageArgs& args, std::int32_t x, std::int
   }
 }
 
+namespace cuda {
+
+/// Writes all reduced pixels. Asynchronous.
+void reduce_image(const ReduceImageArgs& args, cudaStream_t stream);
+
+}  // namespace cuda
 }  // namespace b3dgs

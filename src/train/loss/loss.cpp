@@ -3,13 +3,10 @@
 #include "train/loss/loss.h"
 
 #include "core/check.h"
-#include "raster/torch/tensor_check.h"
-#include "raster/torch/tensor_storage.h"
-
-#if B3DGS_TORCH_CUDA
-#include "raster/torch/torch_launch.h"
-#include "train/loss/loss_reader.h"
-#endif
+#include "core/parallel.h"
+#include "raster/torch/tensors.h"
+#include "raster/torch/torch_cuda.h"
+#include "train/loss/loss_args.h"
 
 namespace b3dgs {
 
@@ -19,30 +16,19 @@ std::int64_t count_valid(const std::uint8_t* valid, std::int64_t n_pixels) {
   return count;
 }
 
-#if B3DGS_TORCH_CUDA
-struct ImageLoss::OnCuda {
-  cuda::LossReader reader;
-};
-#else
-struct ImageLoss::OnCuda {};
-#endif
-
 ImageLoss::ImageLoss(torch::Device device) : device_(device) {
   if (device.is_cpu()) return;
-#if B3DGS_TORCH_CUDA
-  cuda_ = std::make_unique<OnCuda>();
-#else
-  input_error("this build computes the loss on the CPU only, found device ", device.str(), "; use --device cpu");
-#endif
+  if (!kTorchHasCuda) {
+    input_error("this build computes the loss on the CPU only, found device ", device.str(), "; use --device cpu");
+  }
+  value_on_device_ = torch::empty({sizeof(LossValue)}, torch::TensorOptions(torch::kUInt8).device(device));
+  if (kTorchHasCuda) copied_value_ = make_host_copy(sizeof(LossValue));
 }
 
 ImageLoss::~ImageLoss() = default;
 
 LossValue ImageLoss::value() const {
-  LossValue value = value_;
-#if B3DGS_TORCH_CUDA
-  if (cuda_ != nullptr) value = cuda_->reader.wait();
-#endif
+  LossValue value = copied_value_ ? *static_cast<const LossValue*>(copied_value_->wait()) : value_;
   if (alpha_value_.defined()) value.loss += alpha_value_.item<double>();
   return value;
 }
@@ -81,9 +67,7 @@ void ImageLoss::compute(const torch::Tensor& rendered, const torch::Tensor& trut
   args.height = static_cast<std::int32_t>(rendered.size(0));
   args.width = static_cast<std::int32_t>(rendered.size(1));
   std::int64_t workspace_size = cpu::loss_workspace_size(args.width, args.height);
-#if B3DGS_TORCH_CUDA
-  if (cuda_ != nullptr) workspace_size = cuda::loss_workspace_size(args.width, args.height);
-#endif
+  if (kTorchHasCuda && device_.is_cuda()) workspace_size = cuda::loss_workspace_size(args.width, args.height);
   place_tensor(grad_, grad_room_, rendered.sizes(), rendered.options());
   if (!workspace_.defined() || workspace_.numel() < workspace_size) {
     workspace_ = torch::empty({workspace_size}, rendered.options());
@@ -95,10 +79,27 @@ void ImageLoss::compute(const torch::Tensor& rendered, const torch::Tensor& trut
   args.weights = weights;
   args.grad = grad_.data_ptr<float>();
   args.workspace = workspace_.data_ptr<float>();
-#if B3DGS_TORCH_CUDA
-  if (cuda_ != nullptr) return cuda_->reader.compute(args, torch_launch_context().stream);
-#endif
-  value_ = cpu::compute_loss(args);
+  if (kTorchHasCuda && copied_value_) {
+    cuda::compute_loss(args, reinterpret_cast<LossValue*>(value_on_device_.data_ptr()), torch_stream());
+    copied_value_->copy(value_on_device_.data_ptr());
+  } else {
+    value_ = cpu::compute_loss(args);
+  }
+}
+
+void ErrorImage::compute(const torch::Tensor& rendered, const torch::Tensor& truth, const torch::Tensor& valid) {
+  TensorCheck(rendered.device()).dims("rendered", rendered, {"H", "W", 3});
+  B3DGS_CHECK(truth.sizes() == rendered.sizes() && truth.scalar_type() == torch::kUInt8 && truth.is_contiguous(),
+              "truth is ", truth.sizes(), " ", truth.scalar_type(), ", expected contiguous uint8 ", rendered.sizes());
+  place_tensor(error_, room_, rendered.sizes().slice(0, 2), rendered.options());
+  ErrorImageArgs args;
+  args.n_pixels = error_.numel();
+  args.rendered = rendered.data_ptr<float>();
+  args.truth = truth.data_ptr<std::uint8_t>();
+  args.valid = valid.defined() ? valid.data_ptr<std::uint8_t>() : nullptr;
+  args.error = error_.data_ptr<float>();
+  if (kTorchHasCuda && rendered.is_cuda()) return cuda::compute_error_image(args, torch_stream());
+  for_rows<write_pixel_error>(args, args.n_pixels);
 }
 
 }  // namespace b3dgs

@@ -3,8 +3,7 @@
 // bottleneck: a thread filters four adjacent outputs at once, which needs 14 values for 44 products.
 
 #include "core/cuda_check.h"
-#include "train/loss/loss_cuda.h"
-#include "train/loss/ssim_window.h"
+#include "train/loss/loss_args.h"
 
 namespace b3dgs::cuda {
 namespace {

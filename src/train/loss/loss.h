@@ -19,6 +19,8 @@
 
 namespace b3dgs {
 
+class HostCopy;
+
 namespace cpu {
 
 /// Floats of workspace for an image; aligned to 64 bytes.
@@ -56,12 +58,29 @@ class ImageLoss {
   RenderedViewGrad grad() const { return {grad_, {}, alpha_grad_}; }
 
  private:
-  struct OnCuda;
   torch::Device device_;
   torch::Tensor grad_, grad_room_, workspace_;
-  LossValue value_;
+  LossValue value_;                                           // on a CPU
+  torch::Tensor value_on_device_;                             // on a GPU: [bytes of a LossValue] uint8
+  std::unique_ptr<HostCopy> copied_value_;                    // of it
   torch::Tensor alpha_grad_, alpha_grad_room_, alpha_value_;  // undefined without add_alpha()
-  std::unique_ptr<OnCuda> cuda_;
+};
+
+// By how much a rendered view differs from its photograph, pixel by pixel: which Gaussians are blended into large
+// errors (Rasterizer::score()).
+
+/// Reuses its memory from view to view.
+class ErrorImage {
+ public:
+  /// Mean over the channels of |rendered - truth|, within [0, 1], squared; 0 at invalid pixels. Tensors
+  /// as in ImageLoss::compute(). Asynchronous on a GPU.
+  void compute(const torch::Tensor& rendered, const torch::Tensor& truth, const torch::Tensor& valid);
+
+  /// [H, W] of the last compute(), valid until the next one.
+  const torch::Tensor& error() const { return error_; }
+
+ private:
+  torch::Tensor error_, room_;
 };
 
 }  // namespace b3dgs

@@ -57,8 +57,9 @@ struct ErrorImageArgs {
 };
 
 /// Square of the mean over the channels of |rendered - truth|, within [0, 1]; 0 if the pixel is invalid.
-B3DGS_HD float pixel_error(const ErrorImageArgs& args, std::int64_t pixel) {
-  if (args.valid != nullptr && args.valid[pixel] == 0) return 0;
+B3DGS_HD void write_pixel_error(const ErrorImageArgs& args, std::int64_t pixel) {
+  args.error[pixel] = 0;
+  if (args.valid != nullptr && args.valid[pixel] == 0) return;
   float sum = 0;
   for (std::int64_t i = 3 * pixel; i < 3 * pixel + 3; ++i) {
     const float difference = args.rendered[i] - static_cast<float>(args.truth[i]) * (1.0f / 255.0f);
@@ -66,7 +67,36 @@ B3DGS_HD float pixel_error(const ErrorImageArgs& args, std::int64_t pixel) {
   }
   const float mean = sum * (1.0f / 3.0f);
   const float error = mean < 1 ? mean : 1.0f;
-  return error * error;
+  args.error[pixel] = error * error;
 }
 
+// Window and constants of SSIM (Wang et al. 2004): 11 x 11 Gaussian, sigma 1.5 px, values in [0, 1].
+
+inline constexpr int kSsimRadius = 5;  // px
+inline constexpr float kSsimC1 = 0.01f * 0.01f;
+inline constexpr float kSsimC2 = 0.03f * 0.03f;
+
+/// Weight of a tap of the separable window at distance 0 to 5 px from the centre: exp(-d^2 / 4.5), scaled so that all
+/// 11 sum to 1. Literals, because std::exp is not constexpr; a test recomputes them.
+B3DGS_HD constexpr float ssim_weight(int distance) {
+  return distance == 0   ? 2.660117249e-01f
+         : distance == 1 ? 2.130055377e-01f
+         : distance == 2 ? 1.093606895e-01f
+         : distance == 3 ? 3.600077213e-02f
+         : distance == 4 ? 7.598758135e-03f
+                         : 1.028380084e-03f;
+}
+
+namespace cuda {
+
+/// Floats of workspace for an image; aligned to 8 bytes.
+std::int64_t loss_workspace_size(std::int32_t width, std::int32_t height);
+
+/// Writes the loss to `value` (device memory) and the gradient; sums have a fixed order. Asynchronous.
+void compute_loss(const LossArgs& args, LossValue* value, cudaStream_t stream);
+
+/// Asynchronous.
+void compute_error_image(const ErrorImageArgs& args, cudaStream_t stream);
+
+}  // namespace cuda
 }  // namespace b3dgs

@@ -16,7 +16,7 @@
 
 #include "core/check.h"
 #include "core/parallel.h"
-#include "train/loss/ssim_window.h"
+#include "train/loss/loss_args.h"
 
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "train/loss/loss_cpu.cpp"

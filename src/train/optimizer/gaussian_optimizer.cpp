@@ -6,13 +6,12 @@
 #include "core/parallel.h"
 #include "raster/math/array_rows.h"
 #include "raster/torch/splat_owner.h"
-#include "train/optimizer/batch/batch_grad_cpu.h"
-#include "train/optimizer/batch/view_batch.h"
+#include "train/optimizer/batch_grad.h"
+#include "train/optimizer/view_batch.h"
 
 #if B3DGS_TORCH_CUDA
-#include "raster/torch/torch_launch.h"
-#include "train/optimizer/batch/batch_step_cuda.h"
-#include "train/optimizer/gaussian_step_cuda.h"
+#include "raster/torch/torch_cuda.h"
+#include "train/optimizer/deferred_sh.h"
 #endif
 
 namespace b3dgs {

@@ -7,7 +7,7 @@
 #include "raster/stages.h"
 #include "raster/torch/rasterizer.h"
 #include "train/optimizer/adam.h"
-#include "train/optimizer/regularization.h"
+#include "train/optimizer/adam_args.h"
 
 namespace b3dgs {
 

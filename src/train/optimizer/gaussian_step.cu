@@ -7,7 +7,7 @@
 #include "raster/cuda/launch.cuh"
 #include "raster/cuda/project.cuh"
 #include "train/optimizer/adam_step.cuh"
-#include "train/optimizer/gaussian_step_cuda.h"
+#include "train/optimizer/deferred_sh.h"
 
 namespace b3dgs::cuda {
 namespace {
@@ -55,14 +55,84 @@ __global__ void __launch_bounds__(kThreads) step_gaussians_kernel(const __grid_c
   step_row<3>(args.adam[4], i, {sh0.x, sh0.y, sh0.z});
 }
 
+// The same for steps of several views (--batch).
+//   Grid: a thread per Gaussian, for all parameters but the SH coefficients beyond degree 0. Those of the Gaussians
+//     that any view sees are stepped by the block together, coalesced.
+//   Shared memory: the block's gradients of these coefficients, up to 45 floats per Gaussian.
+//   Barriers: one, between gradients and step of these coefficients, which the gradients of the means depend on.
+
+/// Steps the SH coefficients beyond degree 0 of the block's rows that are seen, along `rests` (sums over the views).
+/// Each thread reads several coefficients before it steps any: one at a time, it would mostly wait.
+template <int kActive>
+__device__ __forceinline__ void step_rests(const BatchStepArgs& args, std::int64_t first_row, float scale,
+                                           const float* rests, const bool* is_seen) {
+  constexpr int kTogether = kActive % 9 == 0 ? 9 : 8;
+  static_assert(kActive % kTogether == 0, "each thread steps kActive coefficients");
+  const AdamArgs& adam = args.adam[5];
+  const int n_rest = rest_floats(args.grad.gaussians.sh_degree_max);
+  for (int first = 0; first < kActive; first += kTogether) {
+    std::int64_t at[kTogether];
+    float param[kTogether], m[kTogether], v[kTogether];
+#pragma unroll
+    for (int j = 0; j < kTogether; ++j) {
+      const int k = (first + j) * kThreads + static_cast<int>(threadIdx.x), row = k / kActive;
+      at[j] = is_seen[row] ? (first_row + row) * n_rest + (k - row * kActive) : -1;
+      if (at[j] < 0) continue;
+      param[j] = adam.param[at[j]];
+      m[j] = adam.m[at[j]];
+      v[j] = adam.v[at[j]];
+    }
+#pragma unroll
+    for (int j = 0; j < kTogether; ++j) {
+      if (at[j] < 0) continue;
+      const int k = (first + j) * kThreads + static_cast<int>(threadIdx.x);
+      step_one(adam.size, args.rule, scale * rests[k], param[j], m[j], v[j]);
+      adam.param[at[j]] = param[j];
+      adam.m[at[j]] = m[j];
+      adam.v[at[j]] = v[j];
+    }
+  }
+}
+
+template <int kShDegree, bool kAntialiasing>
+__global__ void __launch_bounds__(kThreads) step_batch_kernel(const __grid_constant__ BatchStepArgs args) {
+  constexpr int kActive = rest_floats(kShDegree);
+  __shared__ float rests[kThreads * kActive + 1];
+  __shared__ bool is_seen[kThreads];
+  const std::int64_t first_row = static_cast<std::int64_t>(blockIdx.x) * kThreads, i = first_row + threadIdx.x;
+  const float scale = 1.0f / static_cast<float>(args.grad.n_views);
+  float* const own_rest = rests + threadIdx.x * kActive;
+  for (int k = 0; k < kActive; ++k) own_rest[k] = 0;
+  is_seen[threadIdx.x] = false;
+  if (i < args.grad.gaussians.n_gaussians) {
+    const BatchGrad grad = batch_grad<kAntialiasing>(args.grad, i, kShDegree, scale, own_rest);
+    is_seen[threadIdx.x] = grad.is_seen;
+    if (kActive > 0 && grad.is_seen) {
+      reinterpret_cast<float4*>(args.updates + i)[0] = make_float4(0, 0, 0, __int_as_float(args.n_deferred + 1));
+    }
+    step_row<3>(args.adam[0], i, {grad.mean.x, grad.mean.y, grad.mean.z}, args.rule);
+    step_row<3>(args.adam[1], i, {grad.log_scales.x, grad.log_scales.y, grad.log_scales.z}, args.rule);
+    step_row<4>(args.adam[2], i, {grad.quat.x, grad.quat.y, grad.quat.z, grad.quat.w}, args.rule);
+    step_row<1>(args.adam[3], i, {grad.logit_opacity}, args.rule);
+    step_row<3>(args.adam[4], i, {grad.sh0.x, grad.sh0.y, grad.sh0.z}, args.rule);
+  }
+  if constexpr (kActive > 0) {
+    __syncthreads();  // gradients of the block are complete, and the coefficients have been read
+    step_rests<kActive>(args, first_row, scale, rests, is_seen);
+  }
+}
+
+unsigned blocks_of(std::int64_t n) {
+  return static_cast<unsigned>((n + kThreads - 1) / kThreads);
+}
+
 }  // namespace
 
 void step_gaussians(const GaussianStepArgs& args, const LaunchContext& context) {
   const std::int64_t n = args.backward.gaussians.n_gaussians;
   if (n == 0) return;
-  const auto blocks = static_cast<unsigned>((n + kThreads - 1) / kThreads);
   with_sh_degree(args.backward.sh_degree, [&](auto degree) {
-    const auto launch = [&](auto kernel) { kernel<<<blocks, kThreads, 0, context.stream>>>(args); };
+    const auto launch = [&](auto kernel) { kernel<<<blocks_of(n), kThreads, 0, context.stream>>>(args); };
     if (args.regularization.is_zero()) {
       launch(args.backward.antialiasing ? step_gaussians_kernel<degree.value, true, false>
                                         : step_gaussians_kernel<degree.value, false, false>);
@@ -70,6 +140,17 @@ void step_gaussians(const GaussianStepArgs& args, const LaunchContext& context) 
       launch(args.backward.antialiasing ? step_gaussians_kernel<degree.value, true, true>
                                         : step_gaussians_kernel<degree.value, false, true>);
     }
+  });
+  B3DGS_CUDA_CHECK_LAUNCH();
+}
+
+void step_batch(const BatchStepArgs& args, const LaunchContext& context) {
+  const std::int64_t n = args.grad.gaussians.n_gaussians;
+  if (n == 0) return;
+  with_sh_degree(args.grad.sh_degree, [&](auto degree) {
+    const auto kernel =
+        args.grad.antialiasing ? step_batch_kernel<degree.value, true> : step_batch_kernel<degree.value, false>;
+    kernel<<<blocks_of(n), kThreads, 0, context.stream>>>(args);
   });
   B3DGS_CUDA_CHECK_LAUNCH();
 }

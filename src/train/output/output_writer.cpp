@@ -9,11 +9,11 @@
 
 #include "core/check.h"
 #include "core/files/own_files.h"
-#include "model/formats/ply.h"
+#include "model/formats/splat_formats.h"
 #include "train/gaussians/gaussian_model.h"
 
 #if B3DGS_TORCH_CUDA
-#include "raster/torch/torch_launch.h"
+#include "raster/torch/torch_cuda.h"
 #include "train/output/device_snapshot.h"
 #endif
 
@@ -184,7 +184,7 @@ struct OutputWriter::Impl {
 #if B3DGS_TORCH_CUDA
   void write_from_device(const WrittenFile& file, const std::shared_ptr<FileContent>& content,
                          const std::vector<Bytes>& arrays, bool may_copy) {
-    const cudaStream_t stream = torch_launch_context().stream;
+    const cudaStream_t stream = torch_stream();
     if (reader == nullptr) reader = std::make_unique<cuda::DeviceReader>();
     const ReadPieces read = [this](const char* array, std::size_t bytes, const TakePiece& take) {
       reader->read(array, bytes, take);

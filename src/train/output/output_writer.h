@@ -16,9 +16,9 @@
 
 #include <nlohmann/json.hpp>
 
-#include "model/formats/splat_cloud.h"
-#include "raster/torch/gaussian_tensors.h"
-#include "train/checkpoint/checkpoint_file.h"
+#include "model/formats/splat_formats.h"
+#include "raster/torch/rasterizer.h"
+#include "train/checkpoint/checkpoint.h"
 
 namespace b3dgs {
 

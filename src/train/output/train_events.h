@@ -9,8 +9,8 @@
 #include <utility>
 #include <vector>
 
-#include "model/evaluation.h"
-#include "train/timing/stage_timer.h"
+#include "model/model_folder.h"
+#include "train/timing/timers.h"
 
 namespace b3dgs {
 

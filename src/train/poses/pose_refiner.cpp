@@ -7,13 +7,9 @@
 
 #include "core/check.h"
 #include "model/raster_input.h"
+#include "raster/torch/torch_cuda.h"
+#include "train/optimizer/adam.h"
 #include "train/optimizer/adam_args.h"
-#include "train/optimizer/lr_schedule.h"
-
-#if B3DGS_TORCH_CUDA
-#include "raster/torch/torch_launch.h"
-#include "train/poses/camera_grad_reader.h"
-#endif
 
 namespace b3dgs {
 
@@ -44,12 +40,6 @@ CorrectionLimits pose_limits(double extent) {
   return {3 * kDegree, 0.03 * extent};
 }
 
-struct PoseRefiner::Reader {
-#if B3DGS_TORCH_CUDA
-  cuda::CameraGradReader reader;
-#endif
-};
-
 PoseRefiner::PoseRefiner(const TrainConfig& config, const Scene& scene, PoseState& state)
     : config_(config), scene_(scene), state_(state) {}
 PoseRefiner::~PoseRefiner() = default;
@@ -76,13 +66,10 @@ void PoseRefiner::add_gradient(std::int32_t view, int iteration, const torch::Te
   const double* const values = camera_grad.data_ptr<double>();
   const std::size_t place = added_.size();
   added_.push_back({view, iteration});
-#if B3DGS_TORCH_CUDA
-  if (camera_grad.is_cuda()) {
-    if (readers_.size() == place) readers_.push_back(std::make_unique<Reader>());
-    readers_[place]->reader.copy(values, torch_launch_context().stream);
-    return;
+  if (kTorchHasCuda && camera_grad.is_cuda()) {
+    if (copies_.size() == place) copies_.push_back(make_host_copy(sizeof(CameraGrad)));
+    return copies_[place]->copy(values);
   }
-#endif
   if (grads_.size() == place) grads_.emplace_back();
   std::copy_n(values, kCameraGradients, grads_[place].begin());
 }
@@ -95,18 +82,14 @@ void PoseRefiner::begin_step() {
 void PoseRefiner::finish_step() {
   for (std::size_t place = 0; place < unfinished_.size(); ++place) {
     const Unfinished& step = unfinished_[place];
-#if B3DGS_TORCH_CUDA
-    if (!readers_.empty()) {
-      take_step(step.view, step.iteration, readers_[place]->reader.wait());
-      continue;
-    }
-#endif
-    take_step(step.view, step.iteration, grads_[place]);
+    const bool is_on_gpu = !copies_.empty();
+    take_step(step.view, step.iteration,
+              is_on_gpu ? *static_cast<const CameraGrad*>(copies_[place]->wait()) : grads_[place]);
   }
   unfinished_.clear();
 }
 
-void PoseRefiner::take_step(std::int32_t view, int iteration, const std::array<double, kCameraGradients>& grad) {
+void PoseRefiner::take_step(std::int32_t view, int iteration, const CameraGrad& grad) {
   if (!std::all_of(grad.begin(), grad.end(), [](double value) { return std::isfinite(value); })) return;
   if (!state_.is_defined()) state_ = PoseState::make(static_cast<std::int64_t>(scene_.train.size()));
   const CameraCorrection before = state_.correction(static_cast<std::size_t>(view));

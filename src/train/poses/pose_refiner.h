@@ -10,9 +10,11 @@
 #include "config/train_config.h"
 #include "raster/args.h"
 #include "scene/scene.h"
-#include "train/poses/pose_state.h"
+#include "train/poses/camera_correction.h"
 
 namespace b3dgs {
+
+class HostCopy;
 
 /// Limits of a correction: 3 degrees, and 3 % of the scene's extent.
 CorrectionLimits pose_limits(double extent);
@@ -47,16 +49,16 @@ class PoseRefiner {
     std::int32_t view = 0;
     int iteration = 0;
   };
-  void take_step(std::int32_t view, int iteration, const std::array<double, kCameraGradients>& grad);
+  using CameraGrad = std::array<double, kCameraGradients>;
+  void take_step(std::int32_t view, int iteration, const CameraGrad& grad);
 
   const TrainConfig& config_;
   const Scene& scene_;
   PoseState& state_;
   std::vector<Unfinished> added_, unfinished_;  // before and after begin_step()
   // Of each of them:
-  std::vector<std::array<double, kCameraGradients>> grads_;  // on the CPU
-  struct Reader;
-  std::vector<std::unique_ptr<Reader>> readers_;  // on a GPU
+  std::vector<CameraGrad> grads_;                  // on the CPU
+  std::vector<std::unique_ptr<HostCopy>> copies_;  // on a GPU
 };
 
 }  // namespace b3dgs

@@ -1,7 +1,10 @@
 #include "train/quality/metrics.h"
 
+#include <torch/script.h>
+
 #include <algorithm>
 #include <cmath>
+#include <cstring>
 
 #include "core/check.h"
 #include "train/loss/loss.h"
@@ -54,6 +57,148 @@ Image8 to_image8(const torch::Tensor& image) {
   std::transform(values, values + host.numel(), result.pixels.begin(), [](float value) {
     return static_cast<std::uint8_t>(value > 0.0f ? std::lround(255.0f * std::min(value, 1.0f)) : 0);
   });
+  return result;
+}
+
+namespace {
+
+/// The first line of LibTorch's text: a stack trace follows.
+std::string first_line(const std::exception& error) {
+  return {error.what(), std::strcspn(error.what(), "\n")};
+}
+
+/// [1, 3, H, W] float in [0, 1].
+torch::Tensor to_planes(const Image8& image, const Image8* valid, torch::Device device) {
+  torch::Tensor pixels =
+      torch::from_blob(const_cast<std::uint8_t*>(image.pixels.data()), {image.height, image.width, 3}, torch::kUInt8)
+          .to(torch::kFloat32)
+          .div_(255);
+  if (valid != nullptr) {
+    pixels.mul_(
+        torch::from_blob(const_cast<std::uint8_t*>(valid->pixels.data()), {image.height, image.width, 1}, torch::kUInt8)
+            .ne(0));
+  }
+  return pixels.permute({2, 0, 1}).unsqueeze(0).contiguous().to(device);
+}
+
+}  // namespace
+
+struct LpipsNetwork::Impl {
+  torch::Device device;
+  mutable torch::jit::Module module;
+};
+
+LpipsNetwork::LpipsNetwork(const std::filesystem::path& file, torch::Device device)
+    : impl_(std::make_unique<Impl>(Impl{device, {}})), name_(file.filename().string()) {
+  if (!std::filesystem::is_regular_file(file)) input_error("LPIPS network not found: ", file.string());
+  try {
+    impl_->module = torch::jit::load(file.string(), device);
+    impl_->module.eval();
+  } catch (const std::exception& error) {
+    input_error(file.string(), ": expected a TorchScript network (--lpips): ", first_line(error));
+  }
+}
+LpipsNetwork::~LpipsNetwork() = default;
+
+double LpipsNetwork::distance(const torch::Tensor& rendered, const Image8& truth, const Image8* valid) const {
+  const torch::NoGradGuard no_grad;
+  const Image8 image = to_image8(rendered);
+  B3DGS_CHECK(image.width == truth.width && image.height == truth.height, "rendered view is ", image.width, " x ",
+              image.height, " px, photograph is ", truth.width, " x ", truth.height);
+  const std::string promise = "expected forward(a, b) of two images [1, 3, H, W] that returns one number";
+  try {
+    const torch::jit::IValue result =
+        impl_->module.forward({to_planes(image, valid, impl_->device), to_planes(truth, valid, impl_->device)});
+    if (result.isDouble()) return result.toDouble();
+    if (result.isTensor() && result.toTensor().numel() == 1) return result.toTensor().item<double>();
+    input_error(name_, ": ", promise, ", found ", result.tagKind());
+  } catch (const InputError&) {
+    throw;
+  } catch (const std::exception& error) {
+    input_error(name_, ": ", promise, "; LibTorch: ", first_line(error));
+  }
+}
+
+namespace {
+
+constexpr double kRidge = 1e-6;
+
+using Matrix4 = std::array<std::array<double, 4>, 4>;
+
+/// Replaces each of `sides` by the solution of matrix x = side. `matrix` is symmetric and positive definite.
+void solve(Matrix4 matrix, std::array<std::array<double, 4>, 3>& sides) {
+  for (std::size_t i = 0; i < 4; ++i) {  // Gaussian elimination; without pivoting, as the matrix is positive definite
+    for (std::size_t row = i + 1; row < 4; ++row) {
+      const double factor = matrix[row][i] / matrix[i][i];
+      for (std::size_t k = i; k < 4; ++k) matrix[row][k] -= factor * matrix[i][k];
+      for (auto& side : sides) side[row] -= factor * side[i];
+    }
+  }
+  for (auto& side : sides) {
+    for (std::size_t i = 4; i-- > 0;) {
+      for (std::size_t k = i + 1; k < 4; ++k) side[i] -= matrix[i][k] * side[k];
+      side[i] /= matrix[i][i];
+    }
+  }
+}
+
+}  // namespace
+
+ColorTransform fit_colors(const torch::Tensor& rendered, const Image8& truth, const Image8* valid) {
+  const torch::Tensor host = rendered.to(torch::kCPU).contiguous();
+  B3DGS_CHECK(host.dim() == 3 && host.size(0) == truth.height && host.size(1) == truth.width && host.size(2) == 3 &&
+                  truth.channels == 3,
+              "rendered view is ", host.sizes(), ", photograph is ", truth.width, " x ", truth.height, " px");
+  const float* colors = host.data_ptr<float>();
+  const std::size_t n_pixels = truth.pixels.size() / 3;
+  // Normal equations of what is to be added to kSameColors.
+  Matrix4 products{};
+  std::array<std::array<double, 4>, 3> sides{};
+  double n_valid = 0;
+  for (std::size_t p = 0; p < n_pixels; ++p) {
+    if (valid != nullptr && valid->pixels[p] == 0) continue;
+    const std::array<double, 4> color{colors[3 * p], colors[3 * p + 1], colors[3 * p + 2], 1};
+    for (std::size_t i = 0; i < 4; ++i) {
+      for (std::size_t k = 0; k < 4; ++k) products[i][k] += color[i] * color[k];
+    }
+    for (std::size_t c = 0; c < 3; ++c) {
+      const double difference = truth.pixels[3 * p + c] / 255.0 - color[c];
+      for (std::size_t i = 0; i < 4; ++i) sides[c][i] += difference * color[i];
+    }
+    n_valid += 1;
+  }
+  if (n_valid == 0) return kSameColors;
+  for (std::size_t i = 0; i < 4; ++i) {
+    for (double& product : products[i]) product /= n_valid;
+    for (auto& side : sides) side[i] /= n_valid;
+    products[i][i] += kRidge;
+  }
+  solve(products, sides);
+  ColorTransform transform = kSameColors;
+  for (std::size_t c = 0; c < 3; ++c) {
+    for (std::size_t i = 0; i < 4; ++i) transform[4 * c + i] += sides[c][i];
+  }
+  return transform;
+}
+
+torch::Tensor transform_colors(const torch::Tensor& rendered, const ColorTransform& transform) {
+  const torch::Tensor matrix = torch::tensor(std::vector<double>(transform.begin(), transform.end()), torch::kFloat32)
+                                   .to(rendered.device())
+                                   .view({3, 4});
+  // Sums of products, not matmul, which may round inputs on a GPU.
+  torch::Tensor sum = matrix.select(1, 3).expand(rendered.sizes());
+  for (int i = 0; i < 3; ++i) sum = sum + rendered.slice(2, i, i + 1) * matrix.select(1, i);
+  return sum.contiguous();
+}
+
+Image8 valid_in_columns(int width, int height, const Image8* valid, int begin, int end) {
+  Image8 result(width, height, 1);
+  for (int y = 0; y < height; ++y) {
+    for (int x = begin; x < end; ++x) {
+      const std::size_t p = static_cast<std::size_t>(y) * static_cast<std::size_t>(width) + static_cast<std::size_t>(x);
+      result.pixels[p] = valid == nullptr || valid->pixels[p] != 0 ? 255 : 0;
+    }
+  }
   return result;
 }
 

@@ -5,9 +5,13 @@
 
 #include <torch/types.h>
 
+#include <array>
+#include <filesystem>
+#include <memory>
 #include <optional>
+#include <string>
 
-#include "model/evaluation.h"
+#include "model/model_folder.h"
 #include "scene/images/image.h"
 
 namespace b3dgs {
@@ -18,5 +22,48 @@ std::optional<ImageQuality> image_quality(const torch::Tensor& rendered, const I
 
 /// Converts [H, W, 3] or [H, W] float in [0, 1] to 8 bits, clamped and rounded.
 Image8 to_image8(const torch::Tensor& image);
+
+// LPIPS (Zhang et al. 2018), a perceptual distance between images, computed by a network that the user provides: a
+// TorchScript file whose forward(a, b) takes two float images [1, 3, H, W] in [0, 1] and returns one number. The file
+// determines the network and how it scales its inputs; values of different networks cannot be compared.
+
+class LpipsNetwork {
+ public:
+  /// @throws InputError if the file is missing or not TorchScript
+  LpipsNetwork(const std::filesystem::path& file, torch::Device device);
+  ~LpipsNetwork();
+
+  /// LPIPS between a rendered image [H, W, 3], clamped to [0, 1] and rounded to 8 bits, and the photograph. Pixels
+  /// where `valid` is 0 are set to black in both; null = all are valid. @throws InputError if the network fails or does
+  /// not return one number
+  double distance(const torch::Tensor& rendered, const Image8& truth, const Image8* valid) const;
+
+  /// The file's name, to be shown with every value.
+  const std::string& name() const { return name_; }
+
+ private:
+  struct Impl;
+  std::unique_ptr<Impl> impl_;
+  std::string name_;
+};
+
+// An affine transform of colours, fitted to a photograph: what remains after it is not due to exposure or white
+// balance.
+
+/// [3, 4]: colour' = transform (r, g, b, 1).
+using ColorTransform = std::array<double, 12>;
+
+inline constexpr ColorTransform kSameColors{1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0};
+
+/// The transform of `rendered` [H, W, 3] that minimises the mean squared difference from `truth` over the pixels where
+/// `valid` is not 0 (null = all), plus 1e-6 times its squared difference from kSameColors, which decides where colours
+/// do not (an image of one colour, no valid pixel).
+ColorTransform fit_colors(const torch::Tensor& rendered, const Image8& truth, const Image8* valid);
+
+/// A transformed copy of `rendered` [H, W, 3].
+torch::Tensor transform_colors(const torch::Tensor& rendered, const ColorTransform& transform);
+
+/// The valid pixels in columns [begin, end): 255, others 0.
+Image8 valid_in_columns(int width, int height, const Image8* valid, int begin, int end);
 
 }  // namespace b3dgs

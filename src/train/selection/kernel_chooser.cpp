@@ -1,5 +1,7 @@
 #include "train/selection/kernel_chooser.h"
 
+#include <torch/types.h>
+
 #include <algorithm>
 #include <chrono>
 
@@ -7,11 +9,95 @@
 #include "core/check.h"
 
 #if B3DGS_TORCH_CUDA
-#include "adaptive/cuda/cuda_event_timer.h"
-#include "raster/torch/torch_launch.h"
+#include "adaptive/kernel_timer.h"
+#include "raster/torch/torch_cuda.h"
 #endif
 
 namespace b3dgs {
+namespace {
+
+class ForwardBlend final : public BlendPass {
+ public:
+  explicit ForwardBlend(const BlendInput& input) : input_(input) {}
+
+  void prepare(const PinholeView& view) override { input_.forward(view); }
+  void run(const std::string& kernel) override { image_ = input_.rasterizer.reblend(forward_kernel(kernel)); }
+  void keep() override { kept_ = {image_.color.clone(), {}, image_.alpha.clone()}; }
+  std::string fault() const override { return image_fault(image_, kept_); }
+
+ private:
+  const BlendInput& input_;
+  RenderedView image_, kept_;
+};
+
+class BackwardBlend final : public BlendPass {
+ public:
+  explicit BackwardBlend(const BlendInput& input) : input_(input) {}
+
+  void prepare(const PinholeView& view) override {
+    const torch::Tensor color = input_.forward(view).color;
+    // The amount of work does not depend on the gradient's values; this one is nonzero at every pixel.
+    grad_.color = torch::full_like(color, 1.0 / static_cast<double>(color.numel()));
+  }
+  void run(const std::string& kernel) override {
+    sums_ = input_.rasterizer.reblend_backward(backward_kernel(kernel), grad_);
+  }
+  void keep() override { kept_ = sums_.clone(); }
+  std::string fault() const override { return gradient_fault(sums_, kept_); }
+
+ private:
+  const BlendInput& input_;
+  RenderedViewGrad grad_;
+  torch::Tensor sums_, kept_;
+};
+
+}  // namespace
+
+std::unique_ptr<BlendPass> make_forward_blend(const BlendInput& input) {
+  return std::make_unique<ForwardBlend>(input);
+}
+
+std::unique_ptr<BlendPass> make_backward_blend(const BlendInput& input) {
+  return std::make_unique<BackwardBlend>(input);
+}
+
+namespace {
+
+constexpr double kRounding = 1e-4, kFlip = 0.02;  // of the image's range
+constexpr double kGradientRounding = 1e-3;        // of a column's norm
+
+/// Pixels at which a splat may be on the other side of a threshold: one in ten thousand, and a few in small images.
+std::int64_t allowed_flips(std::int64_t n_pixels) {
+  return 4 + n_pixels / 10000;
+}
+
+}  // namespace
+
+std::string image_fault(const RenderedView& image, const RenderedView& reference) {
+  B3DGS_CHECK(image.color.sizes() == reference.color.sizes(), "images of ", image.color.sizes(), " and ",
+              reference.color.sizes());
+  if (image.alpha.numel() == 0) return "";
+  const torch::Tensor difference =
+      torch::maximum(torch::amax((image.color - reference.color).abs(), {2}), (image.alpha - reference.alpha).abs());
+  const double range = std::max(1.0, reference.color.abs().max().item<double>());
+  const auto n_off = torch::logical_not(difference <= kRounding * range).sum().item<std::int64_t>();
+  const double largest = difference.max().item<double>(), most = kFlip * range;
+  const std::int64_t allowed = allowed_flips(difference.numel());
+  if (n_off <= allowed && largest <= most) return "";
+  return detail::concat("its image differs in ", n_off, " pixels by up to ", largest, " (at most ", allowed,
+                        " pixels and ", most, " can be rounding)");
+}
+
+std::string gradient_fault(const torch::Tensor& sums, const torch::Tensor& reference) {
+  B3DGS_CHECK(sums.sizes() == reference.sizes(), "gradients of ", sums.sizes(), " and ", reference.sizes());
+  const torch::Tensor off = (sums - reference).square().sum(0).sqrt(), norm = reference.square().sum(0).sqrt();
+  const torch::Tensor agrees = off <= kGradientRounding * norm + 1e-30;
+  if (agrees.all().item<bool>()) return "";
+  const double largest = (off / (norm + 1e-30)).max().item<double>();
+  return detail::concat("its gradients differ by ", largest, " of their norm (at most ", kGradientRounding,
+                        " can be rounding)");
+}
+
 namespace {
 
 using Json = nlohmann::ordered_json;
@@ -104,7 +190,7 @@ KernelTimer& KernelChooser::timer() {
     tools_.timer = std::make_unique<SteadyTimer>();
   } else {
 #if B3DGS_TORCH_CUDA
-    tools_.timer = std::make_unique<CudaEventTimer>(torch_launch_context().stream);
+    tools_.timer = std::make_unique<CudaEventTimer>(torch_stream());
 #endif
   }
   B3DGS_CHECK(tools_.timer != nullptr, "this build has no kernel timer for ", device_.str());

@@ -1,7 +1,5 @@
-// Times the candidate blending kernels on the training's own data, and lets one KernelSelector per pass decide. Only
-// blending is timed: each view is projected and binned once, then blended by every candidate in turn, in alternating
-// order. Before that, the candidates' results on the first view are compared, which also warms them up. Parameters,
-// moments, view order and random numbers do not change.
+// Whether two kernels of one pass computed the same result. They share their arithmetic (raster/math/blend.h), but not
+// the order of sums.
 #pragma once
 
 #include <functional>
@@ -13,9 +11,56 @@
 #include "adaptive/kernel_selector.h"
 #include "adaptive/kernel_timer.h"
 #include "config/train_config.h"
-#include "train/selection/blend_pass.h"
+#include "raster/torch/rasterizer.h"
 
 namespace b3dgs {
+
+/// How `image` disagrees with `reference`, or "". Sums in another order differ by about 1e-5 of the image's range. At a
+/// threshold that is enough for a splat to contribute to one image and not to the other, which changes a pixel by up to
+/// 1/255 (alpha cutoff) or 0.01 (transmittance stop). So nearly all pixels must agree to 1e-4 of the range (at least
+/// 1), and a few to 0.02. Values that are not finite never agree.
+std::string image_fault(const RenderedView& image, const RenderedView& reference);
+
+/// How the gradients `sums` [M, K] disagree with `reference`, or "": each of the K columns must agree to 1e-3 of its
+/// norm. Single rows are not compared: at low transmittance they are differences of nearly equal sums.
+std::string gradient_fault(const torch::Tensor& sums, const torch::Tensor& reference);
+
+// The blending of one view, repeatable with any kernel, to compare and time kernels.
+
+/// The model and the views on which kernels are timed.
+struct BlendInput {
+  Rasterizer& rasterizer;
+  const GaussianTensors& gaussians;
+  RenderSettings settings;         // of training steps
+  std::vector<PinholeView> views;  // the next views of the training
+  // Renders a view and leaves it in `rasterizer`. Empty: rasterizer.forward(gaussians, view, settings).
+  std::function<RenderedView(const PinholeView&, const RenderSettings&)> render{};
+
+  RenderedView forward(const PinholeView& view) const {
+    return render ? render(view, settings) : rasterizer.forward(gaussians, view, settings);
+  }
+};
+
+class BlendPass {
+ public:
+  virtual ~BlendPass() = default;
+  /// Everything before blending, and a first blend. @throws NumericError
+  virtual void prepare(const PinholeView& view) = 0;
+  virtual void run(const std::string& kernel) = 0;
+  /// Keeps the result of the last run().
+  virtual void keep() = 0;
+  /// How the result of the last run() disagrees with the kept one, or "".
+  virtual std::string fault() const = 0;
+};
+
+/// `input` must outlive the pass.
+std::unique_ptr<BlendPass> make_forward_blend(const BlendInput& input);
+std::unique_ptr<BlendPass> make_backward_blend(const BlendInput& input);
+
+// Times the candidate blending kernels on the training's own data, and lets one KernelSelector per pass decide. Only
+// blending is timed: each view is projected and binned once, then blended by every candidate in turn, in alternating
+// order. Before that, the candidates' results on the first view are compared, which also warms them up. Parameters,
+// moments, view order and random numbers do not change.
 
 /// One check of one pass, for the log and the user.
 struct KernelCheck {

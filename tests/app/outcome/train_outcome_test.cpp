@@ -12,7 +12,7 @@
 
 #include "app/tools/commands.h"
 #include "app/train_setup.h"
-#include "core/files/remove_tree.h"
+#include "core/files/folders.h"
 #include "model/model_folder.h"
 #include "support/files.h"
 #include "support/run_program.h"

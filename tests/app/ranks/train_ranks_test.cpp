@@ -21,7 +21,7 @@
 #include "support/same.h"
 #include "support/temp_dir.h"
 #include "support/variables.h"
-#include "train/threads.h"
+#include "train/device.h"
 
 namespace b3dgs {
 namespace {

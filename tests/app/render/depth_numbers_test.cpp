@@ -9,9 +9,9 @@
 #include <opencv2/imgcodecs.hpp>
 
 #include "app/model.h"
-#include "model/cameras/camera_files.h"
+#include "model/cameras/cameras_json.h"
 #include "model/raster_input.h"
-#include "scene/images/image_io.h"
+#include "scene/images/image.h"
 #include "support/files.h"
 #include "support/run_program.h"
 #include "support/temp_dir.h"

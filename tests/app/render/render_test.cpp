@@ -6,7 +6,7 @@
 
 #include "model/cameras/cameras_json.h"
 #include "scene/cameras/camera.h"
-#include "scene/images/image_io.h"
+#include "scene/images/image.h"
 #include "support/files.h"
 #include "support/run_program.h"
 #include "support/temp_dir.h"

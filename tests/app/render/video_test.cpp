@@ -9,7 +9,7 @@
 #include "app/render/video_writer.h"
 #include "core/check.h"
 #include "core/process/child_process.h"
-#include "scene/images/image_io.h"
+#include "scene/images/image.h"
 #include "support/expect_error.h"
 #include "support/files.h"
 #include "support/run_program.h"

@@ -12,7 +12,7 @@
 #include "app/view/viewed_scene.h"
 #include "app/view/watched_model.h"
 #include "dist/control/socket.h"
-#include "scene/images/image_io.h"
+#include "scene/images/image.h"
 #include "support/expect_error.h"
 #include "support/http_client.h"
 #include "support/run_program.h"

@@ -1,5 +1,5 @@
 // Points that are found in photographs of a wall with a picture on it, and of an object in front of nothing.
-#include "scene/points/seed_points.h"
+#include "scene/points/point_cloud.h"
 
 #include <gtest/gtest.h>
 

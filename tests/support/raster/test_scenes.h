@@ -7,7 +7,7 @@
 #include <vector>
 
 #include "raster/args.h"
-#include "raster/torch/gaussian_tensors.h"
+#include "raster/torch/rasterizer.h"
 
 namespace b3dgs::test {
 

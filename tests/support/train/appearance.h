@@ -10,7 +10,7 @@
 #include <vector>
 
 #include "core/random.h"
-#include "model/formats/ply.h"
+#include "model/formats/splat_formats.h"
 #include "scene/scene.h"
 #include "scene/view_image.h"
 #include "support/finite_difference.h"

@@ -5,7 +5,7 @@
 #include <cstring>
 
 #include "scene/colmap/colmap.h"
-#include "scene/images/image_io.h"
+#include "scene/images/image.h"
 #include "support/temp_dir.h"
 #include "support/train/tiny_scene.h"
 

@@ -4,7 +4,7 @@
 #include <algorithm>
 #include <limits>
 
-#include "train/memory/memory_source.h"
+#include "train/memory/memory.h"
 
 namespace b3dgs::test {
 

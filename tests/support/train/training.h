@@ -6,10 +6,10 @@
 #include <initializer_list>
 #include <string>
 
-#include "core/files/remove_tree.h"
+#include "core/files/folders.h"
 #include "support/files.h"
 #include "support/same.h"
-#include "train/checkpoint/checkpoint_file.h"
+#include "train/checkpoint/checkpoint.h"
 #include "train/trainer.h"
 
 namespace b3dgs::test {

@@ -9,8 +9,7 @@
 #include "support/train/appearance.h"
 #include "support/train/tiny_scene.h"
 #include "support/train/training.h"
-#include "train/appearance/bilateral_grid_model.h"
-#include "train/appearance/exposure_model.h"
+#include "train/appearance/appearance_model.h"
 #include "train/checkpoint/checkpoint.h"
 #include "train/loss/loss.h"
 

@@ -1,5 +1,5 @@
 // exposure.json.
-#include "train/appearance/exposure_json.h"
+#include "train/appearance/appearance_model.h"
 
 #include <gtest/gtest.h>
 

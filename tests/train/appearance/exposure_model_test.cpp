@@ -1,5 +1,5 @@
 // The exposure model against double-precision references.
-#include "train/appearance/exposure_model.h"
+#include "train/appearance/appearance_model.h"
 
 #include <gtest/gtest.h>
 

@@ -6,14 +6,14 @@
 #include <nlohmann/json.hpp>
 
 #include "core/check.h"
-#include "core/files/remove_tree.h"
+#include "core/files/folders.h"
 #include "support/expect_error.h"
 #include "support/same.h"
 #include "support/temp_dir.h"
 #include "support/train/appearance.h"
 #include "support/train/tiny_scene.h"
 #include "support/train/training.h"
-#include "train/appearance/exposure_json.h"
+#include "train/appearance/appearance_model.h"
 #include "train/checkpoint/checkpoint.h"
 
 namespace b3dgs {

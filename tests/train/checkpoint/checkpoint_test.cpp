@@ -14,8 +14,6 @@
 #include "support/same.h"
 #include "support/temp_dir.h"
 #include "support/train/tiny_scene.h"
-#include "train/checkpoint/checkpoint_file.h"
-#include "train/checkpoint/checkpoint_scene.h"
 #include "train/gaussians/gaussian_model.h"
 #include "train/trainer.h"
 

@@ -10,13 +10,13 @@
 
 #include "core/check.h"
 #include "model/cameras/cameras_json.h"
-#include "model/formats/ply.h"
+#include "model/formats/splat_formats.h"
 #include "support/approx.h"
 #include "support/expect_error.h"
 #include "support/files.h"
 #include "support/temp_dir.h"
 #include "support/train/tiny_scene.h"
-#include "train/gaussians/initial_splats.h"
+#include "train/gaussians/gaussian_model.h"
 
 namespace b3dgs {
 namespace {

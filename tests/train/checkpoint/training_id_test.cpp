@@ -11,8 +11,7 @@
 
 #include "core/check.h"
 #include "core/files/atomic_file.h"
-#include "core/files/folder_lock.h"
-#include "model/disk_space.h"
+#include "core/files/folders.h"
 #include "support/expect_error.h"
 #include "support/same.h"
 #include "support/temp_dir.h"

@@ -1,7 +1,7 @@
 // Appearance models on the GPU, against those on the CPU.
 #include <gtest/gtest.h>
 
-#include "core/files/remove_tree.h"
+#include "core/files/folders.h"
 #include "support/approx.h"
 #include "support/gpu_test.h"
 #include "support/same.h"
@@ -9,8 +9,7 @@
 #include "support/train/appearance.h"
 #include "support/train/tiny_scene.h"
 #include "support/train/training.h"
-#include "train/appearance/bilateral_grid_model.h"
-#include "train/appearance/exposure_model.h"
+#include "train/appearance/appearance_model.h"
 
 namespace b3dgs {
 namespace {

@@ -8,7 +8,7 @@
 #include "support/train/tiny_scene.h"
 #include "support/train/training.h"
 #include "train/density/strategies/budget_strategy.h"
-#include "train/loss/error_image.h"
+#include "train/loss/loss.h"
 
 namespace b3dgs {
 namespace {

@@ -6,7 +6,7 @@
 #include "support/temp_dir.h"
 #include "support/train/tiny_scene.h"
 #include "support/train/training.h"
-#include "train/checkpoint/checkpoint_file.h"
+#include "train/checkpoint/checkpoint.h"
 
 namespace b3dgs {
 namespace {

@@ -5,7 +5,7 @@
 
 #include <vector>
 
-#include "multi/rows/sharded_row_edit.h"
+#include "multi/rows/row_owners.h"
 #include "multi/splats/merge_splats.h"
 #include "support/gpu_test.h"
 

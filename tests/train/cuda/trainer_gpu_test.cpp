@@ -12,7 +12,7 @@
 
 #include "model/raster_input.h"
 #include "raster/cuda/passes.h"
-#include "raster/torch/torch_memory.h"
+#include "raster/torch/torch_cuda.h"
 #include "support/approx.h"
 #include "support/expect_error.h"
 #include "support/files.h"
@@ -25,11 +25,8 @@
 #include "support/train/tiny_scene.h"
 #include "support/train/training.h"
 #include "train/checkpoint/checkpoint.h"
-#include "train/checkpoint/checkpoint_file.h"
 #include "train/density/row_edit.h"
-#include "train/density/strategies/default_strategy.h"
-#include "train/density/strategies/mcmc_strategy.h"
-#include "train/gaussians/floaters.h"
+#include "train/density/strategies/strategies.h"
 #include "train/gaussians/gaussian_model.h"
 #include "train/images/image_store.h"
 

@@ -16,7 +16,7 @@
 #include "support/temp_dir.h"
 #include "support/train/tiny_scene.h"
 #include "support/train/training.h"
-#include "train/loss/error_image.h"
+#include "train/loss/loss.h"
 
 namespace b3dgs {
 namespace {

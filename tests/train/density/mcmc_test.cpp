@@ -1,6 +1,6 @@
 // The arithmetic and the rounds of strategy mcmc.
 
-#include "train/density/strategies/mcmc_strategy.h"
+#include "train/density/strategies/strategies.h"
 
 #include <gtest/gtest.h>
 
@@ -14,7 +14,7 @@
 #include "raster/math/opacity.h"
 #include "support/approx.h"
 #include "train/density/strategies/mcmc_math.h"
-#include "train/optimizer/lr_schedule.h"
+#include "train/optimizer/adam.h"
 
 namespace b3dgs {
 namespace {

@@ -11,7 +11,6 @@
 #include "support/train/tiny_scene.h"
 #include "support/train/training.h"
 #include "train/checkpoint/checkpoint.h"
-#include "train/checkpoint/checkpoint_file.h"
 #include "train/trainer.h"
 
 namespace b3dgs {

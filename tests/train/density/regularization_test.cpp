@@ -1,6 +1,6 @@
 // Gradients of the opacity and scale regularisation.
 
-#include "train/optimizer/regularization.h"
+#include "train/optimizer/adam_args.h"
 
 #include <gtest/gtest.h>
 

@@ -8,7 +8,7 @@
 
 #include "core/files/atomic_file.h"
 #include "scene/colmap/colmap.h"
-#include "scene/images/image_io.h"
+#include "scene/images/image.h"
 #include "support/approx.h"
 #include "support/expect_error.h"
 #include "support/files.h"
@@ -16,7 +16,7 @@
 #include "support/temp_dir.h"
 #include "support/train/depth_maps.h"
 #include "support/train/disk_scene.h"
-#include "train/images/view_reducer.h"
+#include "train/training_views.h"
 
 namespace b3dgs {
 namespace {

@@ -1,7 +1,7 @@
 // Training with depth priors: that depths become better, and exact resume.
 #include <gtest/gtest.h>
 
-#include "model/formats/ply.h"
+#include "model/formats/splat_formats.h"
 #include "support/files.h"
 #include "support/same.h"
 #include "support/temp_dir.h"

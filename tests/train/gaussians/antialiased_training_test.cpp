@@ -4,7 +4,7 @@
 #include <cmath>
 #include <limits>
 
-#include "model/formats/ply.h"
+#include "model/formats/splat_formats.h"
 #include "model/raster_input.h"
 #include "support/temp_dir.h"
 #include "support/train/tiny_scene.h"

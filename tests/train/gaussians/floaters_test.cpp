@@ -1,4 +1,4 @@
-#include "train/gaussians/floaters.h"
+#include "train/gaussians/gaussian_model.h"
 
 #include <gtest/gtest.h>
 

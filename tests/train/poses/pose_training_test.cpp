@@ -8,7 +8,7 @@
 
 #include <nlohmann/json.hpp>
 
-#include "core/files/remove_tree.h"
+#include "core/files/folders.h"
 #include "core/random.h"
 #include "model/cameras/cameras_json.h"
 #include "support/approx.h"
@@ -19,7 +19,6 @@
 #include "support/train/tiny_scene.h"
 #include "support/train/training.h"
 #include "train/checkpoint/checkpoint.h"
-#include "train/checkpoint/checkpoint_file.h"
 #include "train/poses/pose_refiner.h"
 
 namespace b3dgs {

@@ -1,5 +1,5 @@
 // Colours fitted to photographs, and views that are measured on their right half.
-#include "train/quality/color_fit.h"
+#include "train/quality/metrics.h"
 
 #include <gtest/gtest.h>
 

@@ -1,4 +1,4 @@
-#include "train/quality/lpips.h"
+#include "train/quality/metrics.h"
 
 #include <gtest/gtest.h>
 

@@ -12,14 +12,12 @@
 #include "core/check.h"
 #include "dist/communicator.h"
 #include "multi/render_plan.h"
-#include "multi/rows/move_rows.h"
 #include "multi/rows/row_owners.h"
-#include "multi/rows/sharded_row_edit.h"
 #include "multi/rows/sharded_rows.h"
 #include "multi/splat_exchange.h"
 #include "support/rank_program.h"
 #include "train/density/density_strategy.h"
-#include "train/density/strategies/mcmc_strategy.h"
+#include "train/density/strategies/strategies.h"
 
 namespace b3dgs {
 namespace {

@@ -5,7 +5,7 @@
 #include <opencv2/imgcodecs.hpp>
 
 #include "config/option_layers.h"
-#include "model/formats/ply.h"
+#include "model/formats/splat_formats.h"
 #include "scene/cameras/coordinate_frame.h"
 #include "support/train/disk_scene.h"
 #include "support/train/training.h"
@@ -15,8 +15,9 @@ namespace {
 
 /// What `b3dgs train` does with these options for so many training photographs.
 TrainConfig default_config(GivenOptions given, std::size_t n_photographs) {
-  given.update({{"eval", true}, {"device", "cpu"}, {"kernel", "shared-memory"}, {"stats_interval", 0}});
+  given.update({{"eval", true}, {"device", "cpu"}, {"kernel", "shared-memory"}});
   TrainConfig config = resolve_options(given).config;
+  config.stats_interval = 0;
   limit_epochs(config, n_photographs, given);
   return config;
 }

@@ -5,13 +5,12 @@
 #include <cmath>
 
 #include "model/cameras/cameras_json.h"
-#include "model/formats/ply.h"
+#include "model/formats/splat_formats.h"
 #include "scene/cameras/coordinate_frame.h"
 #include "support/expect_error.h"
 #include "support/train/disk_scene.h"
 #include "support/train/training.h"
 #include "train/checkpoint/checkpoint.h"
-#include "train/checkpoint/checkpoint_scene.h"
 
 namespace b3dgs {
 namespace {

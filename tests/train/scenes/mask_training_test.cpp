@@ -1,7 +1,7 @@
 // Training with masks: what they leave out leaves no trace, and with --mask_mode segment nothing is there.
 #include <gtest/gtest.h>
 
-#include "model/formats/ply.h"
+#include "model/formats/splat_formats.h"
 #include "support/same.h"
 #include "support/train/disk_scene.h"
 #include "support/train/training.h"

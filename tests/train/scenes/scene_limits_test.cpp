@@ -11,7 +11,7 @@
 #include "support/train/disk_scene.h"
 #include "support/train/tiny_scene.h"
 #include "support/train/training.h"
-#include "train/threads.h"
+#include "train/device.h"
 #include "train/trainer.h"
 
 namespace b3dgs {

@@ -1,7 +1,7 @@
 // Training on a transforms.json scene gives what training on the same scene in COLMAP's format gives.
 #include <gtest/gtest.h>
 
-#include "model/formats/ply.h"
+#include "model/formats/splat_formats.h"
 #include "support/formats/write_transforms.h"
 #include "support/train/disk_scene.h"
 #include "support/train/training.h"

@@ -9,7 +9,7 @@
 #include "train/density/strategies/budget_kernels.h"
 
 #if B3DGS_TORCH_CUDA
-#include "raster/torch/torch_launch.h"
+#include "raster/torch/torch_cuda.h"
 #include "train/density/strategies/budget_kernels_cuda.h"
 #endif
 
@@ -43,7 +43,7 @@ torch::Tensor draw_keys(const torch::Tensor& rows, const torch::Tensor& scores, 
                            keys.data_ptr<float>()};
 #if B3DGS_TORCH_CUDA
   if (keys.is_cuda()) {
-    cuda::draw_parent_keys(args, torch_launch_context().stream);
+    cuda::draw_parent_keys(args, torch_stream());
     return keys;
   }
 #endif
@@ -68,7 +68,7 @@ void add_parts(const GaussianTensors& gaussians, const torch::Tensor& parents, S
                       edit.new_log_scales.data_ptr<float>(),
                       edit.new_logit_opacities.data_ptr<float>()};
 #if B3DGS_TORCH_CUDA
-  if (parents.is_cuda()) return cuda::make_parts(args, torch_launch_context().stream);
+  if (parents.is_cuda()) return cuda::make_parts(args, torch_stream());
 #endif
   on_rows(2 * n, args, make_part);
 }

@@ -1,4 +1,4 @@
-#include "train/density/strategies/default_strategy.h"
+#include "train/density/strategies/strategies.h"
 
 #include <algorithm>
 #include <cmath>
@@ -6,12 +6,8 @@
 #include "core/check.h"
 #include "core/parallel.h"
 #include "raster/math/opacity.h"
-#include "train/density/split_samples.h"
-
-#if B3DGS_TORCH_CUDA
-#include "raster/torch/torch_launch.h"
-#include "train/density/split_samples_cuda.h"
-#endif
+#include "raster/torch/torch_cuda.h"
+#include "train/density/density_kernels.h"
 
 namespace b3dgs {
 namespace {
@@ -53,15 +49,11 @@ torch::Tensor sample_means(const GaussianTensors& gaussians, const torch::Tensor
   args.key = {seed, RandomStream::kSplit, static_cast<std::uint32_t>(iteration)};
   args.sample = sample;
   args.out = samples.data_ptr<float>();
-#if B3DGS_TORCH_CUDA
-  if (samples.is_cuda()) {
-    cuda::draw_split_samples(args, torch_launch_context().stream);
-    return samples;
+  if (kTorchHasCuda && samples.is_cuda()) {
+    cuda::draw_split_samples(args, torch_stream());
+  } else {
+    for_rows<draw_split_sample>(args, args.n_rows);
   }
-#endif
-  parallel_chunks(args.n_rows, 1024, [&](std::int64_t begin, std::int64_t end) {
-    for (std::int64_t i = begin; i < end; ++i) draw_split_sample(args, i);
-  });
   return samples;
 }
 

@@ -36,6 +36,10 @@ struct DrawWeightArgs {
   std::int64_t* out = nullptr;  // [n_rows]
 };
 
+B3DGS_HD void write_draw_weight(const DrawWeightArgs& args, std::int64_t i) {
+  args.out[i] = draw_weight(args.logit_opacities[i], args.dead_logit);
+}
+
 struct DrawArgs {
   std::int64_t n_draws = 0;
   std::int64_t n_rows = 0;
@@ -64,6 +68,10 @@ B3DGS_HD std::int64_t draw_row(const DrawArgs& args, std::int64_t i) {
     }
   }
   return low;
+}
+
+B3DGS_HD void write_drawn_row(const DrawArgs& args, std::int64_t i) {
+  args.out[i] = draw_row(args, i);
 }
 
 // N copies at the same place that replace a Gaussian of opacity o and scales s (equations 8 and 9):
@@ -157,7 +165,7 @@ inline float log_noise_bound(double rate) {
 
 /// Adds the noise to Gaussian i. Most Gaussians have noise that is too small to change a float: it is neither drawn nor
 /// added, which gives the same result. Computed in double, so that CPU and GPU differ by one ulp at most.
-B3DGS_HD void add_mean_noise(const MeanNoiseArgs& args, std::int64_t i) {
+B3DGS_HD void add_noise_row(const MeanNoiseArgs& args, std::int64_t i) {
   using std::exp;
   using std::fabs;
   using std::fmax;
@@ -183,4 +191,13 @@ B3DGS_HD void add_mean_noise(const MeanNoiseArgs& args, std::int64_t i) {
           static_cast<float>(mean.z + size * noise.z)});
 }
 
+namespace cuda {
+
+// All rows; asynchronous.
+void compute_draw_weights(const DrawWeightArgs& args, cudaStream_t stream);
+void draw_rows(const DrawArgs& args, cudaStream_t stream);
+void share_rows(const ShareArgs& args, cudaStream_t stream);
+void add_mean_noise(const MeanNoiseArgs& args, cudaStream_t stream);
+
+}  // namespace cuda
 }  // namespace b3dgs

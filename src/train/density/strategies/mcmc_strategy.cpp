@@ -1,4 +1,4 @@
-#include "train/density/strategies/mcmc_strategy.h"
+#include "train/density/strategies/strategies.h"
 
 #include <algorithm>
 #include <cmath>
@@ -7,25 +7,12 @@
 #include "core/check.h"
 #include "core/parallel.h"
 #include "raster/math/opacity.h"
+#include "raster/torch/torch_cuda.h"
 #include "train/density/strategies/mcmc_math.h"
-#include "train/optimizer/lr_schedule.h"
-
-#if B3DGS_TORCH_CUDA
-#include "raster/torch/torch_launch.h"
-#include "train/density/strategies/mcmc_cuda.h"
-#endif
+#include "train/optimizer/adam.h"
 
 namespace b3dgs {
 namespace {
-
-/// Calls one(args, i) for all i in [0, n).
-template <class Args>
-void for_each_row(const Args& args, std::int64_t n, void (*one)(const Args& args, std::int64_t i)) {
-  constexpr std::int64_t kGrain = 1024;
-  parallel_chunks(n, kGrain, [&](std::int64_t begin, std::int64_t end) {
-    for (std::int64_t i = begin; i < end; ++i) one(args, i);
-  });
-}
 
 /// Rows where `mask` is true.
 torch::Tensor rows_of(const torch::Tensor& mask) {
@@ -40,15 +27,11 @@ torch::Tensor draw_weights(const torch::Tensor& logit_opacities, float dead_logi
   args.logit_opacities = logit_opacities.data_ptr<float>();
   args.dead_logit = dead_logit;
   args.out = weights.data_ptr<std::int64_t>();
-#if B3DGS_TORCH_CUDA
-  if (weights.is_cuda()) {
-    cuda::compute_draw_weights(args, torch_launch_context().stream);
-    return weights;
+  if (kTorchHasCuda && weights.is_cuda()) {
+    cuda::compute_draw_weights(args, torch_stream());
+  } else {
+    for_rows<write_draw_weight>(args, args.n_rows);
   }
-#endif
-  for_each_row<DrawWeightArgs>(args, args.n_rows, [](const DrawWeightArgs& a, std::int64_t i) {
-    a.out[i] = draw_weight(a.logit_opacities[i], a.dead_logit);
-  });
   return weights;
 }
 
@@ -64,13 +47,11 @@ torch::Tensor draw_rows(const torch::Tensor& weights, std::int64_t n_draws, cons
   args.key = key;
   args.first_number = static_cast<std::uint64_t>(first_number);
   args.out = rows.data_ptr<std::int64_t>();
-#if B3DGS_TORCH_CUDA
-  if (rows.is_cuda()) {
-    cuda::draw_rows(args, torch_launch_context().stream);
-    return rows;
+  if (kTorchHasCuda && rows.is_cuda()) {
+    cuda::draw_rows(args, torch_stream());
+  } else {
+    for_rows<write_drawn_row>(args, n_draws);
   }
-#endif
-  for_each_row<DrawArgs>(args, n_draws, [](const DrawArgs& a, std::int64_t i) { a.out[i] = draw_row(a, i); });
   return rows;
 }
 
@@ -112,14 +93,11 @@ Copies share(const Copies& from, const torch::Tensor& rows, const torch::Tensor&
   args.log_scales = from.log_scales.data_ptr<float>();
   args.out_logit_opacities = copies.logit_opacities.data_ptr<float>();
   args.out_log_scales = copies.log_scales.data_ptr<float>();
-#if B3DGS_TORCH_CUDA
-  if (rows.is_cuda()) {
-    cuda::share_rows(args, torch_launch_context().stream);
-    keep_alive(copies, rows, n_drawn, least_logit);
-    return copies;
+  if (kTorchHasCuda && rows.is_cuda()) {
+    cuda::share_rows(args, torch_stream());
+  } else {
+    for_rows<share_row>(args, args.n_rows);
   }
-#endif
-  for_each_row<ShareArgs>(args, args.n_rows, [](const ShareArgs& a, std::int64_t i) { share_row(a, i); });
   keep_alive(copies, rows, n_drawn, least_logit);
   return copies;
 }
@@ -223,11 +201,8 @@ void add_mean_noise(GaussianTensors& gaussians, double rate, std::int64_t seed, 
   args.rate = rate;
   args.log_bound = log_noise_bound(rate);
   if (model_rows.defined()) args.model_rows = model_rows.data_ptr<std::int32_t>();
-#if B3DGS_TORCH_CUDA
-  if (gaussians.means.is_cuda()) return cuda::add_mean_noise(args, torch_launch_context().stream);
-#endif
-  for_each_row<MeanNoiseArgs>(args, args.n_gaussians,
-                              [](const MeanNoiseArgs& a, std::int64_t i) { add_mean_noise(a, i); });
+  if (kTorchHasCuda && gaussians.means.is_cuda()) return cuda::add_mean_noise(args, torch_stream());
+  for_rows<add_noise_row>(args, args.n_gaussians);
 }
 
 }  // namespace b3dgs

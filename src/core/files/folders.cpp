@@ -1,0 +1,115 @@
+#include "core/files/folders.h"
+
+#include <fcntl.h>
+#include <ftw.h>
+#include <stdlib.h>
+#include <sys/file.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <cerrno>
+#include <cstdio>
+#include <cstring>
+#include <fstream>
+#include <iterator>
+#include <string>
+
+#include "core/check.h"
+#include "core/files/atomic_file.h"
+
+namespace b3dgs {
+namespace {
+
+namespace fs = std::filesystem;
+
+std::string read_all(const fs::path& path) {
+  std::ifstream file(path, std::ios::binary);
+  return {std::istreambuf_iterator<char>(file), std::istreambuf_iterator<char>()};
+}
+
+/// Command line of a process, "b3dgs train -s scene"; empty if unknown.
+std::string command_of(const std::string& process) {
+  constexpr std::size_t kMost = 200;
+  std::string words = read_all(fs::path("/proc") / process / "cmdline");  // separated by zero bytes
+  while (!words.empty() && words.back() == '\0') words.pop_back();
+  std::replace_if(
+      words.begin(), words.end(), [](char c) { return static_cast<unsigned char>(c) < 0x20; }, ' ');
+  return words.size() > kMost ? words.substr(0, kMost) + "..." : words;
+}
+
+[[noreturn]] void refuse(const fs::path& folder, const fs::path& path, const char* kind) {
+  std::string process = read_all(path);
+  process.erase(std::find_if(process.begin(), process.end(), [](char c) { return c < '0' || c > '9'; }), process.end());
+  const std::string command = process.empty() ? "" : command_of(process);
+  input_error(kind, " in use: ", folder.string(), " (by ", process.empty() ? "another process" : "process " + process,
+              command.empty() ? "" : ": " + command, "); wait until it ends, or choose another folder",
+              std::strcmp(kind, "model folder") == 0 ? " with -m" : "");
+}
+
+/// Whether the open file is still the one at `path`: the previous holder removes it before releasing the lock.
+bool is_at(int file, const fs::path& path) {
+  struct stat own {
+  }, there{};
+  return ::fstat(file, &own) == 0 && ::stat(path.c_str(), &there) == 0 && own.st_ino == there.st_ino &&
+         own.st_dev == there.st_dev;
+}
+
+}  // namespace
+
+FolderLock::FolderLock(const fs::path& folder, const char* kind) : path_(folder / ".b3dgs-lock") {
+  create_folder(folder);
+  for (;;) {
+    file_ = ::open(path_.c_str(), O_RDWR | O_CREAT | O_CLOEXEC, 0666);
+    if (file_ < 0) io_error("cannot write to folder: ", folder.string(), " (", std::strerror(errno), ")");
+    int failed = 0;
+    while (::flock(file_, LOCK_EX | LOCK_NB) != 0 && (failed = errno) == EINTR) {
+    }
+    if (failed == EWOULDBLOCK) {
+      ::close(file_);
+      file_ = -1;
+      refuse(folder, path_, kind);
+    }
+    if (is_at(file_, path_)) break;
+    ::close(file_);
+  }
+  const std::string process = std::to_string(::getpid()) + "\n";
+  // The process ID serves error messages only, so a full disk is ignored here.
+  if (::ftruncate(file_, 0) != 0 || ::write(file_, process.data(), process.size()) < 0) errno = 0;
+  remove_unfinished_files(folder);
+  own_files_.emplace(folder);
+}
+
+FolderLock::~FolderLock() {
+  ::unlink(path_.c_str());
+  ::close(file_);
+}
+
+namespace {
+
+int remove_entry(const char* path, const struct stat*, int, FTW*) {
+  return std::remove(path);
+}
+
+}  // namespace
+
+bool remove_tree(const std::filesystem::path& path) {
+  constexpr int kOpenFolders = 16;
+  struct stat status;
+  if (::lstat(path.c_str(), &status) != 0) return true;
+  return ::nftw(path.c_str(), remove_entry, kOpenFolders, FTW_DEPTH | FTW_PHYS) == 0;
+}
+
+WorkFolder::WorkFolder(const std::filesystem::path& parent) {
+  std::string name = (parent / ".b3dgs-work-XXXXXX").string();
+  if (::mkdtemp(name.data()) == nullptr) {
+    io_error("cannot create a folder in ", parent.string(), ": ", std::strerror(errno));
+  }
+  path_ = name;
+}
+
+WorkFolder::~WorkFolder() {
+  remove_tree(path_);
+}
+
+}  // namespace b3dgs

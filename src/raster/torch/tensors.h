@@ -1,0 +1,161 @@
+// Shape checks with named dimensions: the first tensor with a dimension "N" defines it, and later ones must agree.
+#pragma once
+
+#include <torch/types.h>
+
+#include <initializer_list>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "core/check.h"
+#include "raster/splat_rows.h"
+#include "raster/torch/rasterizer.h"
+
+namespace b3dgs {
+
+class TensorCheck {
+ public:
+  explicit TensorCheck(torch::Device device) : device_(device) {}
+
+  /// A dimension: a number, or a name for a number.
+  struct Dim {
+    Dim(int size) : size(size) {}                    // NOLINT(google-explicit-constructor): reads as a list of sizes
+    Dim(const char* name) : size(-1), name(name) {}  // NOLINT(google-explicit-constructor)
+    std::int64_t size;
+    std::string name;
+  };
+
+  /// Defines a dimension.
+  void bind(const std::string& name, std::int64_t size) { bound_.push_back({name, size, "the caller"}); }
+
+  /// Checks that `tensor` is of type `type` (float or int32), contiguous, on the device, and has these dimensions.
+  /// @throws LogicError such as "quats is [99, 4], expected [N, 4]; N is 100 from means"
+  void dims(const std::string& what, const torch::Tensor& tensor, std::initializer_list<Dim> wanted,
+            torch::ScalarType type = torch::kFloat32) {
+    B3DGS_CHECK(tensor.defined(), what, " is undefined");
+    bool fits = tensor.dim() == static_cast<std::int64_t>(wanted.size());
+    std::string expected, origins;
+    std::int64_t axis = 0;
+    for (const Dim& dim : wanted) {
+      expected += (axis > 0 ? ", " : "") + (dim.name.empty() ? std::to_string(dim.size) : dim.name);
+      const std::int64_t found = axis < tensor.dim() ? tensor.size(axis) : -1;
+      ++axis;
+      if (dim.name.empty()) {
+        fits = fits && found == dim.size;
+      } else if (const Bound* bound = find(dim.name)) {
+        fits = fits && found == bound->size;
+        origins += "; " + dim.name + " is " + std::to_string(bound->size) + " from " + bound->from;
+      } else {
+        bound_.push_back({dim.name, found, what});
+      }
+    }
+    B3DGS_CHECK(fits, what, " is ", tensor.sizes(), ", expected [", expected, "]", origins);
+    B3DGS_CHECK(tensor.device() == device_, what, " is on ", tensor.device().str(), ", expected ", device_.str());
+    B3DGS_CHECK(tensor.scalar_type() == type, what, " is ", tensor.scalar_type(), ", expected ",
+                type == torch::kInt32 ? "int32" : "float");
+    B3DGS_CHECK(tensor.is_contiguous(), what, " is not contiguous");
+  }
+
+ private:
+  struct Bound {
+    std::string name;
+    std::int64_t size;
+    std::string from;
+  };
+  const Bound* find(const std::string& name) const {
+    for (const Bound& bound : bound_) {
+      if (bound.name == name) return &bound;
+    }
+    return nullptr;
+  }
+
+  torch::Device device_;
+  std::vector<Bound> bound_;
+};
+
+// From checked tensors to the rasterizer's argument structs. @throws LogicError naming a tensor that does not fit
+
+inline float* data_or_null(const torch::Tensor& tensor) {
+  return tensor.defined() ? tensor.data_ptr<float>() : nullptr;
+}
+
+inline GaussianArrays arrays_of(const GaussianTensors& g, torch::Device device) {
+  TensorCheck check(device);
+  check.dims("means", g.means, {"N", 3});
+  check.dims("log_scales", g.log_scales, {"N", 3});
+  check.dims("quats", g.quats, {"N", 4});
+  check.dims("logit_opacities", g.logit_opacities, {"N"});
+  check.dims("sh0", g.sh0, {"N", 1, 3});
+  check.dims("shN", g.shN, {"N", "K-1", 3});
+  if (g.filters.defined()) check.dims("filters", g.filters, {"N"});
+  return {g.means.size(0),           sh_degree_of(g),
+          g.means.data_ptr<float>(), g.log_scales.data_ptr<float>(),
+          g.quats.data_ptr<float>(), g.logit_opacities.data_ptr<float>(),
+          g.sh0.data_ptr<float>(),   g.shN.data_ptr<float>(),
+          data_or_null(g.filters)};
+}
+
+/// `check` must know "N".
+inline ScoreArrays arrays_of(const GaussianScores& scores, TensorCheck& check) {
+  check.dims("error_sum", scores.error_sum, {"N"});
+  if (scores.weight_sum.defined()) check.dims("weight_sum", scores.weight_sum, {"N"});
+  check.dims("max_weight", scores.max_weight, {"N"});
+  check.dims("n_views", scores.n_views, {"N"});
+  return {scores.error_sum.data_ptr<float>(), data_or_null(scores.weight_sum), scores.max_weight.data_ptr<float>(),
+          scores.n_views.data_ptr<float>()};
+}
+
+/// A tensor of rows of 32-bit words as an array of structs with 16-byte loads.
+template <class Row>
+Row* rows_at(const std::string& what, const torch::Tensor& tensor) {
+  void* const data = tensor.data_ptr();
+  B3DGS_CHECK(reinterpret_cast<std::uintptr_t>(data) % alignof(Row) == 0, what, " is not aligned to ", alignof(Row),
+              " bytes");
+  return static_cast<Row*>(data);
+}
+
+/// Defines "M" of `check`.
+inline SplatRows rows_of(const ViewSplats& view, TensorCheck& check) {
+  constexpr int kColumns = sizeof(Splat) / sizeof(float);
+  check.dims("splats", view.splats, {"M", kColumns});
+  check.dims("extents", view.extents, {"M", 2});
+  check.dims("radii", view.radii, {"M"}, torch::kInt32);
+  return {view.splats.size(0), rows_at<Splat>("splats", view.splats), rows_at<Vec2f>("extents", view.extents),
+          view.radii.data_ptr<std::int32_t>()};
+}
+
+/// Room for the records of at least `n_splats` splats of N Gaussians; `check` must know "N".
+inline SplatRecordArrays arrays_of(const SplatRecordTensors& out, std::int64_t n_splats, TensorCheck& check,
+                                   const torch::Tensor& means2d_grad) {
+  constexpr int kColumns = sizeof(SplatRecord) / sizeof(float);
+  check.dims("records", out.records, {"capacity", kColumns});
+  B3DGS_CHECK(out.records.size(0) >= n_splats, "room for ", out.records.size(0), " records of ", n_splats, " splats");
+  check.dims("record_of_gaussian", out.record_of_gaussian, {"N"}, torch::kInt32);
+  return {rows_at<SplatRecord>("records", out.records), out.record_of_gaussian.data_ptr<std::int32_t>(),
+          means2d_grad.data_ptr<float>()};
+}
+
+// Tensors whose size changes from view to view (photographs of different sizes, a growing model), in memory that only
+// grows, so that steps do not allocate.
+
+/// Makes `tensor` a view of the beginning of `storage`, with these sizes and undefined contents, unless it already has
+/// them. `storage` is a flat tensor; if it is too small, it is replaced by one with 1/spare_part more elements than
+/// needed (0: exactly as many).
+inline void place_tensor(torch::Tensor& tensor, torch::Tensor& storage, torch::IntArrayRef sizes,
+                         const torch::TensorOptions& options, std::int64_t spare_part = 0) {
+  if (tensor.defined() && tensor.sizes() == sizes && tensor.dtype() == options.dtype() &&
+      tensor.device() == options.device()) {
+    return;
+  }
+  std::int64_t n = 1;
+  for (const std::int64_t size : sizes) n *= size;
+  if (!storage.defined() || storage.numel() < n || storage.dtype() != options.dtype() ||
+      storage.device() != options.device()) {
+    tensor = storage = torch::Tensor();  // free it before allocating more
+    storage = torch::empty({n + (spare_part > 0 ? n / spare_part : 0)}, options);
+  }
+  tensor = storage.slice(0, 0, n).view(sizes);
+}
+
+}  // namespace b3dgs

@@ -1,0 +1,66 @@
+// LibTorch on a GPU: its stream, its caching allocator, and what that holds in this process. Every build can include
+// this header, but the functions exist only if both nvcc and a LibTorch with CUDA are available: call them where
+// kTorchHasCuda is true.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <memory>
+
+#include "core/vec.h"
+
+namespace b3dgs {
+
+namespace cuda {
+struct LaunchContext;
+}
+
+/// The compiler drops what depends on this being true, and with it calls of functions that this build lacks.
+inline constexpr bool kTorchHasCuda = B3DGS_TORCH_CUDA;
+
+/// This process's use of the current device, bytes.
+struct TorchMemoryUse {
+  std::int64_t in_use = 0;         // tensors and buffers
+  std::int64_t reserved = 0;       // in_use and what the allocator caches for reuse
+  std::int64_t peak_reserved = 0;  // largest `reserved` so far
+  std::int64_t n_requests = 0;     // number of allocations from the device so far
+};
+TorchMemoryUse torch_memory_use();
+
+/// Memory of the current device, all processes included, bytes.
+struct DeviceMemorySize {
+  std::int64_t free = 0, total = 0;
+};
+DeviceMemorySize device_memory_size();
+
+/// Returns the allocator's unused cached memory to the device. Waits for the device.
+void release_unused_torch_memory();
+
+/// Limits the memory that the allocator may reserve, bytes; 0 removes the limit.
+void limit_torch_memory(std::int64_t bytes);
+
+/// Enables expandable segments: the allocator extends blocks in place instead of allocating one per new size. Does
+/// nothing if PYTORCH_CUDA_ALLOC_CONF or PYTORCH_ALLOC_CONF is set. Must be called before the first tensor on the
+/// device.
+void extend_torch_memory_in_place();
+
+/// LibTorch's current stream.
+cudaStream_t torch_stream();
+
+/// A context on the current device and LibTorch's current stream. Memory comes from LibTorch's caching allocator, which
+/// throws OutOfMemoryError. The allocator object lives until the program ends.
+cuda::LaunchContext torch_launch_context();
+
+/// Reads what a GPU has computed without stalling it: values are copied to pinned memory, and read by the host while a
+/// later step is running.
+class HostCopy {
+ public:
+  virtual ~HostCopy() = default;
+  /// Queues the copy of the values in device memory. Asynchronous.
+  virtual void copy(const void* device) = 0;
+  /// The values of the last copy(), for which this waits.
+  virtual const void* wait() const = 0;
+};
+std::unique_ptr<HostCopy> make_host_copy(std::size_t bytes);
+
+}  // namespace b3dgs

@@ -1,0 +1,137 @@
+#include "train/memory/memory.h"
+
+#include <algorithm>
+#include <utility>
+
+#include "raster/torch/torch_cuda.h"
+#include "train/density/row_edit.h"
+
+namespace b3dgs {
+namespace {
+
+class UncountedMemory final : public MemorySource {
+ public:
+  std::optional<std::int64_t> limit() override { return std::nullopt; }
+  MemoryUse use() override { return {}; }
+  void release_unused() override {}
+  torch::Tensor allocate(torch::IntArrayRef sizes, const torch::TensorOptions& options) override {
+    return allocate_tensor(sizes, options);
+  }
+};
+
+#if B3DGS_TORCH_CUDA
+class GpuMemory final : public MemorySource {
+ public:
+  explicit GpuMemory(double limit_gb) : limit_bytes_(static_cast<std::int64_t>(std::min(1e9 * limit_gb, 9e18))) {
+    extend_torch_memory_in_place();
+    allocate_tensor({1},
+                    torch::TensorOptions(torch::kCUDA));  // the allocator must be initialised before a limit can be set
+    limit_torch_memory(limit_bytes_);
+  }
+  std::optional<std::int64_t> limit() override {
+    // The driver needs some memory itself, for kernels that are loaded later and for events.
+    constexpr std::int64_t kForTheDriver = 64 << 20;
+    const std::int64_t reached = torch_memory_use().reserved + device_memory_size().free;
+    const std::int64_t all = std::max<std::int64_t>(0, reached - kForTheDriver);
+    return limit_bytes_ > 0 ? std::min(all, limit_bytes_) : all;
+  }
+  MemoryUse use() override {
+    const TorchMemoryUse now = torch_memory_use();
+    return {now.in_use, now.reserved, now.peak_reserved};
+  }
+  void release_unused() override { release_unused_torch_memory(); }
+  torch::Tensor allocate(torch::IntArrayRef sizes, const torch::TensorOptions& options) override {
+    return allocate_tensor(sizes, options);
+  }
+
+ private:
+  std::int64_t limit_bytes_;
+};
+#endif
+
+}  // namespace
+
+std::shared_ptr<MemorySource> make_memory_source([[maybe_unused]] torch::Device device,
+                                                 [[maybe_unused]] double limit_gb) {
+#if B3DGS_TORCH_CUDA
+  if (device.is_cuda()) return std::make_shared<GpuMemory>(limit_gb);
+#endif
+  return std::make_shared<UncountedMemory>();
+}
+
+bool keeps_too_much(const MemoryUse& use) {
+  constexpr std::int64_t kAlways = 256 << 20;
+  return use.reserved - use.in_use > std::max(kAlways, use.in_use / 4);
+}
+
+namespace {
+
+template <class State, class Visit>
+void visit_rows(State& state, Visit&& visit) {
+  for (const auto* group : {&state.gaussians, &state.adam.m, &state.adam.v}) {
+    for (const torch::Tensor* tensor : group->all()) visit(*tensor);
+  }
+  for (const torch::Tensor* tensor : state.statistics.all()) visit(*tensor);
+}
+
+std::int64_t row_bytes(const torch::Tensor& tensor) {
+  std::int64_t bytes = static_cast<std::int64_t>(tensor.itemsize());
+  for (std::int64_t axis = 1; axis < tensor.dim(); ++axis) bytes *= tensor.size(axis);
+  return bytes;
+}
+
+}  // namespace
+
+std::int64_t state_row_bytes(const TrainState& state) {
+  std::int64_t bytes = 0;
+  visit_rows(state, [&](const torch::Tensor& tensor) { bytes += row_bytes(tensor); });
+  return bytes;
+}
+
+std::int64_t state_bytes(const TrainState& state) {
+  std::int64_t bytes = 0;
+  visit_rows(state,
+             [&](const torch::Tensor& tensor) { bytes += static_cast<std::int64_t>(tensor.storage().nbytes()); });
+  return bytes;
+}
+
+GaussianMemory gaussian_memory(const TrainState& state, const ViewMemory& view, const ViewRatios& ratios,
+                               int n_kept_views) {
+  // 8: gradient with respect to the projected centre; 32: DeferredUpdate (optimizer/deferred_sh.h).
+  constexpr double kStep = 8 + 32;
+  // A round's masks, thresholds and indices, before the row edit allocates.
+  constexpr double kPlan = 64;
+  std::int64_t largest = 0;
+  visit_rows(state, [&](const torch::Tensor& tensor) { largest = std::max(largest, row_bytes(tensor)); });
+  GaussianMemory memory;
+  memory.state = static_cast<double>(state_row_bytes(state));
+  memory.step = kStep;
+  if (n_kept_views > 0) {
+    // Of each view, kept splats and their indices (raster/splat_rows.h), with a quarter to spare; a copy of the
+    // statistics.
+    constexpr double kSpare = 1.25, kIndex = 4, kRecord = 48;
+    memory.step += kSpare * n_kept_views * (kIndex + kRecord * ratios.splats());
+    for (const torch::Tensor* column : state.statistics.all()) {
+      memory.step += kSpare * static_cast<double>(row_bytes(*column));
+    }
+  }
+  // Between two rounds, and after the last one, Gaussians grow and become more opaque: pairs increase although the
+  // count does not.
+  constexpr double kPairGrowth = 1.25;
+  memory.view = view.bytes(1, ratios.splats(), kPairGrowth * ratios.pairs());
+  memory.round = kPlan + static_cast<double>(largest);
+  return memory;
+}
+
+std::int64_t largest_count(const CountLimits& limits, const GaussianMemory& gaussian) {
+  constexpr double kUsable = 1 - 1.0 / 16;
+  const double left = kUsable * static_cast<double>(limits.limit) - static_cast<double>(limits.other);
+  return static_cast<std::int64_t>(std::clamp(left / gaussian.all(), 1.0, 9e18));
+}
+
+std::int64_t smaller_limit(std::int64_t a, std::int64_t b) {
+  if (a == 0 || b == 0) return std::max(a, b);
+  return std::min(a, b);
+}
+
+}  // namespace b3dgs

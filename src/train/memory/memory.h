@@ -1,0 +1,102 @@
+// The memory of the device that a training runs on: limit, use, allocation and release. An interface, so that tests can
+// simulate a lack of memory without a GPU.
+#pragma once
+
+#include <torch/types.h>
+
+#include <algorithm>
+#include <cstdint>
+#include <functional>
+#include <memory>
+#include <optional>
+#include <vector>
+
+#include "config/view_ratios.h"
+#include "core/check.h"
+#include "raster/view_memory.h"
+#include "train/checkpoint/train_state.h"
+
+namespace b3dgs {
+
+/// Memory use of this process, bytes.
+struct MemoryUse {
+  std::int64_t in_use = 0;         // by tensors and buffers
+  std::int64_t reserved = 0;       // in use or cached by the allocator
+  std::int64_t peak_reserved = 0;  // largest `reserved` so far
+};
+
+class MemorySource {
+ public:
+  virtual ~MemorySource() = default;
+  /// Bytes that `reserved` can grow to, given what is free now; nothing if memory is not limited.
+  virtual std::optional<std::int64_t> limit() = 0;
+  virtual MemoryUse use() = 0;
+  /// Returns cached memory to the system. Waits for the device.
+  virtual void release_unused() = 0;
+  /// An uninitialised tensor. @throws OutOfMemoryError
+  virtual torch::Tensor allocate(torch::IntArrayRef sizes, const torch::TensorOptions& options) = 0;
+};
+
+/// The memory of a device: on a GPU at most `limit_gb` (10^9 bytes; 0 = all that is free), with LibTorch's allocator
+/// set to extend its blocks in place. On a CPU memory is neither limited nor measured.
+std::shared_ptr<MemorySource> make_memory_source(torch::Device device, double limit_gb);
+
+/// Whether the allocator caches more than 256 MiB and more than a quarter of what is in use.
+bool keeps_too_much(const MemoryUse& use);
+
+/// Tries to free memory; returns false if there was nothing to free.
+using MemoryRemedy = std::function<bool()>;
+
+/// Calls `work`, and while it runs out of memory, again after each remedy that could free some. `work` must be
+/// repeatable. @throws OutOfMemoryError if it still fails after the last remedy
+template <class Work>
+auto with_remedies(const std::vector<MemoryRemedy>& remedies, Work&& work) -> decltype(work()) {
+  auto next = remedies.begin();
+  while (true) {
+    std::string reason;
+    try {
+      return work();
+    } catch (const OutOfMemoryError& error) {
+      reason = error.what();
+    } catch (const c10::OutOfMemoryError& error) {
+      reason = error.what_without_backtrace();
+    }
+    while (next != remedies.end() && !(*next)()) ++next;
+    if (next == remedies.end()) throw OutOfMemoryError(reason);
+    ++next;
+  }
+}
+
+// How many Gaussians fit into memory, from the bytes that each one needs. Pure functions.
+
+/// Bytes of one Gaussian's parameters, moments and statistics.
+std::int64_t state_row_bytes(const TrainState& state);
+/// Bytes of all Gaussians, including spare capacity.
+std::int64_t state_bytes(const TrainState& state);
+
+/// Memory per Gaussian, bytes.
+struct GaussianMemory {
+  double state = 0;
+  double step = 0;   // gradients with respect to projected centres, deferred updates
+  double view = 0;   // the rasterizer's buffers for a view, including pairs
+  double round = 0;  // a round of density control: its masks and indices, and a copy of the largest tensor
+  /// The rasterizer's buffers are freed for a round if both do not fit.
+  double all() const { return state + step + std::max(view, round); }
+};
+/// `n_kept_views`: views of a step whose gradients are kept.
+GaussianMemory gaussian_memory(const TrainState& state, const ViewMemory& view, const ViewRatios& ratios,
+                               int n_kept_views = 0);
+
+/// Available memory, bytes.
+struct CountLimits {
+  std::int64_t limit = 0;  // MemorySource::limit()
+  std::int64_t other = 0;  // in use, independent of the number of Gaussians
+};
+
+/// The largest number of Gaussians that fits, with a reserve of 1/16 of the limit; at least 1.
+std::int64_t largest_count(const CountLimits& limits, const GaussianMemory& gaussian);
+
+/// The smaller of two limits on the number of Gaussians; 0 = no limit.
+std::int64_t smaller_limit(std::int64_t a, std::int64_t b);
+
+}  // namespace b3dgs

@@ -1,0 +1,95 @@
+// The gradient of one Gaussian in a step of several views (--batch): the sum over the views, in their order, of what
+// the backward projection makes of their kept splats. The same arithmetic on CPU and GPU. The sum depends neither on
+// the order in which views were rendered, nor on where.
+#pragma once
+
+#include <cstdint>
+
+#include "config/batch_steps.h"
+#include "raster/math/gaussian_grad.h"
+#include "raster/splat_rows.h"
+#include "train/optimizer/adam_args.h"
+
+namespace b3dgs {
+
+/// One view of a step, rendered with N Gaussians.
+struct BatchView {
+  PinholeView view{};
+  const SplatRecord* records = nullptr;              // [M]
+  const std::int32_t* record_of_gaussian = nullptr;  // [N] -1 if not seen
+  RegularizationGrad regularization{};
+};
+
+/// The views are in the struct, for a kernel's arguments.
+struct BatchGradArgs {
+  GaussianArrays gaussians{};
+  int sh_degree = 0;  // that was rendered
+  bool antialiasing = false;
+  std::int32_t n_views = 0;
+  BatchView views[kMaxBatch]{};
+};
+
+/// Sum of GaussianGrad over views; SH coefficients beyond degree 0 are apart.
+struct BatchGrad {
+  bool is_seen = false;  // by any view
+  Vec3f mean{}, log_scales{}, sh0{};
+  Vec4f quat{};
+  float logit_opacity = 0;
+};
+
+/// Adds the gradients with respect to SH coefficients above degree 0 of a colour seen along the unit vector `dir`.
+B3DGS_HD void add_sh_rest_grad(int degree, const Vec3f& dir, const Vec3f& grad_color, float* sums) {
+  float basis[16]{};
+  sh_basis(degree, dir, basis);
+  const int n = (degree + 1) * (degree + 1);
+  for (int k = 1; k < n; ++k) {
+    sums[3 * (k - 1)] += basis[k] * grad_color.x;
+    sums[3 * (k - 1) + 1] += basis[k] * grad_color.y;
+    sums[3 * (k - 1) + 2] += basis[k] * grad_color.z;
+  }
+}
+
+/// Of Gaussian i, multiplied by `scale`: with 1 / n_views, the gradient of the mean. `rest` [rest_floats(sh_degree)]
+/// must be 0 and receives the *sum* with respect to the SH coefficients above degree 0. `sh_degree` must be that of
+/// `args`, kAntialiasing args.antialiasing.
+template <bool kAntialiasing>
+B3DGS_HD BatchGrad batch_grad(const BatchGradArgs& args, std::int64_t i, int sh_degree, float scale, float* rest) {
+  BatchGrad sum;
+  for (std::int32_t v = 0; v < args.n_views; ++v) {
+    const BatchView& view = args.views[v];
+    const std::int32_t index = view.record_of_gaussian[i];
+    if (index < 0) continue;
+    const SplatRecord record = view.records[index];
+    GaussianGrad grad = gaussian_grad<kAntialiasing>(args.gaussians, i, make_view_transform<float>(view.view),
+                                                     view.view.center, sh_degree, record.sum, record.clamped);
+    if (!view.regularization.is_zero()) {
+      add_regularization(view.regularization, args.gaussians.logit_opacities[i], load3(args.gaussians.log_scales, i),
+                         grad.logit_opacity, grad.log_scales);
+    }
+    sum.is_seen = true;
+    sum.mean = sum.mean + grad.mean;
+    sum.log_scales = sum.log_scales + grad.log_scales;
+    sum.quat = {sum.quat.x + grad.quat.x, sum.quat.y + grad.quat.y, sum.quat.z + grad.quat.z, sum.quat.w + grad.quat.w};
+    sum.logit_opacity += grad.logit_opacity;
+    sum.sh0 = sum.sh0 + grad.sh0();
+    if (sh_degree > 0) add_sh_rest_grad(sh_degree, grad.dir, grad.color, rest);
+  }
+  sum.mean = scale * sum.mean;
+  sum.log_scales = scale * sum.log_scales;
+  sum.quat = {scale * sum.quat.x, scale * sum.quat.y, scale * sum.quat.z, scale * sum.quat.w};
+  sum.logit_opacity *= scale;
+  sum.sh0 = scale * sum.sh0;
+  return sum;
+}
+
+}  // namespace b3dgs
+
+namespace b3dgs::cpu {
+
+// CPU version of the gradients of a step of several views, without torch.
+
+/// Gradients of the mean over the views. `out.means2d` is not used. The result does not depend on the number of
+/// threads.
+void batch_gradients(const BatchGradArgs& args, const GaussianGradArrays& out);
+
+}  // namespace b3dgs::cpu

@@ -1,0 +1,174 @@
+// Marks points in time in a device's work queue.
+#pragma once
+
+#include <torch/types.h>
+
+#include <deque>
+#include <functional>
+#include <memory>
+#include <nlohmann/json.hpp>
+#include <optional>
+#include <utility>
+#include <vector>
+
+#include "raster/stages.h"
+
+namespace b3dgs {
+
+class StageClock {
+ public:
+  virtual ~StageClock() = default;
+
+  /// Records when the device gets to this point of its queue. Asynchronous. The caller owns the mark until release().
+  virtual int mark() = 0;
+  virtual void release(int mark) = 0;
+
+  /// Whether the device has got to the mark.
+  virtual bool has_reached(int mark) = 0;
+  virtual void wait(int mark) = 0;
+
+  /// Both marks must have been reached.
+  virtual double ms_between(int from, int to) = 0;
+};
+
+/// CUDA events on LibTorch's current stream for a GPU, std::chrono::steady_clock for the CPU.
+std::unique_ptr<StageClock> make_stage_clock(torch::Device device);
+
+// Times the stages of a step on the device without slowing it down: marks are queued with the work, and read while a
+// later step is running. Outside of a timed step, begin() and end() cost one branch.
+
+struct StageTimes {
+  enum class Kind { kStep, kDensityRound };
+
+  Kind kind = Kind::kStep;
+  std::array<std::optional<double>, kStageCount> ms{};  // of the stages that took place
+  double wall_ms = 0;                                   // from start to end
+
+  /// Wall time that belongs to no stage: the device waited for the host.
+  double host_ms() const;
+};
+
+/// {"project": 0.1, ..., "host": 0.05}: the stages that took place, by name (raster/stages.h).
+nlohmann::ordered_json stage_json(const StageTimes& times);
+
+class StageTimer final : public StageRecorder {
+ public:
+  explicit StageTimer(std::unique_ptr<StageClock> clock) : clock_(std::move(clock)) {}
+
+  /// Times what follows, up to finish().
+  void start(StageTimes::Kind kind);
+  void begin(Stage stage) override;
+  void end() override;
+  /// With several iterations in a step, times are divided by their number.
+  void finish(int n_iterations = 1);
+  /// Discards the marks since start().
+  void cancel();
+
+  /// Times that are known by now, oldest first; each is returned once. Does not wait.
+  std::vector<StageTimes> take();
+  /// Waits for the device; then all times that were not taken yet.
+  std::vector<StageTimes> wait();
+
+ private:
+  struct Span {
+    Stage stage;
+    int from, to;  // marks
+  };
+  struct Record {
+    StageTimes::Kind kind{};
+    int from = 0, to = 0;  // marks
+    std::vector<Span> spans;
+    int n_iterations = 1;
+  };
+  StageTimes read(const Record& record);
+
+  std::unique_ptr<StageClock> clock_;
+  std::deque<Record> finished_;
+  std::optional<Record> open_;
+  std::optional<Stage> stage_;
+  int stage_from_ = 0;
+};
+
+/// The average step between two log lines. Only some steps are timed, but all rounds of density control, which are
+/// rare: their time is averaged over all steps.
+class StageAverage {
+ public:
+  void add(const StageTimes& times);
+  /// The average over the `n_steps` since take() last returned something. If no step was timed since, returns nothing
+  /// and keeps what was added.
+  std::optional<StageTimes> take(int n_steps);
+
+ private:
+  std::array<std::optional<double>, kStageCount> step_sums_{};
+  double wall_sum_ = 0, rounds_ms_ = 0;
+  int n_timed_ = 0, n_rounds_ = 0;
+};
+
+// Splits the time of a session into training and output (evaluating and saving). Work on a GPU ends some time after the
+// call that queued it, so the device is waited for wherever one kind of work follows the other.
+
+class TimeAccount {
+ public:
+  /// `clock_s` returns seconds; `wait_for_device` returns when the device has finished all queued work.
+  TimeAccount(std::function<double()> clock_s, std::function<void()> wait_for_device)
+      : clock_s_(std::move(clock_s)), wait_for_device_(std::move(wait_for_device)) {}
+
+  /// Counts the time of its scope as training. Does not wait for the device: work that is queued there is counted when
+  /// a later piece of training waits for it.
+  class TrainTime {
+   public:
+    explicit TrainTime(TimeAccount& account) : account_(account), start_s_(account.clock_s_()) {}
+    ~TrainTime() {
+      account_.train_s_ += account_.clock_s_() - start_s_;
+      account_.is_idle_ = false;
+    }
+    TrainTime(const TrainTime&) = delete;
+    TrainTime& operator=(const TrainTime&) = delete;
+
+   private:
+    TimeAccount& account_;
+    double start_s_;
+  };
+
+  /// Counts the duration of `work` as training.
+  template <class Work>
+  void train(Work&& work) {
+    const TrainTime counted(*this);
+    work();
+  }
+
+  /// Counts the duration of `work` as output, from when the device has finished training until it has finished `work`.
+  template <class Work>
+  void output(Work&& work) {
+    finish_training();
+    count(output_s_, [&] {
+      work();
+      wait_for_device_();
+    });
+  }
+
+  /// Waits until the device has finished training, and counts that as training.
+  void finish_training() {
+    if (is_idle_) return;
+    count(train_s_, wait_for_device_);
+    is_idle_ = true;
+  }
+
+  double train_s() const { return train_s_; }
+  double output_s() const { return output_s_; }
+
+ private:
+  template <class Work>
+  void count(double& sum_s, Work&& work) {
+    const double start_s = clock_s_();
+    work();
+    sum_s += clock_s_() - start_s;
+  }
+
+  std::function<double()> clock_s_;
+  std::function<void()> wait_for_device_;
+  double train_s_ = 0, output_s_ = 0;
+  bool is_idle_ = true;  // the device
+};
+
+}  // namespace b3dgs
