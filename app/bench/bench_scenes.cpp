@@ -150,12 +150,8 @@ BenchScene read_bench_scene(const BenchConfig& config) {
 
 void resolve_auto(BenchRun& run) {
   if (run.device == "auto") run.device = default_bench_device();
-  TrainConfig training;
-  training.device = run.device;
-  training.tile = run.tile;
-  const TileShape tile = tile_shape(training);
-  if (run.tile_width == 0) run.tile_width = tile.width;
-  if (run.tile_height == 0) run.tile_height = tile.height;
+  if (run.tile_width == 0) run.tile_width = 16;
+  if (run.tile_height == 0) run.tile_height = run.tile == "16x8" ? 8 : 16;
   run.tile = detail::concat(run.tile_width, "x", run.tile_height);
 }
 

@@ -20,7 +20,7 @@ bool is_place(const std::string& word) {
   const auto consists_of = [](const std::string& text, std::string_view characters) {
     return !text.empty() && text.find_first_not_of(characters) == std::string::npos;
   };
-  return consists_of(port, "0123456789") &&
+  return (port == kAutoPort || consists_of(port, "0123456789")) &&
          (colon == std::string::npos || address == "localhost" || consists_of(address, "0123456789abcdefABCDEF.:[]"));
 }
 

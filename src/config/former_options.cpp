@@ -75,10 +75,9 @@ struct FormerName {
 };
 
 constexpr FormerName kFormerNames[] = {
-    {"strategy", "balanced", "budget"},
-    {"preset", "original", "inria"},
-    {"kernel", "paper", "published"},
-    {"backward_kernel", "per-splat", "per-bucket"},
+    {"strategy", "balanced", "budget"}, {"preset", "original", "inria"},
+    {"kernel", "paper", "published"},   {"backward_kernel", "per-splat", "per-bucket"},
+    {"tile", "auto", "16x16"},
 };
 
 /// The option's value among these options, from a file or a command line; null if it is not there.

@@ -78,7 +78,7 @@ const std::vector<OptionRow>& strategy_defaults() {
 
 namespace {
 
-/// "  fast        a short training: iterations 7000, ...", in lines.
+/// "  fast        a first look: strategy budget, iterations 6000, ...", in lines.
 std::string help_entry(const OptionRow& row) {
   std::vector<std::string> parts;
   for (const OptionValue& value : row.values) parts.push_back(std::string(value.name) + " " + value.value);
@@ -136,15 +136,17 @@ std::string presets_help() {
 
 std::string presets_markdown() {
   std::string text =
-      "## Presets and strategies\n\nIf several of these set an option, the last one wins: `--preset inria`, the "
-      "strategy in use,\n`--preset`, `--config FILE`, the command line. See [recipes.md](recipes.md).\n\n";
-  text += std::string("The default is `--preset ") + kDefaultPreset +
-          "`, or, where another `--strategy` than its own is given,\n`--preset " + kPresetNames[0] +
-          "`. The tables above show defaults without `--preset` and `--strategy`. Where a\ncell below is empty, the "
-          "value of the strategy applies or, if it has none, that of `inria`.\n`--iterations` of a "
-          "preset or of yours scales the schedule\nof the layers before it; yours does not scale that of `--preset "
-          "inria` with `--strategy default`.\n\n"
-          "### Values of `--preset`\n\n";
+      "## Presets and strategies\n\nWhere several of the following set an option, the last in this order wins:\n"
+      "`--preset inria`, the strategy in use, `--preset`, `--config FILE`, the command line. See\n"
+      "[recipes.md](recipes.md).\n\n";
+  text +=
+      std::string("The default is `--preset ") + kDefaultPreset +
+      "`, or, where another `--strategy` than its own is given,\n`--preset " + kPresetNames[0] +
+      "`. The tables above show defaults without `--preset` and `--strategy`. Where a\ncell below is empty, the "
+      "value of the strategy applies or, if it has none, that of `inria`.\n`--iterations`, of a "
+      "preset or given by you, scales the\nschedule set by what comes before it in this order. With `--preset inria "
+      "--strategy default`, the\n`--iterations` that you give scales nothing.\n\n"
+      "### Values of `--preset`\n\n";
   for (const OptionRow& row : presets()) text += std::string("- `") + row.name + "`: " + row.summary + "\n";
   return text + "\n" + table("`inria`", presets()) + "\n### Values of `--strategy`\n\n" +
          table("`default`", strategy_defaults());

@@ -148,12 +148,12 @@ void for_each_option(TrainConfig& c, const std::function<void(const TrainOption&
   field(Option{"kernel"}.group("Kernels"), c.kernel, kernels,
         "forward kernel; adaptive: the fastest candidate; published: as in the paper, exactly");
   field(Option{"kernel_policy"}, c.kernel_policy, OneOf{{"paper", "tracking"}},
-        "of adaptive; paper: switch at most once; tracking: keep re-checking");
+        "of adaptive; paper: switch at most once (not --kernel published); tracking: re-check");
   field(Option{"kernel_candidates"}, c.kernel_candidates, candidates,
         "kernels that adaptive chooses from; training starts with the first");
   field(Option{"backward_kernel"}, c.backward_kernel, backward_kernels,
         "backward kernel on the GPU; adaptive: the fastest, by --kernel_policy");
-  field(Option{"tile"}, c.tile, OneOf{{"auto", "16x16", "16x8"}}, "tile size, px; auto: 16x16");
+  field(Option{"tile"}, c.tile, OneOf{{"16x16", "16x8"}}, "tile size, px");
   field(Option{"culling"}, c.culling, OneOf{{"ellipse", "square"}},
         "how to decide which tiles a Gaussian touches; square: 3-sigma box, as in 3DGS");
   field(Option{"deterministic"}.group("Schedule"), c.deterministic, Any{},

@@ -28,7 +28,8 @@ inline ViewMemory view_memory(const RenderSettings& settings) {
   // Splat and extent in depth order, sorted depth and index, first slot, CUB's copies; gradient.
   const double per_splat = 48 + 8 + 4 + 4 + 8 + 8 + (keeps ? 48 : 0);
   // Sorting and segmented blending use the same scratch memory in turn (PassScratch).
-  const double sorting = 2 * (2 + 4) + 2 + (keeps_slots ? 8 : 0);     // tiles and splats, CUB's copies, slots
+  // Tiles and splats, CUB's copies, slots; from 65,536 tiles on, 6 more.
+  const double sorting = 2 * (2 + 4) + 2 + (keeps_slots ? 8 : 0);
   const double segments = 2 * tile_pixels / kSegment * (4 + 16 + 4);  // transmittance, colour and depth, last
   const double parts = keeps ? tile_pixels / kBucket * (settings.depth_gradient ? 20 : 16) : 0;
   const double segment_starts = 2 * tile_pixels / kSegment * 4;

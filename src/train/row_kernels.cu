@@ -63,8 +63,8 @@ __global__ void __launch_bounds__(kFewThreads) reduce_image_kernel(const ReduceI
   reduce_pixel(args, static_cast<std::int32_t>(i % width), static_cast<std::int32_t>(i / width));
 }
 
-/// Each block takes the largest of its pixel sizes and adds it to the largest of all with one atomic. Positive floats
-/// compare like their bit patterns.
+/// Each warp takes the largest of its pixel sizes; one atomic maximum compares it with that of the others. Positive
+/// floats compare like their bit patterns.
 __global__ void __launch_bounds__(kFewThreads) finest_pixel_kernel(const SmoothingFilterArgs args) {
   const std::int64_t i = own_row<kFewThreads>();
   const float finest = i < args.n_gaussians ? finest_pixel(args, i) : 0;

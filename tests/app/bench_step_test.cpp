@@ -38,7 +38,7 @@ class BenchStep : public ::testing::Test {
 };
 
 TEST_F(BenchStep, TimesEveryStageAndWritesNoModel) {
-  // Preset original for "densify".
+  // Preset inria, since only its schedule has "densify" here.
   const nlohmann::json report = bench({path("scene"), "--kernel", "combined", "--tile", "16x8", "--preset", "inria"});
   std::vector<std::string> names;
   double share = 0;

@@ -137,11 +137,10 @@ TEST_F(TrainedModel, AFolderOfAnotherProgramSaysHowItsGaussiansAreUsed) {
   EXPECT_NE(info.out.find("Gaussians"), std::string::npos) << info.out;
 }
 
-TEST_F(TrainedModel, TheTileIsThatOfTheMachineThatRenders) {
+TEST_F(TrainedModel, TheDeviceIsThatOfTheMachineThatRenders) {
   change_config("device", "cuda");
   const LoadedModel model = load_model(options_, status_);
   EXPECT_EQ(model.config.device, "cpu");
-  EXPECT_EQ(image_settings(model).tile.height, 16);
 }
 
 TEST_F(TrainedModel, IsRenderedAndEvaluatedWithRefinedPoses) {

@@ -48,7 +48,7 @@ TEST(CompareConfig, NaiveKernelsSelectsTheOptionsClosestToTheOriginalTrainer) {
 TEST(CompareConfig, FormerNamesStandForThePresentOnes) {
   const std::string text = "original,b:paper+tile=16x8,c:preset=original+strategy=balanced";
   const auto entries = parse_configurations(text, TrainConfig{}, {});
-  EXPECT_EQ(entries[0].name, "original") << "the folder of a comparison that is resumed";
+  EXPECT_EQ(entries[0].name, "original") << "the name that the user gave is kept";
   EXPECT_EQ(entries[0].config.backward_kernel, "per-pixel");
   EXPECT_EQ(entries[1].config.kernel, kPublishedKernel);
   EXPECT_EQ(entries[2].config.preset + " " + entries[2].config.strategy, "inria budget");
@@ -103,7 +103,7 @@ TEST(CompareConfig, SeparatesOptionsOfTheForwardKernelFromOthers) {
   EXPECT_EQ(kernels.forward_kernel, (std::vector<std::string>{"kernel", "kernel_policy"}));
   EXPECT_TRUE(kernels.others.empty());
   EXPECT_EQ(differing_options(entries[0].config, entries[2].config).others,
-            (std::vector<std::string>{"backward_kernel", "tile", "culling"}));
+            (std::vector<std::string>{"backward_kernel", "culling"}));
   EXPECT_TRUE(differing_options(entries[0].config, entries[3].config).empty());
 }
 

@@ -15,9 +15,9 @@
 #include "support/train/tiny_scene.h"
 #include "support/train/training.h"
 #include "train/checkpoint/checkpoint.h"
-#include "train/selection/kernel_chooser.h"
 #include "train/density/strategies/strategies.h"
 #include "train/device.h"
+#include "train/selection/kernel_chooser.h"
 
 namespace b3dgs {
 namespace {
@@ -317,7 +317,7 @@ TEST(Trainer, RendersWithTheGivenOptions) {
   const auto refused = [&](const nlohmann::ordered_json& json, const std::string& part) {
     return test::fails_with<InputError>({part}, [&] { config_from_json(config, json, "test"); });
   };
-  EXPECT_TRUE(refused({{"tile", "8x8"}}, "invalid value for tile: test (expected one of auto, 16x16, 16x8"));
+  EXPECT_TRUE(refused({{"tile", "8x8"}}, "invalid value for tile: test (expected one of 16x16, 16x8"));
   EXPECT_TRUE(refused({{"backward_kernel", "naive"}},
                       "invalid value for backward_kernel: test (expected one of per-pixel, per-bucket"));
   EXPECT_TRUE(refused({{"host_memory_gb", -2}}, "invalid value for host_memory_gb: test (expected at least -1"));

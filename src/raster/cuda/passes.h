@@ -160,8 +160,8 @@ struct SegmentFront {
 /// bucket of the pixel's last splat. Stored per bucket rather than as a running sum: what is behind a bucket is then a
 /// sum of parts. As a difference of two running sums it would lose accuracy where it is small.
 struct BucketParts {
-  // [n_buckets, pixels of a tile row by row] transmittance behind the bucket (undefined if no splat of it was blended);
-  // red, green, blue that it adds. Null: no parts are stored.
+  // [n_buckets, pixels of a tile row by row] transmittance behind the bucket (finite, but meaningless if no splat of it
+  // was blended); red, green, blue that it adds. Null: no parts are stored.
   float4* color = nullptr;
   float* depth = nullptr;  // same shape: depth that it adds. Null: no gradient with respect to depth follows.
   // Parts of a list that was cut into segments must be multiplied by the transmittance in front of the segment.
@@ -200,7 +200,7 @@ struct BlendForwardCudaArgs {
   Buckets buckets{};
   BucketParts parts{};
   std::int32_t* next_task = nullptr;  // [1] task counter, 0 at the start
-  // Scratch of `combined`: [n_buckets_max, kBucketEntries / 32, quads of a tile]
+  // Scratch of `combined`: for each tile: [quads, runs of 32 entries]
   std::uint32_t* quad_masks = nullptr;
   Segments segments{};
 };

@@ -84,7 +84,7 @@ TEST(McmcTraining, HoldsTheCountOnlyWhereMemoryIsShort) {
   memory->bytes = std::int64_t{1} << 30;
   EXPECT_EQ(counts_with(memory, temp / "ample"), (std::pair<std::int64_t, std::int64_t>{130, 0}))
       << "--max_gaussians is no lack of memory";
-  memory->bytes = 200000;
+  memory->bytes = 130000;
   const auto [count, held_at] = counts_with(memory, temp / "short");
   EXPECT_GE(held_at, 120);
   EXPECT_LT(held_at, 130);

@@ -12,9 +12,9 @@
 //     patch, to a       pixel, to shared memory   dL/d(ln alpha)                  atomics or to the pair's slot
 //     queue
 //
-//   Adding up a splat's ten sums over 32 lanes with shuffles would take 100 instructions. Through shared memory it
-//   takes
-//     12: a lane sums a row of 8 pixels, whose offsets from the patch's centre are constants, and four lanes add up.
+//   Sums: with shuffles over 32 lanes, a splat's ten sums would take 100 instructions. Through shared memory they take
+//     twelve: a lane sums a row of 8 pixels, whose offsets from the patch's centre are constants, and four lanes add
+//     up.
 //   State behind the bucket: if the pixel's last splat is in the bucket, from the forward pass's final transmittance;
 //     otherwise from the parts of the buckets behind, which the forward pass stored.
 //   Shared memory: PatchMemory for each warp. Barriers: one, before the last phase.
@@ -31,10 +31,11 @@ constexpr int kWarps = 4, kThreads = kWarps * kWarpSize;  // a warp per patch; i
 static_assert(kBucketEntries == kThreads);
 constexpr int kGroup = 8;                   // entries blended before their rows are summed: with 4 rows, 32 lanes
 constexpr int kQueue = kGroup + kWarpSize;  // at most 7 left over, and 32 gathered
-constexpr int kRowPixels = kSubTileWidth;   // 8
+static_assert(kQueue % kGroup == 0, "a group never wraps around the end of the ring");
+constexpr int kRowPixels = kSubTileWidth;  // 8
 constexpr int kRowsAtOnce = kWarpSize / kRowPixels;
 
-/// A patch of kLanePixels x 32 pixels; lane l has the pixels (l % 8, l / 8 + 4 k).
+/// A patch: 8 pixels wide, 4 kLanePixels high. Lane l has the pixels (l % 8, l / 8 + 4 k), k < kLanePixels.
 template <int kLanePixels>
 struct PatchShape {
   static constexpr int kWidth = kRowPixels, kHeight = kRowsAtOnce * kLanePixels;
@@ -43,7 +44,9 @@ struct PatchShape {
 };
 
 /// What a patch adds up for an entry. With q = dL/d(ln alpha) and (u, v) the pixel relative to the patch's centre.
+/// The order matters: store_sums() adds up the first eight in halves, 0 to 3 beside 4 to 7.
 enum Sum { kQ, kQu, kQv, kQuu, kRed, kGreen, kBlue, kQvv, kQuv, kDepth };
+static_assert(kQvv == 7 && kQuv == 8 && kDepth == 9);
 
 /// A warp's shared memory.
 template <int kLanePixels, bool kWithDepth>
@@ -142,7 +145,6 @@ class PatchBlend {
         grad_[k] = load_pixel_grad(blend_, pixel);
         state_[k] = {blend_.transmittance[pixel], loss_behind_list(blend_, pixel, grad_[k])};
       }
-      if (last_[k] < range.begin) grad_[k] = {};
       if (last_[k] >= range.end) {
         add_behind<kTilePixels, kWithDepth>(args, range, at.index + kRowsAtOnce * kCudaTileWidth * k, last_[k],
                                             grad_[k], state_[k]);
@@ -181,6 +183,7 @@ class PatchBlend {
         memory_.mean_conic[head_ + lane_] = make_float4(0, 0, 0, 0);
         memory_.rest[head_ + lane_] = make_float4(0, 2 * kLog2AlphaMin, 0, 0);
         memory_.blue[head_ + lane_] = 0;
+        if constexpr (kWithDepth) memory_.depth[head_ + lane_] = 0;
       }
       __syncwarp();
       blend_group(n_queued_);
@@ -428,15 +431,17 @@ __device__ __forceinline__ void add_entry(const BlendBackwardCudaArgs& args, con
   const float4 mean = load_mean(args.blend.splats, id).v, conic = load_conic(args.blend.splats, id).v;
   const FactoredConic factors(conic);
   FactoredSums total;
+  bool is_reached = false;
 #pragma unroll
   for (int patch = 0; patch < kWarps; ++patch) {
     if ((memory[patch].queued[entry / kWarpSize] >> (entry % kWarpSize) & 1) == 0) continue;
+    is_reached = true;
     const float* const sums = memory[patch].sums + entry * Memory::kSums;
     add_patch(total, sums, PatchBlend<kTilePixels, kWithDepth>::center(range, patch), mean, factors);
     if constexpr (kWithDepth) total.depth += sums[kDepth];
   }
+  if (!is_reached) return;
   const SplatGrad grad = splat_grad(total, factors);
-  if (grad.log_alpha == 0 && grad.red == 0 && grad.green == 0 && grad.blue == 0 && grad.depth == 0) return;
   if (args.pair_grads != nullptr) {
     args.pair_grads[args.blend.bins.pair_slots[pair]] = {grad, {0, 0}};
   } else {
@@ -444,12 +449,15 @@ __device__ __forceinline__ void add_entry(const BlendBackwardCudaArgs& args, con
   }
 }
 
-/// As many blocks are resident on a multiprocessor as their shared memory allows (H100: 228 KB).
-template <int kTilePixels>
-constexpr int kResidentBlocks = kTilePixels == 128 ? 6 : 4;
+/// Blocks on a multiprocessor (H100): with 16 x 8 pixels as many as shared memory allows, with 16 x 16 as many as
+/// registers do.
+template <int kTilePixels, bool kWithDepth>
+constexpr int kResidentBlocks = kTilePixels > 128 ? 4
+                                : kWithDepth      ? 5
+                                                  : 6;
 
 template <int kTilePixels, bool kWithDepth>
-__global__ void __launch_bounds__(kThreads, kResidentBlocks<kTilePixels>)
+__global__ void __launch_bounds__(kThreads, kResidentBlocks<kTilePixels, kWithDepth>)
     backward_per_bucket_kernel(const BlendBackwardCudaArgs args) {
   using Patch = PatchBlend<kTilePixels, kWithDepth>;
   __shared__ typename Patch::Memory memory[kWarps];

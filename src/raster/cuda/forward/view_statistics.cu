@@ -6,7 +6,7 @@
 // Scoring, kernel 1, score: sums for each splat.
 //   Grid: a block per tile, assigned statically. Warp: a sub-tile of 8 x 4 pixels. Thread: one pixel.
 //   Stage: each thread loads one splat of the batch to shared memory, and zeroes its sums there.
-//   Cull: for every bucket (32 staged splats) a warp tests, a lane per splat, whose bounding box reaches the sub-tile.
+//   Cull: for every 32 staged splats a warp tests, a lane per splat, whose bounding box reaches the sub-tile.
 //   Score: a warp takes the remaining splats in order. It adds its 32 pixels' weights with integer reductions, and one
 //     lane adds the sums to those of the block. A warp stops once all of its pixels are finished.
 //   Barriers: two per batch. After the first, each thread adds the block's sums of its splat to memory: an integer
@@ -91,13 +91,13 @@ __global__ void __launch_bounds__(kThreads) score_kernel(const ScoreArgs args) {
     __syncthreads();  // the batch is complete
 
     const int count = static_cast<int>(last - start < kThreads ? last - start : kThreads);
-    for (int bucket = 0; bucket < count; bucket += kWarpSize) {
+    for (int run = 0; run < count; run += kWarpSize) {
       if (!__any_sync(kFullWarp, is_open(transmittance))) break;
-      const int tested = bucket + lane_id();
+      const int tested = run + lane_id();
       const bool reaches = tested < count && reaches_sub_tile(batch.mean[tested].x, batch.mean[tested].y,
                                                               batch.extent[tested], left, top);
       for (unsigned chosen = __ballot_sync(kFullWarp, reaches); chosen != 0; chosen &= chosen - 1) {
-        const int j = bucket + __ffs(static_cast<int>(chosen)) - 1;
+        const int j = run + __ffs(static_cast<int>(chosen)) - 1;
         const SplatShape<float> shape = make_splat_shape({batch.mean[j]}, {batch.conic[j]});
         const Footprint<float> footprint = evaluate_footprint(shape, center_x, center_y);
         const float weight =
