@@ -65,7 +65,7 @@ constexpr FormerOption kFormerOptions[] = {
     {"kernel_check_interval", kVaries, "kernels are timed every 1000 iterations"},
     {"kernel_times_interval", kVaries, "compare logs the times of all candidates every 1000 iterations"},
     {"stats_interval", kVaries, "load statistics are logged every 1000 iterations"},
-    {"checkpoint_interval", kVaries, "--checkpoint_minutes and --checkpoint_iterations say when to write checkpoints"},
+    {"checkpoint_interval", "0", "--checkpoint_minutes and --checkpoint_iterations say when to write checkpoints"},
     {"keep_checkpoints", "2", "the 2 newest checkpoints are kept"},
     {"image_cache_gb", "-1", "photographs take up to half of the free GPU memory"},
 };

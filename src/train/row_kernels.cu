@@ -1,6 +1,6 @@
 // Kernels with one thread per Gaussian, draw or pixel. What a thread does is in the header of its subject, where CPU
 // threads call the same function (for_rows() in core/parallel.h), so that both devices differ by the rounding of
-// elementary functions at most.
+// elementary functions at most. Only the largest of the finest pixels is found in another way on a CPU.
 
 #include "core/cuda_rows.cuh"
 #include "raster/cuda/warp.cuh"
@@ -14,7 +14,7 @@
 namespace b3dgs::cuda {
 namespace {
 
-constexpr int kFewThreads = 128, kThreads = 256;
+constexpr int kFewThreads = 128, kThreads = 256;  // per block; few where a thread does much
 
 __global__ void __launch_bounds__(kThreads) add_view_kernel(const AddViewArgs args) {
   const std::int64_t i = own_row<kThreads>();

@@ -92,6 +92,10 @@ TEST(FormerOptions, OfAFileAreLeftOut) {
   ASSERT_EQ(lines.size(), 1u) << "the others have the values that they always have now";
   EXPECT_EQ(lines[0], "--abs_grad_threshold 0.0006 has no effect: every Gaussian with an error may be split");
   EXPECT_TRUE(describe_former_options({{"prune_interval", 600}}).empty()) << "as a preset had it";
+  EXPECT_TRUE(describe_former_options({{"checkpoint_interval", 0}}).empty());
+  EXPECT_EQ(describe_former_options({{"checkpoint_interval", 500}}),
+            std::vector<std::string>{"--checkpoint_interval 500 has no effect: --checkpoint_minutes and "
+                                     "--checkpoint_iterations say when to write checkpoints"});
   EXPECT_EQ(describe_former_options({{"prune_interval", "600"}}),
             std::vector<std::string>{"--prune_interval 600 has no effect: removals by --prune_weight follow "
                                      "--opacity_reset_interval"})
