@@ -192,7 +192,7 @@ void RankStepper::keep_own_splats(Part& part) {
     const Part::View& view = part.views[v];
     const ViewStatistics statistics =
         optimizer_.keep_splats(view.own, sums[v], view.camera, view.settings, state_.gaussians, view.n_splats,
-                               regularization_weights(config_, training_.scene.extent));
+                               regularization());
     if (!view.plan.statistics) continue;
     training_.timer.begin(Stage::kDensify);
     make_room_for_statistics();

@@ -123,11 +123,10 @@ void Stepper::learn_view(const TrainView& view, bool is_filter_due) {
   unread_losses_ = {learned_views_.back()};
   if (training_.device.is_cpu()) read_losses();
 
-  const RegularizationWeights regularization = regularization_weights(config_, training_.scene.extent);
   const ViewStatistics statistics =
-      keeps_gradients() ? optimizer_.keep_view(grad, state_.gaussians, regularization)
+      keeps_gradients() ? optimizer_.keep_view(grad, state_.gaussians, regularization())
                         : optimizer_.step(adam_rates(config_, training_.scene.extent, iteration), grad,
-                                          state_.gaussians, state_.adam, &training_.timer, regularization);
+                                          state_.gaussians, state_.adam, &training_.timer, regularization());
   if (settings.camera_gradient) training_.views.poses.add_gradient(view.index, iteration, statistics.camera_grad);
   if (!plan.statistics) return;
   training_.timer.begin(Stage::kDensify);
@@ -168,6 +167,12 @@ void Stepper::finish_step(const torch::Tensor& model_rows) {
     training_.timer.end();
   }
   training_.timer.finish(state_.step_iterations);
+}
+
+RegularizationWeights Stepper::regularization() const {
+  const StepPosition& before = before_.position;
+  return regularization_weights(config_, training_.scene.extent,
+                                before.iteration > 0 ? before.loss_average : kRegularizedLoss);
 }
 
 RenderSettings Stepper::step_settings(int iteration) {

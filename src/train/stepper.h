@@ -162,6 +162,8 @@ class Stepper {
   virtual bool keeps_gradients() const {
     return config_.batch > 1 || (config_.deterministic && !training_.device.is_cpu());
   }
+  /// Of the step, by the loss before it, which all processes know.
+  RegularizationWeights regularization() const;
   RenderSettings step_settings(int iteration);
   /// With --antialiasing, computes the filters of the Gaussians if that is due or rows have changed. All processes call
   /// it together.

@@ -67,9 +67,19 @@ TEST(Regularization, DoesNotDependOnTheUnitOfLength) {
   config.scale_reg = 0.5;
   config.opacity_reg = 0.25;
   // Scales are ten times as large where lengths are.
-  EXPECT_DOUBLE_EQ(10 * regularization_weights(config, 40).scale, regularization_weights(config, 4).scale);
-  EXPECT_EQ(regularization_weights(config, 40).opacity, 0.25);
-  EXPECT_EQ(regularization_weights(config, 0).scale, 5) << "all cameras in one place";
+  EXPECT_DOUBLE_EQ(10 * regularization_weights(config, 40, 1).scale, regularization_weights(config, 4, 1).scale);
+  EXPECT_EQ(regularization_weights(config, 40, 1).opacity, 0.25);
+  EXPECT_EQ(regularization_weights(config, 0, 1).scale, 5) << "all cameras in one place";
+}
+
+TEST(Regularization, WeakensWithASmallLoss) {
+  TrainConfig config;
+  config.scale_reg = 0.5;
+  config.opacity_reg = 0.25;
+  for (const double loss : {kRegularizedLoss, 0.3}) EXPECT_EQ(regularization_weights(config, 5, loss).opacity, 0.25);
+  const RegularizationWeights weak = regularization_weights(config, 5, kRegularizedLoss / 4);
+  EXPECT_DOUBLE_EQ(weak.opacity, 0.25 / 4);
+  EXPECT_DOUBLE_EQ(weak.scale, 0.5 / 4);
 }
 
 TEST(MeanNoise, DoesNotDependOnTheUnitOfLength) {

@@ -86,9 +86,14 @@ inline double lengths_per_reference(double extent) {
   return kReferenceExtent / std::max(extent, kReferenceExtent / kMost);
 }
 
-/// `extent` is the scene's, world units.
-inline RegularizationWeights regularization_weights(const TrainConfig& config, double extent) {
-  return {config.opacity_reg, config.scale_reg * lengths_per_reference(extent)};
+/// Below this loss, regularization weakens in proportion to it: next to a small loss, a constant weight would bias what
+/// is learned. Of the scenes measured (docs/lab/defaults.md), only those of 35 dB or more are below it.
+inline constexpr double kRegularizedLoss = 0.01;
+
+/// `extent` is the scene's, world units; `loss` a mean of recent steps.
+inline RegularizationWeights regularization_weights(const TrainConfig& config, double extent, double loss) {
+  const double scale = std::min(1.0, loss / kRegularizedLoss);
+  return {scale * config.opacity_reg, scale * config.scale_reg * lengths_per_reference(extent)};
 }
 
 /// What multiplies Sigma eps in the noise on the means; Sigma is a length squared.
