@@ -32,7 +32,7 @@ struct RankStepper::Part {
   std::vector<std::vector<std::int64_t>> counts;  // by rank: its splats of each view
 
   // Of the views that this rank renders, in their order.
-  std::vector<torch::Tensor> sums, scores, shared, orders;
+  std::vector<torch::Tensor> sums, scores, shared;
 
   bool has_scores() const {
     return std::any_of(views.begin(), views.end(), [](const View& view) { return view.plan.score; });
@@ -173,7 +173,6 @@ void RankStepper::render_view(Part& part, std::size_t v, const ViewSplats& splat
   if (appearance != nullptr) appearance->set_place(static_cast<int>(learned_views_.size() + v));
   const RenderedViewGrad grad = compare(view, iteration, rendered, part_view.plan.score);
   part.sums.push_back(training_.rasterizer.backward_splats(grad));
-  if (part.refines_poses()) part.orders.push_back(training_.rasterizer.order_of_splats());
   if (n_shared_columns() > 0) part.shared.push_back(shared_gradients());
   if (part.has_scores()) {
     part.scores.push_back(training_.rasterizer.score_splats(part_view.plan.score ? training_.objective.errors()
@@ -190,9 +189,8 @@ void RankStepper::keep_own_splats(Part& part) {
   if (part.has_scores()) scores = splats_.to_owners(part.scores, kScores, torch::kInt32);
   for (std::size_t v = 0; v < part.views.size(); ++v) {
     const Part::View& view = part.views[v];
-    const ViewStatistics statistics =
-        optimizer_.keep_splats(view.own, sums[v], view.camera, view.settings, state_.gaussians, view.n_splats,
-                               regularization());
+    const ViewStatistics statistics = optimizer_.keep_splats(view.own, sums[v], view.camera, view.settings,
+                                                             state_.gaussians, view.n_splats, regularization());
     if (!view.plan.statistics) continue;
     training_.timer.begin(Stage::kDensify);
     make_room_for_statistics();
@@ -207,7 +205,7 @@ void RankStepper::keep_own_splats(Part& part) {
 }
 
 void RankStepper::gather_pose_gradients(Part& part) {
-  // What each splat adds to the gradient of the camera, added up where the view was rendered, in its order.
+  // What each splat adds to the gradient of the camera, added up where the view was rendered.
   std::vector<torch::Tensor> columns;
   for (std::size_t v = 0; v < part.views.size(); ++v) {
     const Part::View& view = part.views[v];
@@ -215,8 +213,7 @@ void RankStepper::gather_pose_gradients(Part& part) {
   }
   columns = splats_.columns_to_renderers(columns, kCameraGradients, torch::kFloat32);
   for (std::size_t i = 0; i < columns.size(); ++i) {
-    const torch::Tensor ordered = torch::empty_like(columns[i]).index_copy_(0, part.orders[i], columns[i]);
-    part.shared[i].slice(0, 0, kCameraColumns).copy_(sum_camera_parts(ordered).view(torch::kFloat32));
+    part.shared[i].slice(0, 0, kCameraColumns).copy_(sum_camera_parts(columns[i]).view(torch::kFloat32));
   }
 }
 

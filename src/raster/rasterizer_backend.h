@@ -110,9 +110,6 @@ class RasterizerBackend {
   /// The backward blend of the last forward_splats(): sums of each row, [M] out.
   virtual void backward_splats(const ImageGradArrays& grad, SplatGradSum* out) = 0;
 
-  /// [M] of the last forward_splats(): index of each row in splats(), for rows with radii() above 0. Null: the same.
-  virtual const std::int32_t* splat_of_row() const { return nullptr; }
-
   /// Adds what the pixels of the last forward() say about its Gaussians, given an error [H, W] (ScoreArgs). Overwrites
   /// memory of backward(), so that it allocates nothing after one.
   virtual void score(const float* error, const ScoreArrays& out) = 0;
@@ -132,14 +129,17 @@ class RasterizerBackend {
   /// after a forward() with camera_gradient.
   virtual const double* camera_gradient() const = 0;
 
-  /// Of a GPU: [M, 12] floats, the splats' sums of the last backward blend, of which the first 10 are a SplatGrad. In
-  /// the order of splats().
+  /// Of a GPU: [n_rows(), 12] floats, the splats' sums of the last backward blend, of which the first 10 are a
+  /// SplatGrad.
   virtual const float* splat_grads() const { return nullptr; }
 
   // Of the last forward():
   virtual const std::int32_t* radii() const = 0;     // [N]
   virtual const std::int32_t* last_ids() const = 0;  // [H, W]
-  virtual const Splat* splats() const = 0;           // [M] indexed by bins().splat_ids; on a GPU in depth order
+  virtual const Splat* splats() const = 0;           // [n_rows()] indexed by bins().splat_ids
+  /// On the CPU the number of splats, on a GPU that of Gaussians, of which rows that are not seen are undefined; of
+  /// forward_splats(): its rows.
+  virtual std::int64_t n_rows() const { return state_.n_splats; }
   virtual BinnedSplats bins() const = 0;
   const TileGrid& grid() const { return state_.grid; }
   std::int64_t n_splats() const { return state_.n_splats; }

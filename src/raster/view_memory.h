@@ -22,14 +22,11 @@ inline ViewMemory view_memory(const RenderSettings& settings) {
   constexpr double kBucket = 128, kSegment = 1024;  // list entries: kBucketEntries, kSegmentEntries
   const double tile_pixels = static_cast<double>(settings.tile.width) * settings.tile.height;
   const bool keeps = settings.keep_for_backward, keeps_slots = keeps && settings.deterministic;
-  // Splat, extent, radius, number of tiles, bits of the depth; index and depth in the list of seen Gaussians, index of
-  // its splat.
-  const double per_gaussian = 48 + 8 + 4 + 4 + 4 + 4 + 4 + 4;
-  // Splat and extent in depth order, sorted depth and index, first slot, CUB's copies; gradient.
-  const double per_splat = 48 + 8 + 4 + 4 + 8 + 8 + (keeps ? 48 : 0);
+  // Splat, extent, radius; gradient; first slot.
+  const double per_gaussian = 48 + 8 + 4 + (keeps ? 48 : 0) + (keeps_slots ? 8 : 0);
+  const double per_splat = 0;
   // Sorting and segmented blending use the same scratch memory in turn (PassScratch).
-  // Tiles and splats, CUB's copies, slots; from 65,536 tiles on, 6 more.
-  const double sorting = 2 * (2 + 4) + 2 + (keeps_slots ? 8 : 0);
+  const double sorting = 2 * 8;                                       // keys, and where runs of them are merged
   const double segments = 2 * tile_pixels / kSegment * (4 + 16 + 4);  // transmittance, colour and depth, last
   const double parts = keeps ? tile_pixels / kBucket * (settings.depth_gradient ? 20 : 16) : 0;
   const double segment_starts = 2 * tile_pixels / kSegment * 4;

@@ -129,7 +129,7 @@ void time_passes(Session& session, BenchFile& file) {
   const auto nothing = [] {};
   add("project", nothing, [&] { cuda::project(frame.project_args, context); });
   add("bin", nothing, [&] {
-    cuda::list_seen(frame.bin_args.projected, frame.bin_args.n_gaussians, frame.bin_buffers, context);
+    cuda::number_lists(frame.bin_args.projected, frame.bin_args.grid.n_tiles(), frame.bin_buffers, context);
     cuda::bin(frame.bin_args, frame.bin_buffers, frame.bin_scratch, context);
   });
   table.add("blend forward", session.time_keeping_forward(ForwardKernel::kSharedMemory));

@@ -42,15 +42,15 @@ CudaFrame::CudaFrame(const BenchRun& run, const BenchScene& scene, const LaunchC
       n_rest_(static_cast<std::int64_t>(scene.cloud.shN.size())) {
   const Culling culling = run.culling == "square" ? Culling::kSquare : Culling::kEllipse;
   const TileGrid grid = make_tile_grid(scene.view.width, scene.view.height, {run.tile_width, run.tile_height});
-  const ProjectOutputs projected{splats_.resize(n_, context),     extents_.resize(n_, context),
-                                 radii_.resize(n_, context),      n_tiles_.resize(n_, context),
-                                 depth_bits_.resize(n_, context), counts_.resize(1, context)};
+  const ProjectOutputs projected{splats_.resize(n_, context), extents_.resize(n_, context), radii_.resize(n_, context),
+                                 list_growth_.resize(kCounterStride * (grid.n_tiles() + 1), context),
+                                 counts_.resize(2, context)};
   const int degree = scene.cloud.sh_degree;
   project_args = {upload_gaussians(scene.cloud), scene.view, degree, kNearPlane, culling, grid, projected};
   project(project_args, context);
+  number_lists(projected, grid.n_tiles(), bin_buffers, context);
   found = download(projected.counts, 1).front();
-  bin_args = {projected, n_, found.n_splats, found.n_pairs, grid, culling};
-  list_seen(projected, n_, bin_buffers, context);
+  bin_args = {projected, n_, found, grid, culling};
   binned = bin(bin_args, bin_buffers, bin_scratch, context);
   set_up_blending(grid);
 
@@ -58,9 +58,8 @@ CudaFrame::CudaFrame(const BenchRun& run, const BenchScene& scene, const LaunchC
                                      grad_quats_.resize(4 * n_, context),  grad_opacities_.resize(n_, context),
                                      grad_sh0_.resize(3 * n_, context),    grad_shN_.resize(n_rest_ + 1, context),
                                      grad_means2d_.resize(2 * n_, context)};
-  project_backward_args = {
-      project_args.gaussians,    scene.view, degree, projected.radii, binned.splat_of_gaussian, binned.splats,
-      backward_args.splat_grads, gradients};
+  project_backward_args = {project_args.gaussians,    scene.view, degree, projected.radii, projected.splats,
+                           backward_args.splat_grads, gradients};
 }
 
 GaussianArrays CudaFrame::upload_gaussians(const SplatCloud& cloud) {
@@ -75,25 +74,27 @@ GaussianArrays CudaFrame::upload_gaussians(const SplatCloud& cloud) {
 }
 
 void CudaFrame::set_up_blending(const TileGrid& grid) {
-  n_parts_ = binned.buckets.n_max * (std::int64_t{grid.tile.width} * grid.tile.height);
+  n_parts_ = binned.buckets.n * (std::int64_t{grid.tile.width} * grid.tile.height);
   const ImageArrays image{color_.resize(3 * n_pixels_, context_), depth_.resize(n_pixels_, context_),
                           alpha_.resize(n_pixels_, context_)};
   const BucketParts parts{part_light_.resize(n_parts_, context_), nullptr};
   const Vec3f black{0, 0, 0};
-  forward_args = {{binned.splats, binned.extents, binned.bins, grid, black, image,
+  forward_args = {{splats_.data(), extents_.data(), binned.bins, grid, black, image,
                    transmittance_.resize(n_pixels_, context_), last_ids_.resize(n_pixels_, context_)},
                   binned.buckets,
+                  binned.tiles_by_length,
+                  cuts_lists(found, context_.n_multiprocessors),
                   parts};
   for (const ForwardKernelName& kernel : kForwardKernels) {
     scratch_.allocate(kernel.kernel, forward_args, kernel_scratch_[static_cast<std::size_t>(kernel.kernel)], context_);
   }
   const std::vector<float> mean(static_cast<std::size_t>(3 * n_pixels_), 1.0f / static_cast<float>(3 * n_pixels_));
   const ImageGradArrays grad{upload(grad_color_, mean), nullptr, nullptr};
-  backward_args = {{binned.splats, binned.extents, binned.bins, grid, black, image, transmittance_.data(),
+  backward_args = {{splats_.data(), extents_.data(), binned.bins, grid, black, image, transmittance_.data(),
                     last_ids_.data(), grad, nullptr},
                    binned.buckets,
                    parts,
-                   splat_grads_.resize(found.n_splats, context_)};
+                   splat_grads_.resize(n_, context_)};
 }
 
 void CudaFrame::poison_outputs() {
@@ -113,8 +114,8 @@ void CudaFrame::reset_pool() {
 }
 
 void CudaFrame::clear_splat_grads() {
-  B3DGS_CUDA_CHECK(cudaMemsetAsync(splat_grads_.data(), 0,
-                                   static_cast<std::size_t>(found.n_splats) * sizeof(SplatGradSum), context_.stream));
+  B3DGS_CUDA_CHECK(
+      cudaMemsetAsync(splat_grads_.data(), 0, static_cast<std::size_t>(n_) * sizeof(SplatGradSum), context_.stream));
 }
 
 std::vector<float> CudaFrame::image() const {

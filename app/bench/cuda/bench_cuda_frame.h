@@ -76,8 +76,7 @@ class CudaFrame {
   DeviceBuffer<float> grad_means_, grad_log_scales_, grad_quats_, grad_opacities_, grad_sh0_, grad_shN_, grad_means2d_;
   DeviceBuffer<Splat> splats_;
   DeviceBuffer<Vec2f> extents_;
-  DeviceBuffer<std::int32_t> radii_, n_tiles_, last_ids_;
-  DeviceBuffer<std::uint32_t> depth_bits_;
+  DeviceBuffer<std::int32_t> radii_, list_growth_, last_ids_;
   DeviceBuffer<ViewCounts> counts_;
   DeviceBuffer<float4> part_light_;
   ForwardScratch scratch_;

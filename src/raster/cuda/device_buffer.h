@@ -35,11 +35,13 @@ struct LaunchContext {
   cudaStream_t stream = nullptr;
   DeviceMemory* memory = nullptr;
   int n_multiprocessors = 0;
+  cudaStream_t memory_stream =
+      stream;  // on which memory is allocated and freed; the other stream ends before it goes on
 };
 
 /// A context on the current device.
 inline LaunchContext make_launch_context(cudaStream_t stream, DeviceMemory& memory) {
-  LaunchContext context{stream, &memory, 0};
+  LaunchContext context{stream, &memory, 0, stream};
   int device = 0;
   B3DGS_CUDA_CHECK(cudaGetDevice(&device));
   B3DGS_CUDA_CHECK(cudaDeviceGetAttribute(&context.n_multiprocessors, cudaDevAttrMultiProcessorCount, device));
@@ -80,9 +82,9 @@ class DeviceBuffer {
 
  private:
   void allocate(std::int64_t n, const LaunchContext& context) {
-    data_ = static_cast<T*>(context.memory->allocate(static_cast<std::size_t>(n) * sizeof(T), context.stream));
+    data_ = static_cast<T*>(context.memory->allocate(static_cast<std::size_t>(n) * sizeof(T), context.memory_stream));
     memory_ = context.memory;
-    stream_ = context.stream;
+    stream_ = context.memory_stream;
     capacity_ = n;
   }
 
@@ -153,9 +155,38 @@ class StreamMark {
   StreamMark& operator=(const StreamMark&) = delete;
   void record(cudaStream_t stream) { B3DGS_CUDA_CHECK(cudaEventRecord(event_, stream)); }
   void wait() { B3DGS_CUDA_CHECK(cudaEventSynchronize(event_)); }
+  /// Lets a stream wait.
+  void hold(cudaStream_t stream) { B3DGS_CUDA_CHECK(cudaStreamWaitEvent(stream, event_)); }
 
  private:
   cudaEvent_t event_ = nullptr;
+};
+
+/// A stream for passes that run beside others.
+class SideStream {
+ public:
+  SideStream() { B3DGS_CUDA_CHECK(cudaStreamCreateWithFlags(&stream_, cudaStreamNonBlocking)); }
+  ~SideStream() { cudaStreamDestroy(stream_); }
+  SideStream(const SideStream&) = delete;
+  SideStream& operator=(const SideStream&) = delete;
+
+  /// The context of passes after those that were queued on `main`.
+  LaunchContext fork(const LaunchContext& main) {
+    forked_.record(main.stream);
+    forked_.hold(stream_);
+    LaunchContext side = main;
+    side.stream = stream_;
+    return side;
+  }
+  /// Passes on `main` from here on come after those of fork().
+  void join(const LaunchContext& main) {
+    joined_.record(stream_);
+    joined_.hold(main.stream);
+  }
+
+ private:
+  cudaStream_t stream_ = nullptr;
+  StreamMark forked_, joined_;
 };
 
 }  // namespace b3dgs::cuda

@@ -15,22 +15,30 @@ namespace b3dgs::cuda {
 /// A rasterizer that calls `context` for the stream and the memory of each pass.
 std::unique_ptr<RasterizerBackend> make_rasterizer(std::function<LaunchContext()> context);
 
+/// Counters of neighbouring tiles are this many integers apart, so that each is in a memory sector of its own: atomics
+/// to the same sector wait for each other.
+inline constexpr std::int32_t kCounterStride = 8;
+
 /// Totals of one view; the host reads them once per forward pass.
 struct ViewCounts {
   std::int64_t n_splats;       // M
-  std::int64_t n_pairs;        // (tile, splat) pairs
   std::int64_t first_invalid;  // smallest index of an invalid Gaussian, n_gaussians if there is none
+  // After number_lists():
+  std::int64_t n_pairs;                    // (tile, splat) pairs: entries of all lists
+  std::int64_t n_buckets;                  // of all lists
+  std::int64_t longest_list;               // entries
+  std::int64_t n_long_lists, n_more_runs;  // of sort_lists.h: lists that are not short; runs of lists after their first
 };
 
 /// Outputs of projection, a row per Gaussian.
 struct ProjectOutputs {
-  Splat* splats = nullptr;          // [N] written only for seen Gaussians
-  Vec2f* extents = nullptr;         // [N] written only for seen Gaussians
-  std::int32_t* radii = nullptr;    // [N] 0 if not seen
-  std::int32_t* n_tiles = nullptr;  // [N] tiles touched, 0 if not seen
-  // [N] bit pattern of the depth, 0 if not seen. Positive floats compare like their bit patterns.
-  std::uint32_t* depth_bits = nullptr;
-  ViewCounts* counts = nullptr;  // [1]
+  Splat* splats = nullptr;        // [N] written only for seen Gaussians
+  Vec2f* extents = nullptr;       // [N] written only for seen Gaussians
+  std::int32_t* radii = nullptr;  // [N] 0 if not seen
+  // [tiles + 1], kCounterStride apart: length of each tile's list minus that of the tile before it, row by row. A splat
+  // adds 1 where its span of tiles in a row begins, and subtracts 1 where it ends. Null: nothing is to be drawn.
+  std::int32_t* list_growth = nullptr;
+  ViewCounts* counts = nullptr;  // [2] of the projection; of a ColorPass, with first_invalid alone
 };
 
 /// Arguments of a ColorPass.
@@ -63,8 +71,9 @@ struct ProjectCudaArgs {
 };
 void project(const ProjectCudaArgs& args, const LaunchContext& context);
 
-/// Counts of a view without splats. project() and load_rows() begin with it.
-void reset_counts(ViewCounts* counts, std::int64_t n_gaussians, const LaunchContext& context);
+/// Counts and list lengths of a view without splats. project() and load_rows() begin with it.
+void reset_counts(const ProjectOutputs& out, std::int64_t n_gaussians, const TileGrid& grid,
+                  const LaunchContext& context);
 
 /// After list_seen(): the rows of the Gaussians that the view sees.
 struct CopySeenArgs {
@@ -87,25 +96,22 @@ void load_rows(const LoadRowsArgs& args, const LaunchContext& context);
 
 /// Buffers of binning, reused from view to view.
 struct BinBuffers {
-  DeviceBuffer<std::uint32_t> depths, depths_sorted;
-  DeviceBuffer<std::int32_t> seen, seen_by_depth, splat_of_gaussian, splat_ids, tile_of_bucket;
+  DeviceBuffer<std::int32_t> seen, next_entries, first_more_runs, tiles_by_length, splat_ids, tile_of_bucket;
   DeviceBuffer<std::int64_t> slot_offsets, pair_slots, tile_offsets, bucket_offsets;
-  DeviceBuffer<unsigned long long> n_buckets;
-  DeviceBuffer<Splat> splats;
-  DeviceBuffer<Vec2f> extents;
-  DeviceBuffer<unsigned char> temporary;  // of CUB's algorithms over Gaussians
+  DeviceBuffer<unsigned char> temporary;  // of CUB's algorithms
 
   template <class Visit>
   void visit_buffers(Visit&& visit) {
-    visit(depths), visit(depths_sorted), visit(seen), visit(seen_by_depth), visit(splat_of_gaussian);
-    visit(splat_ids), visit(tile_of_bucket), visit(slot_offsets), visit(pair_slots), visit(tile_offsets);
-    visit(bucket_offsets), visit(n_buckets), visit(splats), visit(extents), visit(temporary);
+    visit(seen), visit(next_entries), visit(first_more_runs), visit(tiles_by_length), visit(splat_ids);
+    visit(tile_of_bucket), visit(slot_offsets), visit(pair_slots), visit(tile_offsets), visit(bucket_offsets);
+    visit(temporary);
   }
 };
 
 struct BinCudaArgs {
   ProjectOutputs projected{};
-  std::int64_t n_gaussians = 0, n_splats = 0, n_pairs = 0;
+  std::int64_t n_rows = 0;  // N
+  ViewCounts counts{};
   TileGrid grid{};
   Culling culling = Culling::kEllipse;
   bool keep_slots = false;  // fill pair_slots
@@ -115,30 +121,36 @@ struct BinCudaArgs {
 /// more parts to write and read; more, less even shares.
 inline constexpr std::int32_t kBucketEntries = 128;
 
-/// Buckets: runs of kBucketEntries entries of a tile's list; a list's last bucket may be shorter. The buckets of a tile
-/// have consecutive numbers; the order of the tiles is arbitrary.
+/// Buckets of a list of this length.
+B3DGS_HD std::int32_t n_buckets_of(std::int32_t length) {
+  return (length + kBucketEntries - 1) / kBucketEntries;
+}
+
+/// Buckets: kBucketEntries consecutive entries of a tile's list; a list's last bucket may be shorter. Numbered tile by
+/// tile.
 struct Buckets {
   const std::int64_t* offsets = nullptr;         // [n_tiles] each tile's first bucket
   const std::int32_t* tile_of_bucket = nullptr;  // [n]
-  const unsigned long long* n = nullptr;         // [1] number of buckets
-  std::int64_t n_max = 0;                        // upper bound of n, known to the host
+  std::int64_t n = 0;
 };
 
-/// Result of binning: splats in depth order, and a list per tile.
+/// Result of binning: a list per tile. Ids of splats are rows of ProjectOutputs, and so are slot_offsets.
 struct BinnedView {
-  const Splat* splats = nullptr;                    // [M] nearest first; equal depths in the order of the Gaussians
-  const Vec2f* extents = nullptr;                   // [M]
-  const std::int32_t* splat_of_gaussian = nullptr;  // [N] index in `splats`; undefined if not seen
-  BinnedSplats bins{};                              // pair_slots is null unless keep_slots
+  BinnedSplats bins{};  // its slots are null unless keep_slots
   Buckets buckets{};
+  const std::int32_t* tiles_by_length = nullptr;  // [n_tiles] the longest list first, roughly
 };
 
-/// First part of binning, which needs no counts on the host: writes indices and depths of the seen Gaussians to
-/// buffers.seen and buffers.depths.
+/// Writes the indices of the Gaussians that the view sees to buffers.seen, in their order.
 void list_seen(const ProjectOutputs& projected, std::int64_t n_gaussians, BinBuffers& buffers,
                const LaunchContext& context);
 
-/// Second part of binning, after list_seen(). Pairs are sorted in `scratch`; the result does not use it.
+/// First part of binning, which needs no counts on the host: where each tile's list begins, and the last three of
+/// ViewCounts.
+void number_lists(const ProjectOutputs& projected, std::int32_t n_tiles, BinBuffers& buffers,
+                  const LaunchContext& context);
+
+/// Second part of binning. Pairs are sorted in `scratch`; the result does not use it.
 BinnedView bin(const BinCudaArgs& args, BinBuffers& buffers, PassScratch& scratch, const LaunchContext& context);
 
 /// For a pixel and a segment of its list: the transmittance in front of the segment, by which the segment's bucket
@@ -172,6 +184,14 @@ struct BucketParts {
 /// `segmented` cuts longer lists into segments of this many entries, a multiple of the bucket size.
 inline constexpr std::int32_t kSegmentEntries = 1024;
 
+/// Whether `segmented` cuts long lists; otherwise it is shared-memory. Lists begin longest first, and a multiprocessor
+/// blends several at once, about three times as fast as one alone. So the longest list ends after the others only if it
+/// has more entries than three multiprocessors' share.
+inline bool cuts_lists(const ViewCounts& counts, int n_multiprocessors) {
+  constexpr std::int64_t kSpeedup = 3;
+  return counts.longest_list > kSegmentEntries && counts.longest_list * n_multiprocessors > kSpeedup * counts.n_pairs;
+}
+
 /// One segment of a tile's list; segment 0 may be the whole list.
 struct SegmentTask {
   std::int32_t tile, segment;  // number of the segment within the list
@@ -198,6 +218,8 @@ struct Segments {
 struct BlendForwardCudaArgs {
   BlendForwardArgs blend{};
   Buckets buckets{};
+  const std::int32_t* tiles_by_length = nullptr;  // [n_tiles] a permutation; BinnedView
+  bool cuts_lists = false;                        // cuts_lists(), for `segmented`
   BucketParts parts{};
   std::int32_t* next_task = nullptr;  // [1] task counter, 0 at the start
   // Scratch of `combined`: for each tile: [quads, runs of 32 entries]
@@ -207,15 +229,17 @@ struct BlendForwardCudaArgs {
 
 void count_load(const CountLoadArgs& args, const LaunchContext& context);
 
-/// Scoring into args.sums, [M] by splat, which must be zero.
-void score(const ScoreArgs& args, const LaunchContext& context);
-void add_scores(const AddScoresArgs& args, const LaunchContext& context);
+/// Scoring into args.sums, [N] by splat, which must be zero. Without `wants_weights`, sums of weights stay 0.
+void score(const ScoreArgs& args, const std::int32_t* tiles_by_length, bool wants_weights,
+           const LaunchContext& context);
+/// Rows whose radius is 0 are left out. `radii` null: there are none.
+void add_scores(const AddScoresArgs& args, const std::int32_t* radii, const LaunchContext& context);
 
 struct BlendBackwardCudaArgs {
   BlendBackwardArgs blend{};  // its pair_grads are not used
   Buckets buckets{};
   BucketParts parts{};
-  SplatGradSum* splat_grads = nullptr;  // [M] in and out: added to, must be zero
+  SplatGradSum* splat_grads = nullptr;  // [N] in and out: added to, must be zero
   // [n_pairs] by slot, must be zero. Null: gradients are added to splat_grads with atomics, in an order that changes
   // from run to run. Only the per-bucket kernel supports it.
   SplatGradSum* pair_grads = nullptr;
@@ -223,26 +247,30 @@ struct BlendBackwardCudaArgs {
 
 /// Sums each splat's pair gradients in a fixed order, so that repeated runs give the same bits.
 struct SumSplatGradsArgs {
-  std::int64_t n_splats = 0;
-  const std::int64_t* slot_offsets = nullptr;  // [M + 1]
+  std::int64_t n_rows = 0;                     // N
+  const std::int64_t* slot_offsets = nullptr;  // [N + 1]
   const SplatGradSum* pair_grads = nullptr;    // [n_pairs] by slot
-  SplatGradSum* splat_grads = nullptr;         // [M] out
+  SplatGradSum* splat_grads = nullptr;         // [N] out
 };
 void sum_splat_grads(const SumSplatGradsArgs& args, const LaunchContext& context);
 
 /// For RenderSettings::inverse_depth (math/project_splat.h): after binning, and after the backward blend.
-void invert_depths(Splat* splats, std::int64_t n_splats, const LaunchContext& context);
-void invert_depth_gradients(const Splat* splats, std::int64_t n_splats, SplatGradSum* splat_grads,
-                            const LaunchContext& context);
+struct InvertDepthsArgs {
+  std::int64_t n_rows = 0;              // N
+  const std::int32_t* radii = nullptr;  // [N] 0 if not seen
+  Splat* splats = nullptr;              // [N]
+  SplatGradSum* splat_grads = nullptr;  // [N] invert_depth_gradients() only
+};
+void invert_depths(const InvertDepthsArgs& args, const LaunchContext& context);
+void invert_depth_gradients(const InvertDepthsArgs& args, const LaunchContext& context);
 
 struct ProjectBackwardCudaArgs {
   GaussianArrays gaussians{};
   PinholeView view{};
   int sh_degree = 0;
-  const std::int32_t* radii = nullptr;              // [N] 0 if not seen
-  const std::int32_t* splat_of_gaussian = nullptr;  // [N]
-  const Splat* splats = nullptr;                    // [M]
-  const SplatGradSum* splat_grads = nullptr;        // [M]
+  const std::int32_t* radii = nullptr;        // [N] 0 if not seen
+  const Splat* splats = nullptr;              // [N]
+  const SplatGradSum* splat_grads = nullptr;  // [N]
   GaussianGradArrays grad{};
   bool antialiasing = false;
 };
@@ -251,10 +279,10 @@ void project_backward(const ProjectBackwardCudaArgs& args, const LaunchContext& 
 /// Keeps the splats' sums for a later backward projection.
 struct SplatRecordArgs {
   std::int64_t n_gaussians = 0;
-  const std::int32_t* radii = nullptr;              // [N] 0 if not seen
-  const std::int32_t* splat_of_gaussian = nullptr;  // [N]
-  const Splat* splats = nullptr;                    // [M]
-  const SplatGradSum* splat_grads = nullptr;        // [M]
+  const std::int32_t* radii = nullptr;        // [N] 0 if not seen
+  const Splat* splats = nullptr;              // [N]
+  const SplatGradSum* splat_grads = nullptr;  // [N]
+  std::int32_t* n_records = nullptr;          // [1] in and out: number of records, 0 before
   SplatRecordArrays out{};
 };
 void keep_splat_records(const SplatRecordArgs& args, const LaunchContext& context);
@@ -262,22 +290,10 @@ void keep_splat_records(const SplatRecordArgs& args, const LaunchContext& contex
 /// The same for splats that were drawn elsewhere.
 void keep_splats(const KeepSplatsArgs& args, const LaunchContext& context);
 
-/// The splats of load_rows().
-struct SplatsOfRows {
-  std::int64_t n_rows = 0;
-  const std::int32_t* radii = nullptr;         // [n_rows] 0 if not drawn
-  const std::int32_t* splat_of_row = nullptr;  // [n_rows]
-};
-
-/// From the order of the splats to that of the rows; 0 for a row that is not drawn.
-void rows_of_splats(const SplatsOfRows& splats, const SplatGradSum* by_splat, SplatGradSum* by_row,
-                    const LaunchContext& context);
-void rows_of_splats(const SplatsOfRows& splats, const ScoreSums* by_splat, ScoreSums* by_row,
-                    const LaunchContext& context);
-
 /// Gradient with respect to the camera's pose (math/gaussian_grad.h).
 struct CameraGradientArgs {
   ProjectBackwardCudaArgs backward{};  // its `grad` is not used
+  const std::int32_t* seen = nullptr;  // [M] rows of the splats; null: all M rows in their order
   std::int64_t n_splats = 0;           // M
   double* parts = nullptr;             // [kCameraGradientParts, kCameraGradients] scratch, a sum per block
   double* out = nullptr;               // [kCameraGradients] out

@@ -1,31 +1,32 @@
 // Projection: Gaussians to splats.
 //   Grid: a thread per Gaussian. project_splat() (raster/math) decides whether the view sees it; the thread then writes
-//     splat, colour, extent, radius, number of tiles and depth bits to the Gaussian's row.
-//   Shared memory: the block's numbers of splats and pairs (project.cuh).
-//   Barriers: two, around the block's sums.
+//     splat, colour, extent and radius to the Gaussian's row, and the block adds its splats to the lengths of their
+//     tiles' lists (tile_spans.cuh).
+//   Shared memory: the rows of tiles of the block's splats. Barriers: around these, and for the number of splats.
 //   For the host: ViewCounts, read once per forward pass to size the buffers of binning.
 
 #include <cstdint>
 
 #include "raster/cuda/launch.cuh"
 #include "raster/cuda/project.cuh"
+#include "raster/cuda/tile_spans.cuh"
 #include "raster/math/project_splat.h"
 
 namespace b3dgs::cuda {
 namespace {
 
-constexpr int kThreads = 128;
+constexpr int kThreads = 256;
 
 /// Instead of an SH degree: a ColorPass computes the colours.
 constexpr int kNoColors = -1;
 
-/// Projects Gaussian i and writes its row. Returns the number of tiles that its splat touches, 0 if it is not seen.
+/// Projects Gaussian i and writes its row. Returns the rows of tiles that its splat touches, none if it is not seen.
 template <int kShDegree, bool kAntialiasing>
-__device__ __forceinline__ std::int32_t project_one(const ProjectCudaArgs& args, std::int64_t i) {
+__device__ __forceinline__ TileRows project_one(const ProjectCudaArgs& args, std::int64_t i) {
   const GaussianArrays& g = args.gaussians;
   const ViewTransform<float> view = make_view_transform<float>(args.view);
   const ProjectedGaussian projected =
-      project_splat<TileCount::kAll, kAntialiasing>(g, i, view, args.near_plane, args.culling, args.grid);
+      project_splat<TileCount::kAny, kAntialiasing>(g, i, view, args.near_plane, args.culling, args.grid);
   const bool is_seen = projected.outcome == Outcome::kSeen;
   bool is_valid = projected.outcome != Outcome::kInvalid;
   if (is_seen) {
@@ -40,25 +41,26 @@ __device__ __forceinline__ std::int32_t project_one(const ProjectCudaArgs& args,
     args.out.extents[i] = projected.extent;
   }
   args.out.radii[i] = is_seen ? projected.radius : 0;
-  args.out.n_tiles[i] = projected.n_tiles;
-  args.out.depth_bits[i] = is_seen ? __float_as_uint(projected.splat.depth) : 0;
   if (!is_valid) note_invalid(args.out.counts, i);
-  return projected.n_tiles;
+  if (!is_seen) return no_tile_rows(args.culling);
+  return tile_rows(args.grid, args.culling, projected.splat, projected.extent, projected.radius);
 }
 
 template <int kShDegree, bool kAntialiasing>
 __global__ void __launch_bounds__(kThreads) project_kernel(const ProjectCudaArgs args) {
-  __shared__ unsigned long long block_splats, block_pairs;
-  if (threadIdx.x == 0) block_splats = block_pairs = 0;
-  __syncthreads();
-
-  const std::int64_t i = static_cast<std::int64_t>(blockIdx.x) * kThreads + threadIdx.x;
-  const std::int32_t n_tiles = i < args.gaussians.n_gaussians ? project_one<kShDegree, kAntialiasing>(args, i) : 0;
-  count_splat(n_tiles, block_splats, block_pairs, args.out.counts);
+  __shared__ SpanTasks<kThreads> tasks;
+  const std::int64_t i = spread_row<kThreads>();
+  const TileRows rows =
+      i < args.gaussians.n_gaussians ? project_one<kShDegree, kAntialiasing>(args, i) : no_tile_rows(args.culling);
+  if (args.out.list_growth != nullptr) count_spans(tasks, args.grid, rows, args.out.list_growth);
+  count_splats(rows.begin < rows.end, args.out.counts);
 }
 
-__global__ void reset_counts_kernel(ViewCounts* counts, std::int64_t n_gaussians) {
-  *counts = {0, 0, n_gaussians};
+__global__ void __launch_bounds__(kThreads)
+    reset_counts_kernel(const ProjectOutputs out, std::int64_t n_gaussians, std::int32_t n_tiles) {
+  const auto tile = static_cast<std::int32_t>(blockIdx.x * kThreads + threadIdx.x);
+  if (tile == 0) out.counts[0] = out.counts[1] = {0, n_gaussians};
+  if (tile <= n_tiles && out.list_growth != nullptr) out.list_growth[kCounterStride * tile] = 0;
 }
 
 template <bool kAntialiasing>
@@ -76,14 +78,16 @@ void launch(const ProjectCudaArgs& args, const LaunchContext& context) {
 
 }  // namespace
 
-void reset_counts(ViewCounts* counts, std::int64_t n_gaussians, const LaunchContext& context) {
-  reset_counts_kernel<<<1, 1, 0, context.stream>>>(counts, n_gaussians);
+void reset_counts(const ProjectOutputs& out, std::int64_t n_gaussians, const TileGrid& grid,
+                  const LaunchContext& context) {
+  const std::int32_t n_tiles = grid.n_tiles();
+  reset_counts_kernel<<<n_tiles / kThreads + 1, kThreads, 0, context.stream>>>(out, n_gaussians, n_tiles);
   B3DGS_CUDA_CHECK_LAUNCH();
 }
 
 void project(const ProjectCudaArgs& args, const LaunchContext& context) {
   const std::int64_t n = args.gaussians.n_gaussians;
-  reset_counts(args.out.counts, n, context);
+  reset_counts(args.out, n, args.grid, context);
   if (n == 0) return;
   if (args.antialiasing) {
     launch<true>(args, context);

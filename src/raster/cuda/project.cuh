@@ -25,22 +25,12 @@ __device__ __forceinline__ void note_invalid(ViewCounts* counts, std::int64_t i)
   atomicMin(reinterpret_cast<unsigned long long*>(&counts->first_invalid), static_cast<unsigned long long>(i));
 }
 
-/// Adds this thread's splat, which touches n_tiles tiles; 0 if it has none. Warps add to the block's sums, which are in
-/// shared memory and 0 at the start, and one thread adds these to the view's: two global atomics per block. All threads
-/// of the block must call it. Barriers: one.
-__device__ __forceinline__ void count_splat(std::int32_t n_tiles, unsigned long long& block_splats,
-                                            unsigned long long& block_pairs, ViewCounts* counts) {
-  // A splat touches at most all tiles, so a warp's sum fits 32 bits up to 2^27 tiles.
-  const int seen = __popc(__ballot_sync(kFullWarp, n_tiles > 0));
-  const unsigned pairs = warp_sum(static_cast<unsigned>(n_tiles));
-  if (lane_id() == 0 && seen > 0) {
-    atomicAdd(&block_splats, static_cast<unsigned long long>(seen));
-    atomicAdd(&block_pairs, static_cast<unsigned long long>(pairs));
-  }
-  __syncthreads();
-  if (threadIdx.x == 0 && block_splats > 0) {
-    atomicAdd(reinterpret_cast<unsigned long long*>(&counts->n_splats), block_splats);
-    atomicAdd(reinterpret_cast<unsigned long long*>(&counts->n_pairs), block_pairs);
+/// Adds the block's splats to the view's: those of this block's threads that have one. All threads of the block must
+/// call it. Barriers: one.
+__device__ __forceinline__ void count_splats(bool has_splat, ViewCounts* counts) {
+  const int n = __syncthreads_count(has_splat);
+  if (threadIdx.x == 0 && n > 0) {
+    atomicAdd(reinterpret_cast<unsigned long long*>(&counts->n_splats), static_cast<unsigned long long>(n));
   }
 }
 
@@ -48,9 +38,8 @@ __device__ __forceinline__ void count_splat(std::int32_t n_tiles, unsigned long 
 /// args.antialiasing.
 template <int kShDegree, bool kAntialiasing>
 __device__ __forceinline__ GaussianGrad gaussian_grad(const ProjectBackwardCudaArgs& args, std::int64_t i) {
-  const std::int32_t rank = args.splat_of_gaussian[i];
-  const SplatGrad sum = args.splat_grads[rank].sum;
-  const unsigned clamped = args.splats[rank].clamped;
+  const SplatGrad sum = args.splat_grads[i].sum;
+  const unsigned clamped = args.splats[i].clamped;
   return b3dgs::gaussian_grad<kAntialiasing>(args.gaussians, i, make_view_transform<float>(args.view), args.view.center,
                                              kShDegree, sum, clamped);
 }

@@ -1,5 +1,6 @@
 // Runs the passes in order and owns the memory between them.
 
+#include <algorithm>
 #include <functional>
 #include <memory>
 #include <utility>
@@ -17,16 +18,24 @@ namespace b3dgs::cuda {
 namespace {
 
 /// For the error message about too many pairs. Waits for the device.
-WidestGaussian widest_gaussian(const std::int32_t* n_tiles, std::int64_t n, const LaunchContext& context) {
-  std::vector<std::int32_t> host(static_cast<std::size_t>(n));
-  B3DGS_CUDA_CHECK(cudaMemcpyAsync(host.data(), n_tiles, host.size() * sizeof(std::int32_t), cudaMemcpyDeviceToHost,
-                                   context.stream));
-  B3DGS_CUDA_CHECK(cudaStreamSynchronize(context.stream));
-  std::size_t widest = 0;
-  for (std::size_t i = 0; i < host.size(); ++i) {
-    if (host[i] > host[widest]) widest = i;
+WidestGaussian widest_gaussian(const ProjectOutputs& projected, std::int64_t n, const TileGrid& grid, Culling culling,
+                               const LaunchContext& context) {
+  const auto download = [&](const auto* device) {
+    std::vector<std::remove_const_t<std::remove_pointer_t<decltype(device)>>> host(static_cast<std::size_t>(n));
+    B3DGS_CUDA_CHECK(
+        cudaMemcpyAsync(host.data(), device, host.size() * sizeof(host[0]), cudaMemcpyDeviceToHost, context.stream));
+    B3DGS_CUDA_CHECK(cudaStreamSynchronize(context.stream));
+    return host;
+  };
+  const std::vector<Splat> splats = download(projected.splats);
+  const std::vector<Vec2f> extents = download(projected.extents);
+  const std::vector<std::int32_t> radii = download(projected.radii);
+  WidestGaussian widest{};
+  for (std::size_t i = 0; i < splats.size(); ++i) {
+    const std::int32_t n_tiles = radii[i] > 0 ? tiles_touched(grid, culling, splats[i], extents[i], radii[i]) : 0;
+    if (n_tiles > widest.n_tiles) widest = {static_cast<std::int64_t>(i), n_tiles};
   }
-  return {static_cast<std::int64_t>(widest), host[widest]};
+  return widest;
 }
 
 void check_valid(const ViewCounts& counts, std::int64_t n_gaussians) {
@@ -69,17 +78,14 @@ class Rasterizer final : public RasterizerBackend {
     check_kernels(settings);
     const LaunchContext context = context_();
     const std::int64_t n = gaussians.n_gaussians;
-    const ProjectOutputs projected = project_gaussians(gaussians, view, settings, context);
-    // The host continues while the device computes the colours; whether they are valid, it learns at the end.
-    counts_reader_.copy(projected.counts, context);
-    color_splats(gaussians, view, settings, projected, context);
-    if (settings.color_pass != nullptr) colored_reader_.copy(projected.counts, context);
-    const ViewCounts counts = wait_for_counts(projected, n, context);
-    if (has_too_many_pairs(counts.n_pairs)) {
-      throw NumericError(
-          too_many_pairs(counts.n_pairs, widest_gaussian(projected.n_tiles, n, context), state_.grid.n_tiles()));
+    const ProjectOutputs projected = project_gaussians(gaussians, view, settings, context, /*is_drawn=*/true);
+    if (settings.color_pass == nullptr) {
+      bin_view(projected, n, settings, "Gaussian", context);
+    } else {
+      bin_beside_colors(gaussians, projected, settings, context);
     }
-    draw(projected, n, counts, settings, out, context);
+    if (settings.camera_gradient) list_seen(projected, n, bin_buffers_, context);
+    draw(projected, n, settings, out, context);
     if (settings.color_pass != nullptr) colored_reader_.wait(n);
     state_.n_gaussians = n;
   }
@@ -104,8 +110,9 @@ class Rasterizer final : public RasterizerBackend {
     const LaunchContext context = context_();
     const ProjectBackwardCudaArgs args = blend_and_prepare(gaussians, grad, context);
     begin_stage(state_.stages, Stage::kProjectBackward);
-    keep_splat_records({gaussians.n_gaussians, args.radii, args.splat_of_gaussian, args.splats, args.splat_grads, out},
-                       context);
+    std::int32_t* const n_records = n_records_.resize(1, context);
+    B3DGS_CUDA_CHECK(cudaMemsetAsync(n_records, 0, sizeof(std::int32_t), context.stream));
+    keep_splat_records({gaussians.n_gaussians, args.radii, args.splats, args.splat_grads, n_records, out}, context);
     end_stage(state_.stages);
   }
 
@@ -113,10 +120,11 @@ class Rasterizer final : public RasterizerBackend {
                const SplatAllocator& allocate) override {
     check_render_args(gaussians, view, settings);
     const LaunchContext context = context_();
-    const ProjectOutputs projected = project_gaussians(gaussians, view, settings, context);
+    const ProjectOutputs projected = project_gaussians(gaussians, view, settings, context, /*is_drawn=*/false);
     color_splats(gaussians, view, settings, projected, context);
     counts_reader_.copy(projected.counts, context);
-    const ViewCounts counts = wait_for_counts(projected, gaussians.n_gaussians, context);
+    list_seen(projected, gaussians.n_gaussians, bin_buffers_, context);
+    const ViewCounts counts = counts_reader_.wait(gaussians.n_gaussians);
     copy_seen({projected, bin_buffers_.seen.data(), counts.n_splats, allocate(counts.n_splats)}, context);
     end_stage(state_.stages);
   }
@@ -125,7 +133,7 @@ class Rasterizer final : public RasterizerBackend {
                         const RenderSettings& settings, const SplatRowArrays& out, std::int64_t capacity) override {
     check_render_args(gaussians, view, settings);
     const LaunchContext context = context_();
-    const ProjectOutputs projected = project_gaussians(gaussians, view, settings, context);
+    const ProjectOutputs projected = project_gaussians(gaussians, view, settings, context, /*is_drawn=*/false);
     color_splats(gaussians, view, settings, projected, context);
     while (queued_counts_.size() <= index) queued_counts_.push_back(std::make_unique<PinnedValue<ViewCounts>>());
     B3DGS_CUDA_CHECK(cudaMemcpyAsync(queued_counts_[index]->get(), projected.counts, sizeof(ViewCounts),
@@ -156,15 +164,10 @@ class Rasterizer final : public RasterizerBackend {
     check_splat_args(n, view, settings);
     check_kernels(settings);
     const LaunchContext context = context_();
-    const ProjectOutputs projected = begin(n, view, settings, context);
+    const ProjectOutputs projected = begin(n, view, settings, context, /*is_drawn=*/true);
     load_rows({rows, state_.grid, settings.culling, projected}, context);
-    counts_reader_.copy(projected.counts, context);
-    const ViewCounts counts = wait_for_counts(projected, n, context);
-    if (has_too_many_pairs(counts.n_pairs)) {
-      throw NumericError(too_many_pairs(counts.n_pairs, widest_gaussian(projected.n_tiles, n, context),
-                                        state_.grid.n_tiles(), "the Gaussian of splat"));
-    }
-    draw(projected, n, counts, settings, out, context);
+    bin_view(projected, n, settings, "the Gaussian of splat", context);
+    draw(projected, n, settings, out, context);
     state_.n_rows = n;
   }
 
@@ -172,27 +175,22 @@ class Rasterizer final : public RasterizerBackend {
     state_.check_rows("backward_splats()");
     const LaunchContext context = context_();
     begin_stage(state_.stages, Stage::kBlendBackward);
-    blend_backward(backward_kernel_, grad, context);
-    begin_stage(state_.stages, Stage::kProjectBackward);
-    rows_of_splats(splats_of_rows(), splat_grads_.data(), out, context);
+    blend_backward(backward_kernel_, grad, out, context);
     end_stage(state_.stages);
-  }
-
-  const std::int32_t* splat_of_row() const override {
-    state_.check_rows("splat_of_row()");
-    return binned_.splat_of_gaussian;
   }
 
   void score(const float* error, const ScoreArrays& out) override {
     state_.check_gaussians("score()");
     const LaunchContext context = context_();
-    add_scores({binned_.splats, state_.n_splats, nullptr, score_of_splats(error, context), out}, context);
+    static_assert(sizeof(ScoreSums) <= sizeof(SplatGradSum), "fits into a splat's gradient");
+    auto* const sums = reinterpret_cast<ScoreSums*>(splat_grads_.resize(n_rows(), context));
+    score_rows(error, sums, out.weight_sum != nullptr, context);
+    add_scores({splats_.data(), n_rows(), nullptr, sums, out}, radii_.data(), context);
   }
 
   void score_splats(const float* error, ScoreSums* out) override {
     state_.check_rows("score_splats()");
-    const LaunchContext context = context_();
-    rows_of_splats(splats_of_rows(), score_of_splats(error, context), out, context);
+    score_rows(error, out, /*wants_weights=*/true, context_());
   }
 
   void reblend(ForwardKernel kernel) override {
@@ -202,12 +200,12 @@ class Rasterizer final : public RasterizerBackend {
 
   void reblend_backward(BackwardKernel kernel, const ImageGradArrays& grad) override {
     state_.check_view("reblend_backward()");
-    blend_backward(kernel, grad, context_());
+    blend_backward(kernel, grad, splat_grads_.data(), context_());
   }
 
   void count_load(std::int32_t* processed, std::int32_t* contributing) const override {
     state_.check_view("count_load()");
-    cuda::count_load({binned_.splats, binned_.bins, state_.grid, processed, contributing}, context_());
+    cuda::count_load({splats_.data(), binned_.bins, state_.grid, processed, contributing}, context_());
   }
 
   const double* camera_gradient() const override {
@@ -218,7 +216,8 @@ class Rasterizer final : public RasterizerBackend {
   const float* splat_grads() const override { return reinterpret_cast<const float*>(splat_grads_.data()); }
   const std::int32_t* radii() const override { return radii_.data(); }
   const std::int32_t* last_ids() const override { return last_ids_.data(); }
-  const Splat* splats() const override { return binned_.splats; }
+  const Splat* splats() const override { return splats_.data(); }
+  std::int64_t n_rows() const override { return state_.n_rows >= 0 ? state_.n_rows : state_.n_gaussians; }
   BinnedSplats bins() const override { return binned_.bins; }
 
   std::int64_t memory_bytes() override {
@@ -234,17 +233,18 @@ class Rasterizer final : public RasterizerBackend {
  private:
   /// Returns buffers for n rows.
   ProjectOutputs begin(std::int64_t n, const PinholeView& view, const RenderSettings& settings,
-                       const LaunchContext& context) {
+                       const LaunchContext& context, bool is_drawn) {
     state_.begin_view(view, make_tile_grid(view.width, view.height, settings.tile), settings);
     begin_stage(state_.stages, Stage::kProject);
-    return {splats_.resize(n, context),  extents_.resize(n, context),    radii_.resize(n, context),
-            n_tiles_.resize(n, context), depth_bits_.resize(n, context), counts_.resize(1, context)};
+    return {splats_.resize(n, context), extents_.resize(n, context), radii_.resize(n, context),
+            is_drawn ? list_growth_.resize(kCounterStride * (state_.grid.n_tiles() + 1), context) : nullptr,
+            counts_.resize(2, context)};
   }
 
   /// Without the colours if a ColorPass computes them: color_splats() must follow.
   ProjectOutputs project_gaussians(const GaussianArrays& gaussians, const PinholeView& view,
-                                   const RenderSettings& settings, const LaunchContext& context) {
-    const ProjectOutputs projected = begin(gaussians.n_gaussians, view, settings, context);
+                                   const RenderSettings& settings, const LaunchContext& context, bool is_drawn) {
+    const ProjectOutputs projected = begin(gaussians.n_gaussians, view, settings, context, is_drawn);
     cuda::project({gaussians, view, settings.sh_degree, settings.near_plane, settings.culling, state_.grid, projected,
                    settings.color_pass == nullptr, settings.antialiasing},
                   context);
@@ -257,22 +257,51 @@ class Rasterizer final : public RasterizerBackend {
     settings.color_pass->color({gaussians, view.center, settings.sh_degree, projected}, context);
   }
 
-  /// Begins the binning of n rows, and waits for the counts that counts_reader_ copies.
-  ViewCounts wait_for_counts(const ProjectOutputs& projected, std::int64_t n, const LaunchContext& context) {
+  /// The lists of n rows. Waits for their counts, after calling `meanwhile`. `widest`: what rows are, in errors.
+  void bin_view(
+      const ProjectOutputs& projected, std::int64_t n, const RenderSettings& settings, const char* widest,
+      const LaunchContext& context, const std::function<void()>& meanwhile = [] {}) {
+    number_lists(projected, state_.grid.n_tiles(), bin_buffers_, context);
+    counts_reader_.copy(projected.counts, context);
+    meanwhile();
     begin_stage(state_.stages, Stage::kBin);
-    list_seen(projected, n, bin_buffers_, context);
-    return counts_reader_.wait(n);
+    const ViewCounts counts = counts_reader_.wait(n);
+    if (has_too_many_pairs(counts.n_pairs)) {
+      throw NumericError(too_many_pairs(counts.n_pairs,
+                                        widest_gaussian(projected, n, state_.grid, settings.culling, context),
+                                        state_.grid.n_tiles(), widest));
+    }
+    state_.n_splats = counts.n_splats;
+    cuts_lists_ = cuts_lists(counts, context.n_multiprocessors);
+    const bool keep_slots = settings.deterministic && settings.keep_for_backward;
+    binned_ =
+        bin({projected, n, counts, state_.grid, settings.culling, keep_slots}, bin_buffers_, pass_scratch_, context);
   }
 
-  /// From the splats to the images.
-  void draw(const ProjectOutputs& projected, std::int64_t n, const ViewCounts& counted, const RenderSettings& settings,
-            const ImageArrays& out, const LaunchContext& context) {
+  /// Colours and lists do not depend on each other, and neither fills the device. Whether the colours are valid, the
+  /// host learns at the end of the pass.
+  void bin_beside_colors(const GaussianArrays& gaussians, const ProjectOutputs& projected,
+                         const RenderSettings& settings, const LaunchContext& context) {
+    const LaunchContext side = side_.fork(context);
+    try {
+      bin_view(projected, gaussians.n_gaussians, settings, "Gaussian", side, [&] {
+        ProjectOutputs colored = projected;
+        ++colored.counts;
+        color_splats(gaussians, state_.view, settings, colored, context);
+        colored_reader_.copy(colored.counts, context);
+      });
+    } catch (...) {
+      side_.join(context);
+      throw;
+    }
+    side_.join(context);
+  }
+
+  /// From the lists to the images.
+  void draw(const ProjectOutputs& projected, std::int64_t n, const RenderSettings& settings, const ImageArrays& out,
+            const LaunchContext& context) {
     state_.begin_drawing(settings, out);
-    state_.n_splats = counted.n_splats;
-    const bool keep_slots = settings.deterministic && settings.keep_for_backward;
-    binned_ = bin({projected, n, counted.n_splats, counted.n_pairs, state_.grid, settings.culling, keep_slots},
-                  bin_buffers_, pass_scratch_, context);
-    if (state_.inverse_depth) invert_depths(bin_buffers_.splats.data(), state_.n_splats, context);
+    if (state_.inverse_depth) invert_depths({n, projected.radii, projected.splats, nullptr}, context);
 
     begin_stage(state_.stages, Stage::kBlendForward);
     parts_ = {};
@@ -281,7 +310,7 @@ class Rasterizer final : public RasterizerBackend {
     if (settings.keep_for_backward) {
       parts_.color = part_color_.resize(n_bucket_pixels(), context);
       if (settings.depth_gradient) parts_.depth = part_depth_.resize(n_bucket_pixels(), context);
-      reserve_for_backward(context);
+      reserve_for_backward(n, context);
     }
     const std::int64_t n_pixels = std::int64_t{state_.view.width} * state_.view.height;
     transmittance_.resize(n_pixels, context);
@@ -291,8 +320,8 @@ class Rasterizer final : public RasterizerBackend {
   }
 
   /// Takes the memory that the backward pass needs while this pass can still be repeated.
-  void reserve_for_backward(const LaunchContext& context) {
-    splat_grads_.resize(state_.n_splats, context);
+  void reserve_for_backward(std::int64_t n, const LaunchContext& context) {
+    splat_grads_.resize(n, context);
     if (deterministic_) pair_grads_.resize(binned_.bins.n_pairs, context);
     if (state_.camera_gradient) {
       camera_parts_.resize(kCameraGradientParts * kCameraGradients, context);
@@ -301,38 +330,38 @@ class Rasterizer final : public RasterizerBackend {
   }
 
   void blend_forward(ForwardKernel kernel, const LaunchContext& context) {
-    const BlendForwardArgs blend{binned_.splats,    binned_.extents, binned_.bins,          state_.grid,
+    const BlendForwardArgs blend{splats_.data(),    extents_.data(), binned_.bins,          state_.grid,
                                  state_.background, state_.rendered, transmittance_.data(), last_ids_.data()};
-    BlendForwardCudaArgs args{blend, binned_.buckets, parts_};
+    BlendForwardCudaArgs args{blend, binned_.buckets, binned_.tiles_by_length, cuts_lists_, parts_};
     forward_scratch_.allocate(kernel, args, pass_scratch_, context);
     B3DGS_CUDA_CHECK(cudaMemsetAsync(args.next_task, 0, sizeof(std::int32_t), context.stream));
     kForwardTable[static_cast<std::size_t>(kernel)].launch(args, context);
     stored_parts_ = parts_after(kernel, args);
   }
 
-  void blend_backward(BackwardKernel kernel, const ImageGradArrays& grad, const LaunchContext& context) {
+  /// `sums`: [rows] out.
+  void blend_backward(BackwardKernel kernel, const ImageGradArrays& grad, SplatGradSum* sums,
+                      const LaunchContext& context) {
     B3DGS_CHECK(parts_.color != nullptr, "backward() after a forward() without keep_for_backward");
     B3DGS_CHECK(grad.depth == nullptr || parts_.depth != nullptr,
                 "gradient with respect to depth after a forward() without depth_gradient");
-    const auto zeroed = [&](DeviceBuffer<SplatGradSum>& buffer, std::int64_t count) {
-      SplatGradSum* const sums = buffer.resize(count, context);
-      B3DGS_CUDA_CHECK(
-          cudaMemsetAsync(sums, 0, static_cast<std::size_t>(count) * sizeof(SplatGradSum), context.stream));
-      return sums;
-    };
     BlendBackwardCudaArgs args{};
-    args.blend = {binned_.splats,  binned_.extents,       binned_.bins,     state_.grid, state_.background,
+    args.blend = {splats_.data(),  extents_.data(),       binned_.bins,     state_.grid, state_.background,
                   state_.rendered, transmittance_.data(), last_ids_.data(), grad,        nullptr};
     args.buckets = binned_.buckets;
     args.parts = stored_parts_;
-    args.splat_grads = zeroed(splat_grads_, state_.n_splats);
-    if (deterministic_) args.pair_grads = zeroed(pair_grads_, binned_.bins.n_pairs);
+    args.splat_grads = sums;
+    zero(sums, n_rows(), context);
+    if (deterministic_ && binned_.bins.n_pairs > 0) {
+      args.pair_grads = pair_grads_.resize(binned_.bins.n_pairs, context);
+      zero(args.pair_grads, binned_.bins.n_pairs, context);
+    }
     kBackwardTable[static_cast<std::size_t>(kernel)].launch(args, context);
-    if (deterministic_) {
-      sum_splat_grads({state_.n_splats, binned_.bins.slot_offsets, args.pair_grads, args.splat_grads}, context);
+    if (args.pair_grads != nullptr) {
+      sum_splat_grads({n_rows(), binned_.bins.slot_offsets, args.pair_grads, sums}, context);
     }
     if (state_.inverse_depth && grad.depth != nullptr) {
-      invert_depth_gradients(binned_.splats, state_.n_splats, args.splat_grads, context);
+      invert_depth_gradients({n_rows(), radii_.data(), splats_.data(), sums}, context);
     }
   }
 
@@ -342,41 +371,44 @@ class Rasterizer final : public RasterizerBackend {
                                             const LaunchContext& context) {
     state_.check_same(gaussians);
     begin_stage(state_.stages, Stage::kBlendBackward);
-    blend_backward(backward_kernel_, grad, context);
+    blend_backward(backward_kernel_, grad, splat_grads_.data(), context);
     end_stage(state_.stages);
-    ProjectBackwardCudaArgs args{
-        gaussians,      state_.view,        state_.sh_degree, radii_.data(), binned_.splat_of_gaussian,
-        binned_.splats, splat_grads_.data()};
+    ProjectBackwardCudaArgs args{gaussians,     state_.view,    state_.sh_degree,
+                                 radii_.data(), splats_.data(), splat_grads_.data()};
     args.antialiasing = state_.antialiasing;
     state_.has_camera_gradient = state_.camera_gradient;
     if (state_.camera_gradient) {
       begin_stage(state_.stages, Stage::kProjectBackward);
-      cuda::camera_gradient({args, state_.n_splats, camera_parts_.data(), camera_gradients_.data()}, context);
+      cuda::camera_gradient(
+          {args, bin_buffers_.seen.data(), state_.n_splats, camera_parts_.data(), camera_gradients_.data()}, context);
       end_stage(state_.stages);
     }
     return args;
   }
 
-  /// Scores of each splat, in the memory of splat_grads_.
-  ScoreSums* score_of_splats(const float* error, const LaunchContext& context) {
-    static_assert(sizeof(ScoreSums) <= sizeof(SplatGradSum), "fits into a splat's gradient");
-    auto* const sums = reinterpret_cast<ScoreSums*>(splat_grads_.resize(state_.n_splats, context));
-    const std::size_t bytes = static_cast<std::size_t>(state_.n_splats) * sizeof(ScoreSums);
-    B3DGS_CUDA_CHECK(cudaMemsetAsync(sums, 0, bytes, context.stream));
-    cuda::score({binned_.splats, binned_.extents, binned_.bins, state_.grid, error, sums}, context);
-    return sums;
+  /// `sums`: [rows] out.
+  void score_rows(const float* error, ScoreSums* sums, bool wants_weights, const LaunchContext& context) {
+    zero(sums, n_rows(), context);
+    cuda::score({splats_.data(), extents_.data(), binned_.bins, state_.grid, error, sums}, binned_.tiles_by_length,
+                wants_weights, context);
   }
 
-  SplatsOfRows splats_of_rows() const { return {state_.n_rows, radii_.data(), binned_.splat_of_gaussian}; }
+  template <class Row>
+  static void zero(Row* rows, std::int64_t n, const LaunchContext& context) {
+    B3DGS_CUDA_CHECK(cudaMemsetAsync(rows, 0, static_cast<std::size_t>(n) * sizeof(Row), context.stream));
+  }
 
+  /// At least one, so that there is memory for parts, which says that they were kept.
   std::int64_t n_bucket_pixels() const {
-    return binned_.buckets.n_max * (std::int64_t{state_.grid.tile.width} * state_.grid.tile.height);
+    return std::max<std::int64_t>(binned_.buckets.n, 1) *
+           (std::int64_t{state_.grid.tile.width} * state_.grid.tile.height);
   }
 
   template <class Visit>
   void visit_buffers(Visit&& visit) {
-    visit(splats_), visit(extents_), visit(radii_), visit(n_tiles_), visit(last_ids_), visit(depth_bits_);
-    visit(counts_), visit(part_color_), visit(part_depth_), visit(transmittance_), visit(splat_grads_);
+    visit(splats_), visit(extents_), visit(radii_), visit(last_ids_), visit(list_growth_);
+    visit(n_records_), visit(counts_), visit(part_color_), visit(part_depth_), visit(transmittance_),
+        visit(splat_grads_);
     visit(pair_grads_), visit(pass_scratch_), visit(camera_parts_), visit(camera_gradients_);
     forward_scratch_.visit_buffers(visit);
     bin_buffers_.visit_buffers(visit);
@@ -385,8 +417,7 @@ class Rasterizer final : public RasterizerBackend {
   std::function<LaunchContext()> context_;
   DeviceBuffer<Splat> splats_;
   DeviceBuffer<Vec2f> extents_;
-  DeviceBuffer<std::int32_t> radii_, n_tiles_, last_ids_;
-  DeviceBuffer<std::uint32_t> depth_bits_;
+  DeviceBuffer<std::int32_t> radii_, last_ids_, list_growth_, n_records_;
   DeviceBuffer<ViewCounts> counts_;
   DeviceBuffer<float4> part_color_;
   DeviceBuffer<float> part_depth_, transmittance_;
@@ -396,6 +427,7 @@ class Rasterizer final : public RasterizerBackend {
   DeviceBuffer<double> camera_parts_, camera_gradients_;
   BinBuffers bin_buffers_;
   CountsReader counts_reader_, colored_reader_;
+  SideStream side_;
   std::vector<std::unique_ptr<PinnedValue<ViewCounts>>> queued_counts_;  // of the projections that were queued
   std::size_t n_queued_ = 0;
   std::int64_t n_queued_gaussians_ = 0;
@@ -404,6 +436,7 @@ class Rasterizer final : public RasterizerBackend {
   // Of the last forward pass:
   BackwardKernel backward_kernel_{};
   bool deterministic_ = false;
+  bool cuts_lists_ = false;
   BinnedView binned_{};
   BucketParts parts_{};         // memory for the bucket parts
   BucketParts stored_parts_{};  // what the last blend stored there

@@ -2,10 +2,7 @@
 // named. Rows are splats in the order of their Gaussians (splat_rows.h).
 //   Views split at the splats:
 //     copy_seen_kernel, after projection: copies each row from its Gaussian's.
-//     load_rows_kernel, in place of projection: copies each row and counts its tiles. Shared memory: the block's
-//       numbers of splats and pairs. Barriers: two, around these sums.
-//     rows_of_splats_kernel, after the backward blend or scoring: copies each row from its splat's; a thread per 8
-//       bytes.
+//     load_rows_kernel, in place of projection: copies each row and counts its tiles, as projection does.
 //   Inverse depth (math/project_splat.h): invert_depths_kernel, invert_depth_gradients_kernel.
 //   Deterministic gradients: sum_splat_grads_kernel sums those of each splat's pairs in a fixed order. A warp per
 //     splat: lanes take the pairs in turn, and the lanes are summed with shuffles.
@@ -15,6 +12,7 @@
 
 #include "core/cuda_rows.cuh"
 #include "raster/cuda/project.cuh"
+#include "raster/cuda/tile_spans.cuh"
 #include "raster/math/project_splat.h"
 #include "raster/math/tiling.h"
 
@@ -22,10 +20,6 @@ namespace b3dgs::cuda {
 namespace {
 
 constexpr int kThreads = 256;
-
-unsigned blocks_for(std::int64_t n) {
-  return static_cast<unsigned>((n + kThreads - 1) / kThreads);
-}
 
 __global__ void __launch_bounds__(kThreads) copy_seen_kernel(const CopySeenArgs args) {
   const std::int64_t m = own_row<kThreads>();
@@ -37,58 +31,33 @@ __global__ void __launch_bounds__(kThreads) copy_seen_kernel(const CopySeenArgs 
 }
 
 __global__ void __launch_bounds__(kThreads) load_rows_kernel(const LoadRowsArgs args) {
-  __shared__ unsigned long long block_splats, block_pairs;
-  if (threadIdx.x == 0) block_splats = block_pairs = 0;
-  __syncthreads();
-
-  const std::int64_t m = own_row<kThreads>();
-  std::int32_t n_tiles = 0;
+  __shared__ SpanTasks<kThreads> tasks;
+  const std::int64_t m = spread_row<kThreads>();
+  TileRows rows = no_tile_rows(args.culling);
   if (m < args.rows.n_splats) {
     Splat splat = args.rows.splats[m];
     splat.gaussian = static_cast<std::int32_t>(m);
     const Vec2f extent = args.rows.extents[m];
     const std::int32_t radius = args.rows.radii[m];
-    n_tiles = tiles_touched(args.grid, args.culling, splat, extent, radius);
+    const bool is_drawn = tiles_touched<TileCount::kAny>(args.grid, args.culling, splat, extent, radius) > 0;
     args.out.splats[m] = splat;
     args.out.extents[m] = extent;
-    args.out.radii[m] = n_tiles > 0 ? radius : 0;
-    args.out.n_tiles[m] = n_tiles;
-    args.out.depth_bits[m] = n_tiles > 0 ? __float_as_uint(splat.depth) : 0;
+    args.out.radii[m] = is_drawn ? radius : 0;
+    if (is_drawn) rows = tile_rows(args.grid, args.culling, splat, extent, radius);
   }
-  count_splat(n_tiles, block_splats, block_pairs, args.out.counts);
+  count_spans(tasks, args.grid, rows, args.out.list_growth);
+  count_splats(rows.begin < rows.end, args.out.counts);
 }
 
-/// Rows of `words` words each; 0 for a row that is not drawn.
-__global__ void __launch_bounds__(kThreads)
-    rows_of_splats_kernel(const SplatsOfRows splats, int words, const unsigned long long* by_splat,
-                          unsigned long long* by_row) {
-  const std::int64_t k = own_row<kThreads>();
-  const std::int64_t row = k / words;
-  if (row >= splats.n_rows) return;
-  const bool is_drawn = splats.radii[row] > 0;
-  by_row[k] = is_drawn ? by_splat[std::int64_t{splats.splat_of_row[row]} * words + k % words] : 0;
+__global__ void __launch_bounds__(kThreads) invert_depths_kernel(const InvertDepthsArgs args) {
+  const std::int64_t i = own_row<kThreads>();
+  if (i < args.n_rows && args.radii[i] > 0) invert_depth(args.splats[i]);
 }
 
-template <class Row>
-void copy_to_rows(const SplatsOfRows& splats, const Row* by_splat, Row* by_row, const LaunchContext& context) {
-  constexpr int kWords = sizeof(Row) / sizeof(unsigned long long);
-  static_assert(sizeof(Row) % sizeof(unsigned long long) == 0 && alignof(Row) >= alignof(unsigned long long));
-  if (splats.n_rows == 0) return;
-  rows_of_splats_kernel<<<blocks_for(splats.n_rows * kWords), kThreads, 0, context.stream>>>(
-      splats, kWords, reinterpret_cast<const unsigned long long*>(by_splat),
-      reinterpret_cast<unsigned long long*>(by_row));
-  B3DGS_CUDA_CHECK_LAUNCH();
-}
-
-__global__ void __launch_bounds__(kThreads) invert_depths_kernel(Splat* splats, std::int64_t n_splats) {
-  const std::int64_t m = own_row<kThreads>();
-  if (m < n_splats) invert_depth(splats[m]);
-}
-
-__global__ void __launch_bounds__(kThreads)
-    invert_depth_gradients_kernel(const Splat* splats, std::int64_t n_splats, SplatGradSum* splat_grads) {
-  const std::int64_t m = own_row<kThreads>();
-  if (m < n_splats) splat_grads[m].sum.depth = depth_gradient(splats[m], splat_grads[m].sum.depth);
+__global__ void __launch_bounds__(kThreads) invert_depth_gradients_kernel(const InvertDepthsArgs args) {
+  const std::int64_t i = own_row<kThreads>();
+  if (i >= args.n_rows || args.radii[i] == 0) return;
+  args.splat_grads[i].sum.depth = depth_gradient(args.splats[i], args.splat_grads[i].sum.depth);
 }
 
 __device__ __forceinline__ void add(float4& sum, float4 value) {
@@ -98,7 +67,7 @@ __device__ __forceinline__ void add(float4& sum, float4 value) {
 __global__ void __launch_bounds__(kThreads) sum_splat_grads_kernel(const SumSplatGradsArgs args) {
   constexpr int kWords = sizeof(SplatGradSum) / sizeof(float4);
   const std::int64_t splat = own_row<kThreads>() / kWarpSize;
-  if (splat >= args.n_splats) return;
+  if (splat >= args.n_rows) return;
   float4 sum[kWords]{};
   for (std::int64_t slot = args.slot_offsets[splat] + lane_id(); slot < args.slot_offsets[splat + 1];
        slot += kWarpSize) {
@@ -119,9 +88,9 @@ __global__ void __launch_bounds__(kThreads) keep_splat_records_kernel(const Spla
   std::int32_t record = -1;
   Vec2f centre{0, 0};
   if (args.radii[i] > 0) {
-    record = args.splat_of_gaussian[i];
-    const SplatGrad sum = args.splat_grads[record].sum;
-    args.out.records[record] = {sum, static_cast<std::int32_t>(i), args.splats[record].clamped};
+    record = atomicAdd(args.n_records, 1);
+    const SplatGrad sum = args.splat_grads[i].sum;
+    args.out.records[record] = {sum, static_cast<std::int32_t>(i), args.splats[i].clamped};
     centre = centre_gradient(Vec2f{sum.mean_x, sum.mean_y});
   }
   args.out.record_of_gaussian[i] = record;
@@ -140,34 +109,20 @@ void copy_seen(const CopySeenArgs& args, const LaunchContext& context) {
 }
 
 void load_rows(const LoadRowsArgs& args, const LaunchContext& context) {
-  reset_counts(args.out.counts, args.rows.n_splats, context);
+  reset_counts(args.out, args.rows.n_splats, args.grid, context);
   launch_rows<kThreads>(load_rows_kernel, args, args.rows.n_splats, context.stream);
 }
 
-void rows_of_splats(const SplatsOfRows& splats, const SplatGradSum* by_splat, SplatGradSum* by_row,
-                    const LaunchContext& context) {
-  copy_to_rows(splats, by_splat, by_row, context);
-}
-void rows_of_splats(const SplatsOfRows& splats, const ScoreSums* by_splat, ScoreSums* by_row,
-                    const LaunchContext& context) {
-  copy_to_rows(splats, by_splat, by_row, context);
+void invert_depths(const InvertDepthsArgs& args, const LaunchContext& context) {
+  launch_rows<kThreads>(invert_depths_kernel, args, args.n_rows, context.stream);
 }
 
-void invert_depths(Splat* splats, std::int64_t n_splats, const LaunchContext& context) {
-  if (n_splats == 0) return;
-  invert_depths_kernel<<<blocks_for(n_splats), kThreads, 0, context.stream>>>(splats, n_splats);
-  B3DGS_CUDA_CHECK_LAUNCH();
-}
-
-void invert_depth_gradients(const Splat* splats, std::int64_t n_splats, SplatGradSum* splat_grads,
-                            const LaunchContext& context) {
-  if (n_splats == 0) return;
-  invert_depth_gradients_kernel<<<blocks_for(n_splats), kThreads, 0, context.stream>>>(splats, n_splats, splat_grads);
-  B3DGS_CUDA_CHECK_LAUNCH();
+void invert_depth_gradients(const InvertDepthsArgs& args, const LaunchContext& context) {
+  launch_rows<kThreads>(invert_depth_gradients_kernel, args, args.n_rows, context.stream);
 }
 
 void sum_splat_grads(const SumSplatGradsArgs& args, const LaunchContext& context) {
-  launch_rows<kThreads>(sum_splat_grads_kernel, args, args.n_splats * kWarpSize, context.stream);
+  launch_rows<kThreads>(sum_splat_grads_kernel, args, args.n_rows * kWarpSize, context.stream);
 }
 
 void keep_splat_records(const SplatRecordArgs& args, const LaunchContext& context) {

@@ -206,6 +206,11 @@ B3DGS_HD TileRows tile_rows(const TileGrid& grid, Culling culling, const Splat& 
   return {culling, tiles.y_begin, tiles.y_end, {}, make_ellipse_rows(splat, extent)};
 }
 
+/// Of a splat that touches no tile.
+B3DGS_HD TileRows no_tile_rows(Culling culling) {
+  return {culling, 0, 0, {0, 0}, {}};
+}
+
 /// Half-open interval of pixel rows.
 struct RowSpan {
   std::int32_t begin, end;

@@ -267,16 +267,6 @@ torch::Tensor Rasterizer::score_splats(const torch::Tensor& error) {
   return sums;
 }
 
-torch::Tensor Rasterizer::order_of_splats() const {
-  B3DGS_CHECK(impl_->n_rows >= 0, "order_of_splats() before any forward_splats()");
-  const torch::TensorOptions options = impl_->rendered.color.options();
-  const std::int32_t* const splat_of_row = impl_->backend().splat_of_row();
-  if (splat_of_row == nullptr) return torch::arange(impl_->n_rows, options.dtype(torch::kInt64));
-  B3DGS_CHECK(impl_->backend().n_splats() == impl_->n_rows, impl_->backend().n_splats(), " of ", impl_->n_rows,
-              " splats are drawn");
-  return tensor_of(splat_of_row, {impl_->n_rows}, options, torch::kInt32).to(torch::kInt64);
-}
-
 RenderedView Rasterizer::reblend(ForwardKernel kernel) {
   impl_->backend().reblend(kernel);
   return impl_->rendered;
@@ -285,7 +275,7 @@ RenderedView Rasterizer::reblend(ForwardKernel kernel) {
 torch::Tensor Rasterizer::reblend_backward(BackwardKernel kernel, const RenderedViewGrad& grad) {
   impl_->backend().reblend_backward(kernel, impl_->image_grad(grad));
   constexpr std::int64_t kColumns = sizeof(SplatGradSum) / sizeof(float), kUsed = sizeof(SplatGrad) / sizeof(float);
-  return tensor_of(impl_->backend().splat_grads(), {impl_->backend().n_splats(), kColumns},
+  return tensor_of(impl_->backend().splat_grads(), {impl_->backend().n_rows(), kColumns},
                    impl_->rendered.color.options(), torch::kFloat32)
       .narrow(1, 0, kUsed);
 }

@@ -161,10 +161,6 @@ class Rasterizer {
   /// (64-bit integers in units of 2^-24, lower word first), the bits of the largest weight, and 0.
   torch::Tensor score_splats(const torch::Tensor& error);
 
-  /// [M] int64, a new tensor: the place of each row of the last forward_splats() in the order in which passes add up
-  /// splats: by depth on a GPU, that of the rows on the CPU.
-  torch::Tensor order_of_splats() const;
-
   /// Blends the view of the last forward() again with another kernel, into the same tensors; the other passes are the
   /// same for all kernels. On a GPU it does not wait for the device.
   RenderedView reblend(ForwardKernel kernel);

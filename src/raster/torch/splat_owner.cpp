@@ -46,7 +46,7 @@ void add_splat_scores(const ViewSplats& splats, const torch::Tensor& scores, con
                            arrays_of(out, check)};
   if (device.is_cpu()) cpu::add_scores(args);
 #if B3DGS_TORCH_CUDA
-  if (!device.is_cpu()) cuda::add_scores(args, torch_launch_context());
+  if (!device.is_cpu()) cuda::add_scores(args, /*radii=*/nullptr, torch_launch_context());
 #endif
 }
 
@@ -78,7 +78,8 @@ torch::Tensor camera_parts(const GaussianTensors& gaussians, const ViewSplats& s
     const torch::Tensor scratch =
         torch::empty({cuda::kCameraGradientParts + 1, kCameraGradients}, options.dtype(torch::kFloat64));
     double* const sum = scratch.data_ptr<double>();  // not used, like the parts of blocks behind it
-    cuda::camera_gradient({backward, args.n_splats, sum + kCameraGradients, sum, args.out}, torch_launch_context());
+    cuda::camera_gradient({backward, nullptr, args.n_splats, sum + kCameraGradients, sum, args.out},
+                          torch_launch_context());
   }
 #endif
   return parts;

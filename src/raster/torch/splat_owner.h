@@ -31,8 +31,7 @@ torch::Tensor camera_parts(const GaussianTensors& gaussians, const ViewSplats& s
                            const PinholeView& view, const RenderSettings& settings);
 
 /// Their sum over all splats of a view, a new tensor [6] double: exactly what Rasterizer::backward() would have
-/// computed if rows are in the order of Rasterizer::order_of_splats(). @throws LogicError naming a tensor that does not
-/// fit
+/// computed if rows are in the order of Rasterizer::project(). @throws LogicError naming a tensor that does not fit
 torch::Tensor sum_camera_parts(const torch::Tensor& parts);
 
 }  // namespace b3dgs

@@ -36,7 +36,7 @@ TEST(ReblendCuda, BackwardKernelsSumTheSame) {
   std::vector<torch::Tensor> sums;
   for (const BackwardKernelName& kernel : kBackwardKernels) {
     view.rasterizer().reblend_backward(kernel.kernel, {grad.data(), grad_depth.data(), nullptr});
-    torch::Tensor host = torch::empty({view.rasterizer().n_splats(), 12});
+    torch::Tensor host = torch::empty({view.rasterizer().n_rows(), 12});
     B3DGS_CUDA_CHECK(
         cudaMemcpy(host.data_ptr<float>(), view.rasterizer().splat_grads(), host.nbytes(), cudaMemcpyDeviceToHost));
     sums.push_back(host.narrow(1, 0, 10));

@@ -182,7 +182,7 @@ class CudaSplit {
                       context_);
     cuda::add_scores({device.rows().splats, splats.size(), nullptr,
                       reinterpret_cast<const ScoreSums*>(device_scores.data()), owned.score_arrays()},
-                     context_);
+                     /*radii=*/nullptr, context_);
     return owned.to_host();
   }
 

@@ -388,7 +388,6 @@ __global__ void __launch_bounds__(kThreads, kResidentBlocks<kTilePixels, kWithDe
   using Patch = PatchBlend<kTilePixels, kWithDepth>;
   __shared__ typename Patch::Memory memory[kWarps];
   const auto bucket = static_cast<std::int64_t>(blockIdx.x);
-  if (bucket >= static_cast<std::int64_t>(*args.buckets.n)) return;
   const BucketRange range(args, bucket);
   const int patch = static_cast<int>(threadIdx.x) / kWarpSize;
   Patch(args, range, memory[patch], patch).run();
@@ -399,8 +398,8 @@ __global__ void __launch_bounds__(kThreads, kResidentBlocks<kTilePixels, kWithDe
 }  // namespace
 
 void launch_backward_per_bucket(const BlendBackwardCudaArgs& args, const LaunchContext& context) {
-  if (args.buckets.n_max == 0) return;
-  const auto blocks = static_cast<unsigned>(args.buckets.n_max);
+  if (args.buckets.n == 0) return;
+  const auto blocks = static_cast<unsigned>(args.buckets.n);
   with_tile_pixels(args.blend.grid.tile, [&](auto pixels) {
     if (args.blend.grad.depth != nullptr) {
       backward_per_bucket_kernel<pixels.value, true><<<blocks, kThreads, 0, context.stream>>>(args);

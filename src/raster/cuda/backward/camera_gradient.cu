@@ -45,9 +45,10 @@ __global__ void __launch_bounds__(kThreads) camera_gradient_kernel(const __grid_
   double sums[kCameraGradients]{};
   for (std::int64_t m = static_cast<std::int64_t>(blockIdx.x) * kThreads + threadIdx.x; m < args.n_splats;
        m += static_cast<std::int64_t>(gridDim.x) * kThreads) {
-    const Splat& splat = backward.splats[m];
+    const std::int64_t row = args.seen != nullptr ? args.seen[m] : m;
+    const Splat& splat = backward.splats[row];
     const CameraGrad part = camera_grad<kAntialiasing>(backward.gaussians, splat.gaussian, view, backward.view.center,
-                                                       kShDegree, backward.splat_grads[m].sum, splat.clamped);
+                                                       kShDegree, backward.splat_grads[row].sum, splat.clamped);
     const float values[kCameraGradients]{part.rotation.x,    part.rotation.y,    part.rotation.z,
                                          part.translation.x, part.translation.y, part.translation.z};
 #pragma unroll

@@ -82,7 +82,7 @@ __global__ void __launch_bounds__(kMarkWarps* kWarpSize) mark_quads_kernel(const
   const BlendForwardArgs& blend = args.blend;
   const std::int64_t task = static_cast<std::int64_t>(blockIdx.x) * kMarkWarps + threadIdx.x / kWarpSize;
   const std::int64_t bucket = task / kMasksPerBucket;
-  if (bucket >= static_cast<std::int64_t>(*args.buckets.n)) return;
+  if (bucket >= args.buckets.n) return;
   const std::int32_t tile = args.buckets.tile_of_bucket[bucket];
   const std::int64_t begin = blend.bins.tile_offsets[tile], end = blend.bins.tile_offsets[tile + 1];
   const std::int64_t first = args.buckets.offsets[tile] * kMasksPerBucket, run = task - first;
@@ -326,8 +326,8 @@ void launch(const BlendForwardCudaArgs& args, const LaunchContext& context) {
   const std::int64_t n_tasks = std::int64_t{TileQuads<kTilePixels>::kCount} * args.blend.grid.n_tiles();
   B3DGS_CHECK(n_tasks < std::int64_t{1} << 30, "image too large for the combined kernel: ", n_tasks,
               " tasks, expected below 2^30");
-  if (args.buckets.n_max > 0) {
-    const auto blocks = static_cast<unsigned>((args.buckets.n_max * kMasksPerBucket + kMarkWarps - 1) / kMarkWarps);
+  if (args.buckets.n > 0) {
+    const auto blocks = static_cast<unsigned>((args.buckets.n * kMasksPerBucket + kMarkWarps - 1) / kMarkWarps);
     mark_quads_kernel<kTilePixels><<<blocks, kMarkWarps * kWarpSize, 0, context.stream>>>(args);
     B3DGS_CUDA_CHECK_LAUNCH();
   }

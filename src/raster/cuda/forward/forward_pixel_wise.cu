@@ -4,7 +4,8 @@
 //   dynamic: the paper's inter-block dynamic workload distribution. As many blocks as are resident at once take tiles
 //     from an atomic counter until none is left. The hardware's block scheduler does nearly the same for naive, so the
 //     gain is small: a single tile that costs more than a block's fair share still determines the time.
-//   shared-memory: tiles assigned statically; splats staged completely and culled by sub-tile (staged_blend.cuh).
+//   shared-memory: tiles assigned statically, the longest list first, so that none is left when the others are done;
+//     splats staged completely and culled by sub-tile (staged_blend.cuh).
 //
 // naive and dynamic, as in the paper:
 //   Stage: each thread loads one splat of the batch to shared memory: its id, mean, opacity and conic.
@@ -100,7 +101,7 @@ template <int kThreads>
 __global__ void __launch_bounds__(kThreads) forward_shared_memory_kernel(const BlendForwardCudaArgs args) {
   __shared__ BatchPair<kThreads> batches;
   const BlendForwardArgs& blend = args.blend;
-  const auto tile = static_cast<std::int32_t>(blockIdx.x);
+  const std::int32_t tile = args.tiles_by_length[blockIdx.x];
   const TilePixel at = staged_pixel(blend.grid, tile);
   PixelState<float> pixel{at.inside ? 1.0f : kClosedPixel, 0, 0, 0, 0};
   const std::int32_t last = blend_staged(args, batches, tile, {0, list_length(blend.bins, tile)}, at, pixel);

@@ -1,6 +1,6 @@
 // Forward blend, segmented: shared-memory, with long lists cut into segments of 1024 entries that are blended in
-// parallel. Balanced like combined, with the cost per splat of a pixel-wise kernel. Not in the paper, whose balanced
-// kernel distributes a crowded tile over its pixels.
+// parallel, if the longest would end after all others (cuts_lists()). Balanced like combined, with the cost per splat
+// of a pixel-wise kernel. Not in the paper, whose balanced kernel distributes a crowded tile over its pixels.
 //
 // Compositing is associative: a segment is blended as if the transmittance in front of it were 1, and (transmittance,
 // colour) of a list's segments are then combined front to back. The stop at transmittance 1e-4 is not associative: the
@@ -113,8 +113,9 @@ __device__ __forceinline__ bool take_listed(const Segments& segments, std::int32
 /// the listed tasks in order.
 __device__ __forceinline__ bool take_segment(const BlendForwardCudaArgs& args, SegmentTask& task) {
   const auto block = static_cast<std::int32_t>(blockIdx.x), n_tiles = args.blend.grid.n_tiles();
-  task = {block, 0};
-  return block < n_tiles || take_listed(args.segments, block - n_tiles, task);
+  if (block >= n_tiles) return take_listed(args.segments, block - n_tiles, task);
+  task = {args.tiles_by_length[block], 0};
+  return true;
 }
 
 /// The segment of a task.
@@ -290,6 +291,7 @@ void launch_forward_segmented(const BlendForwardCudaArgs& args, const LaunchCont
   static_assert(kSegmentEntries % kBucketEntries == 0, "a segment consists of whole buckets");
   static_assert(2 * (kIndexMax / kSegmentEntries) * (kCudaTileWidth * 16) <= kIndexMax,
                 "32 bits index the pixels of all segments");
+  if (!args.cuts_lists) return launch_forward_shared_memory(args, context);
   const std::int32_t n_tiles = args.blend.grid.n_tiles(), n_tasks_max = args.segments.n_tasks_max;
   cut_lists_kernel<<<1, kCutThreads, 0, context.stream>>>(args);
   B3DGS_CUDA_CHECK_LAUNCH();

@@ -4,15 +4,19 @@
 // staging. Training calls it only for its statistics, so it does not have to be fast.
 //
 // Scoring, kernel 1, score: sums for each splat.
-//   Grid: a block per tile, assigned statically. Warp: a sub-tile of 8 x 4 pixels. Thread: one pixel.
-//   Stage: each thread loads one splat of the batch to shared memory, and zeroes its sums there.
-//   Cull: for every 32 staged splats a warp tests, a lane per splat, whose bounding box reaches the sub-tile.
-//   Score: a warp takes the remaining splats in order. It adds its 32 pixels' weights with integer reductions, and one
-//     lane adds the sums to those of the block. A warp stops once all of its pixels are finished.
-//   Barriers: two per batch. After the first, each thread adds the block's sums of its splat to memory: an integer
-//     atomic per sum, tile and splat. Integers add up to the same sum in any order.
+//   Grid: a block per tile, longest list first. Warp: a sub-tile of 8 x 4 pixels. Thread: one pixel.
+//   Stage, cull, evaluation in fours: as in staged_blend.cuh; each thread also zeroes the sums of the splat it stages.
+//   Score: a warp takes the remaining splats in order and adds its 32 pixels' weights with integer reductions. Each
+//   lane
+//     keeps the sums of one of 32 splats and then adds them to the block's. A warp stops once all its pixels are
+//     finished.
+//   Barriers: one per batch. After it, each thread adds the block's sums of the splat that it staged in the batch
+//   before
+//     to memory: an integer atomic per sum, tile and splat. Integers add up to the same sum in any order.
 //
 // Scoring, kernel 2, add_scores: a thread per splat adds its sums to its Gaussian's.
+
+#include <cuda_pipeline.h>
 
 #include "core/cuda_rows.cuh"
 #include "raster/cuda/forward/tile_blend.cuh"
@@ -52,72 +56,113 @@ struct ScoredBatch {
   unsigned error[kThreads], weight[kThreads];
   int max_weight[kThreads];  // bits of a float, which compare like it: weights are not negative
 
-  __device__ __forceinline__ void stage(const ScoreArgs& args, std::int32_t id) {
-    mean[threadIdx.x] = load_mean(args.splats, id).v;
-    conic[threadIdx.x] = load_conic(args.splats, id).v;
-    extent[threadIdx.x] = __ldg(reinterpret_cast<const float2*>(args.extents) + id);
+  /// Starts copying a splat to this thread's entry.
+  __device__ __forceinline__ void copy(const ScoreArgs& args, std::int32_t id) {
+    const auto* const words = reinterpret_cast<const float4*>(args.splats + id);
+    __pipeline_memcpy_async(mean + threadIdx.x, words, sizeof(float4));
+    __pipeline_memcpy_async(conic + threadIdx.x, words + 1, sizeof(float4));
+    __pipeline_memcpy_async(extent + threadIdx.x, args.extents + id, sizeof(float2));
     error[threadIdx.x] = weight[threadIdx.x] = 0;
     max_weight[threadIdx.x] = 0;
   }
   __device__ __forceinline__ void add_to(ScoreSums* sums) const {
     if (max_weight[threadIdx.x] == 0) return;  // not blended
     atomicAdd(reinterpret_cast<unsigned long long*>(&sums->error), static_cast<unsigned long long>(error[threadIdx.x]));
-    atomicAdd(reinterpret_cast<unsigned long long*>(&sums->weight),
-              static_cast<unsigned long long>(weight[threadIdx.x]));
+    if (weight[threadIdx.x] > 0) {
+      atomicAdd(reinterpret_cast<unsigned long long*>(&sums->weight),
+                static_cast<unsigned long long>(weight[threadIdx.x]));
+    }
     atomicMax(reinterpret_cast<int*>(&sums->max_weight), max_weight[threadIdx.x]);
+  }
+
+  /// Scores those of 32 splats from `first` on whose bit in `chosen` is set, in order.
+  __device__ __forceinline__ void score(int first, unsigned chosen, float center_x, float center_y, float pixel_error,
+                                        bool wants_weights, float& transmittance) {
+    constexpr int kAtOnce = 4;  // independent evaluations that hide the latency of shared memory and the exponential
+    unsigned own_error = 0, own_weight = 0;  // of the splat `first` + lane
+    int own_largest = 0;
+    while (chosen != 0) {
+      int indices[kAtOnce];
+      bool contributes[kAtOnce];
+      float alpha[kAtOnce];
+#pragma unroll
+      for (int k = 0; k < kAtOnce; ++k) {
+        const bool is_chosen = chosen != 0;
+        indices[k] = is_chosen ? first + __ffs(static_cast<int>(chosen)) - 1 : first;
+        chosen &= chosen - 1;
+        const SplatShape<float> shape = make_splat_shape({mean[indices[k]]}, {conic[indices[k]]});
+        const Footprint<float> footprint = evaluate_footprint(shape, center_x, center_y);
+        contributes[k] = footprint.contributes && is_chosen;
+        alpha[k] = evaluate_alpha(footprint.power).alpha;
+      }
+#pragma unroll
+      for (int k = 0; k < kAtOnce; ++k) {
+        const float value = blend_weight_over(transmittance, contributes[k], alpha[k]);
+        const int largest = warp_max(__float_as_int(value));
+        if (largest == 0) continue;
+        const unsigned errors = warp_sum(score_units(value * pixel_error));
+        const unsigned weights = wants_weights ? warp_sum(score_units(value)) : 0;
+        if (first + lane_id() == indices[k]) own_error = errors, own_weight = weights, own_largest = largest;
+      }
+    }
+    if (own_largest == 0) return;
+    atomicAdd(error + first + lane_id(), own_error);
+    if (wants_weights) atomicAdd(weight + first + lane_id(), own_weight);
+    atomicMax(max_weight + first + lane_id(), own_largest);
   }
 };
 
 template <int kThreads>
-__global__ void __launch_bounds__(kThreads) score_kernel(const ScoreArgs args) {
-  __shared__ ScoredBatch<kThreads> batch;
-  const auto tile = static_cast<std::int32_t>(blockIdx.x);
-  const TilePixel at = tile_pixel(args.grid, tile, sub_tile_pixel(static_cast<std::int32_t>(threadIdx.x)));
+__global__ void __launch_bounds__(kThreads)
+    score_kernel(const ScoreArgs args, const std::int32_t* __restrict__ tiles_by_length, bool wants_weights) {
+  __shared__ ScoredBatch<kThreads> batches[2];  // one is scored while the next one arrives
+  const std::int32_t tile = tiles_by_length[blockIdx.x];
+  const auto thread = static_cast<std::int32_t>(threadIdx.x);
+  const TilePixel at = tile_pixel(args.grid, tile, sub_tile_pixel(thread));
   const float center_x = at.center_x(), center_y = at.center_y();
   const float left = __shfl_sync(kFullWarp, center_x, 0), top = __shfl_sync(kFullWarp, center_y, 0);
   const float error =
       at.inside ? clamp_error(args.error[static_cast<std::int64_t>(at.y) * args.grid.image_width + at.x]) : 0.0f;
-  const std::int64_t first = args.bins.tile_offsets[tile], last = args.bins.tile_offsets[tile + 1];
+  const std::int32_t* const ids = args.bins.splat_ids + args.bins.tile_offsets[tile];
+  const std::int32_t n = list_length(args.bins, tile);
 
   float transmittance = at.inside ? 1.0f : kClosedPixel;
-  std::int32_t staged_id = -1;  // splat that this thread has staged
-  for (std::int64_t start = first;; start += kThreads) {
-    // All threads have finished with the previous batch.
-    const bool is_done = __syncthreads_count(is_finished(transmittance)) == kThreads;
-    if (staged_id >= 0) batch.add_to(args.sums + staged_id);
-    if (is_done || start >= last) break;
-    staged_id = start + threadIdx.x < last ? args.bins.splat_ids[start + threadIdx.x] : -1;
-    if (staged_id >= 0) batch.stage(args, staged_id);
-    __syncthreads();  // the batch is complete
+  // Splats that this thread has staged: of the batch before, of this one, and to be staged.
+  std::int32_t before = -1, here = -1, next = thread < n ? ids[thread] : -1;
+  for (std::int32_t start = -kThreads;; start += kThreads) {
+    ScoredBatch<kThreads>&batch = batches[start / kThreads & 1], &other = batches[(start / kThreads + 1) & 1];
+    __pipeline_wait_prior(0);
+    // The one barrier per batch: this batch is complete, and all threads have finished with the one before.
+    const bool is_done = __syncthreads_count(is_finished(transmittance)) == kThreads || start >= n;
+    if (before >= 0) other.add_to(args.sums + before);
+    if (is_done) break;
+    if (next >= 0) other.copy(args, next);
+    __pipeline_commit();
+    before = here;
+    here = next;
+    const std::int32_t ahead = start + 2 * kThreads + thread;
+    next = ahead < n ? ids[ahead] : -1;
 
-    const int count = static_cast<int>(last - start < kThreads ? last - start : kThreads);
+    const int count = start < 0 ? 0 : min(n - start, kThreads);
     for (int run = 0; run < count; run += kWarpSize) {
       if (!__any_sync(kFullWarp, is_open(transmittance))) break;
       const int tested = run + lane_id();
       const bool reaches = tested < count && reaches_sub_tile(batch.mean[tested].x, batch.mean[tested].y,
                                                               batch.extent[tested], left, top);
-      for (unsigned chosen = __ballot_sync(kFullWarp, reaches); chosen != 0; chosen &= chosen - 1) {
-        const int j = run + __ffs(static_cast<int>(chosen)) - 1;
-        const SplatShape<float> shape = make_splat_shape({batch.mean[j]}, {batch.conic[j]});
-        const Footprint<float> footprint = evaluate_footprint(shape, center_x, center_y);
-        const float weight =
-            blend_weight_over(transmittance, footprint.contributes, evaluate_alpha(footprint.power).alpha);
-        if (!__any_sync(kFullWarp, weight > 0)) continue;
-        const unsigned weights = warp_sum(score_units(weight)), errors = warp_sum(score_units(weight * error));
-        const int max_weight = warp_max(__float_as_int(weight));
-        if (lane_id() == 0) {
-          atomicAdd(batch.weight + j, weights);
-          atomicAdd(batch.error + j, errors);
-          atomicMax(batch.max_weight + j, max_weight);
-        }
-      }
+      batch.score(run, __ballot_sync(kFullWarp, reaches), center_x, center_y, error, wants_weights, transmittance);
     }
   }
 }
 
-__global__ void __launch_bounds__(kAddThreads) add_scores_kernel(const AddScoresArgs args) {
+struct AddRowsArgs {
+  AddScoresArgs add;
+  const std::int32_t* radii;
+};
+
+__global__ void __launch_bounds__(kAddThreads) add_scores_kernel(const AddRowsArgs args) {
   const std::int64_t m = own_row<kAddThreads>();
-  if (m < args.n_splats) b3dgs::add_scores(args.sums[m], args.out, args.splats[m].gaussian);
+  if (m >= args.add.n_splats || (args.radii != nullptr && args.radii[m] == 0)) return;
+  b3dgs::add_scores(args.add.sums[m], args.add.out, args.add.splats[m].gaussian);
 }
 
 }  // namespace
@@ -129,15 +174,17 @@ void count_load(const CountLoadArgs& args, const LaunchContext& context) {
   B3DGS_CUDA_CHECK_LAUNCH();
 }
 
-void score(const ScoreArgs& args, const LaunchContext& context) {
+void score(const ScoreArgs& args, const std::int32_t* tiles_by_length, bool wants_weights,
+           const LaunchContext& context) {
   with_tile_pixels(args.grid.tile, [&](auto pixels) {
-    score_kernel<pixels.value><<<args.grid.n_tiles(), pixels.value, 0, context.stream>>>(args);
+    score_kernel<pixels.value>
+        <<<args.grid.n_tiles(), pixels.value, 0, context.stream>>>(args, tiles_by_length, wants_weights);
   });
   B3DGS_CUDA_CHECK_LAUNCH();
 }
 
-void add_scores(const AddScoresArgs& args, const LaunchContext& context) {
-  launch_rows<kAddThreads>(add_scores_kernel, args, args.n_splats, context.stream);
+void add_scores(const AddScoresArgs& args, const std::int32_t* radii, const LaunchContext& context) {
+  launch_rows<kAddThreads>(add_scores_kernel, AddRowsArgs{args, radii}, args.n_splats, context.stream);
 }
 
 }  // namespace b3dgs::cuda

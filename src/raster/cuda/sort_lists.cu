@@ -1,0 +1,217 @@
+// Sorting of lists, in shared memory.
+//
+//   sort_lists   a block per run of 4352 entries of a long list; behind these, a warp per short list
+//   merge_runs   only if a list is longer than a run: merges sorted runs pairwise, a block per 4352 entries of output,
+//                until one is left
+//
+//   list   | 5 1 4 2 3 | 9 8 0 6 |   -->   | 1 2 3 4 5 | 0 6 8 9 |   -->   | 0 1 2 3 4 5 6 8 9 |
+//
+// Keys are unique, so that the result does not depend on the order in which they were written. The last pass of a list
+// writes ids instead of keys. Barriers: those of CUB's merge sorts; two in merge_runs.
+
+#include "raster/cuda/sort_lists.h"
+
+#include <cub/block/block_merge_sort.cuh>
+#include <cub/warp/warp_merge_sort.cuh>
+
+#include <utility>
+
+#include "core/cuda_check.h"
+#include "raster/cuda/warp.cuh"
+
+namespace b3dgs::cuda {
+namespace {
+
+constexpr int kThreads = 256, kWarps = kThreads / kWarpSize;
+// Entries per thread. Odd, so that threads that read their entries from shared memory use different banks.
+constexpr int kItems = 17;
+static_assert(kRunEntries == kThreads * kItems && kShortListEntries <= kWarpSize * kItems);
+
+__device__ __forceinline__ std::int32_t id_of(EntryKey key, std::int32_t n_ids) {
+  return min(static_cast<std::int32_t>(key & 0xffffffffu), n_ids - 1);
+}
+
+/// The run of a block. Block b takes the first run of the list number b by length, and blocks from `n_lists` on the
+/// other runs.
+struct Run {
+  std::int32_t tile, index, length;  // index of the run in the list; length of the list
+  std::int64_t list;                 // first entry of the list
+  __device__ Run(const SortListsArgs& args, std::int32_t block, std::int32_t n_lists) {
+    if (block < n_lists) {
+      tile = args.tiles_by_length[block];
+      index = 0;
+    } else {
+      // The last tile with at most this many such runs in front.
+      const std::int32_t number = block - n_lists;
+      tile = 0;
+      for (std::int32_t end = args.n_tiles; end - tile > 1;) {
+        const std::int32_t middle = (tile + end) / 2;
+        (args.first_more_runs[middle] <= number ? tile : end) = middle;
+      }
+      index = 1 + number - args.first_more_runs[tile];
+    }
+    list = args.tile_offsets[tile];
+    length = static_cast<std::int32_t>(args.tile_offsets[tile + 1] - list);
+  }
+  __device__ std::int32_t begin() const { return index * kRunEntries; }
+  __device__ std::int32_t count() const { return min(length - begin(), kRunEntries); }
+};
+
+struct IsLess {
+  __device__ bool operator()(EntryKey a, EntryKey b) const { return a < b; }
+};
+
+// Threads that sort a run together.
+template <int kPerThread>
+struct BlockSort : cub::BlockMergeSort<EntryKey, kThreads, kPerThread> {
+  using cub::BlockMergeSort<EntryKey, kThreads, kPerThread>::BlockMergeSort;
+  static constexpr std::int32_t kSorters = kThreads;
+};
+template <int kPerThread>
+struct WarpSort : cub::WarpMergeSort<EntryKey, kPerThread, kWarpSize> {
+  using cub::WarpMergeSort<EntryKey, kPerThread, kWarpSize>::WarpMergeSort;
+  static constexpr std::int32_t kSorters = kWarpSize;
+};
+
+/// Shared memory of a sort, with any of these numbers of entries per thread.
+template <template <int> class Sort>
+union SortMemory {
+  typename Sort<3>::TempStorage three;
+  typename Sort<5>::TempStorage five;
+  typename Sort<9>::TempStorage nine;
+  typename Sort<kItems>::TempStorage all;
+};
+
+template <class Sort, int kPerThread>
+__device__ __forceinline__ void sort_entries(const SortListsArgs& args, const Run& run, std::int32_t thread,
+                                             typename Sort::TempStorage& memory) {
+  const std::int64_t first = run.list + run.begin();
+  const std::int32_t count = run.count();
+  EntryKey keys[kPerThread];
+#pragma unroll
+  for (int k = 0; k < kPerThread; ++k) {
+    const std::int32_t at = k * Sort::kSorters + thread;
+    keys[k] = at < count ? args.keys[first + at] : ~EntryKey{0};
+  }
+  Sort(memory).Sort(keys, IsLess{});
+#pragma unroll
+  for (int k = 0; k < kPerThread; ++k) {
+    const std::int32_t at = thread * kPerThread + k;
+    if (at >= count) break;
+    if (run.length > kRunEntries) {
+      args.keys[first + at] = keys[k];
+    } else {
+      args.splat_ids[first + at] = id_of(keys[k], args.n_ids);
+    }
+  }
+}
+
+template <template <int> class Sort>
+__device__ __forceinline__ void sort_run(const SortListsArgs& args, const Run& run, std::int32_t thread,
+                                         SortMemory<Sort>& memory) {
+  constexpr std::int32_t kSorters = Sort<1>::kSorters;
+  if (run.index == 0) {
+    const std::int64_t bucket = args.bucket_offsets[run.tile];
+    for (std::int32_t k = thread; k < n_buckets_of(run.length); k += kSorters) {
+      args.tile_of_bucket[bucket + k] = run.tile;
+    }
+  }
+  const std::int32_t count = run.count();
+  if (count <= 3 * kSorters) {
+    sort_entries<Sort<3>, 3>(args, run, thread, memory.three);
+  } else if (count <= 5 * kSorters) {
+    sort_entries<Sort<5>, 5>(args, run, thread, memory.five);
+  } else if (count <= 9 * kSorters) {
+    sort_entries<Sort<9>, 9>(args, run, thread, memory.nine);
+  } else {
+    sort_entries<Sort<kItems>, kItems>(args, run, thread, memory.all);
+  }
+}
+
+__global__ void __launch_bounds__(kThreads) sort_lists_kernel(const SortListsArgs args) {
+  __shared__ union {
+    SortMemory<BlockSort> block;
+    SortMemory<WarpSort> warps[kWarps];
+  } memory;
+  const auto block = static_cast<std::int32_t>(blockIdx.x), thread = static_cast<std::int32_t>(threadIdx.x);
+  const auto n_long = static_cast<std::int32_t>(args.counts.n_long_lists);
+  const std::int32_t n_runs = n_long + static_cast<std::int32_t>(args.counts.n_more_runs);
+  if (block < n_runs) {
+    sort_run<BlockSort>(args, Run(args, block, n_long), thread, memory.block);
+    return;
+  }
+  const std::int32_t list = n_long + (block - n_runs) * kWarps + thread / kWarpSize;
+  if (list >= args.n_tiles) return;
+  const Run run(args, list, args.n_tiles);
+  if (run.length > 0) sort_run<WarpSort>(args, run, lane_id(), memory.warps[thread / kWarpSize]);
+}
+
+/// How many of the first `count` of two sorted sequences, merged, come from `a`.
+__device__ __forceinline__ std::int32_t split_merged(const EntryKey* a, std::int32_t n_a, const EntryKey* b,
+                                                     std::int32_t n_b, std::int32_t count) {
+  std::int32_t low = max(0, count - n_b), high = min(count, n_a);
+  while (low < high) {
+    const std::int32_t middle = (low + high) / 2;
+    if (a[middle] < b[count - 1 - middle]) {
+      low = middle + 1;
+    } else {
+      high = middle;
+    }
+  }
+  return low;
+}
+
+/// Merges sorted sequences of `width` entries of each list pairwise, from args.keys to args.merged, or to
+/// args.splat_ids.
+__global__ void __launch_bounds__(kThreads)
+    merge_runs_kernel(const SortListsArgs args, std::int64_t width, bool is_last) {
+  __shared__ EntryKey keys[kRunEntries];
+  __shared__ std::int32_t splits[2];
+  const Run run(args, static_cast<std::int32_t>(blockIdx.x), static_cast<std::int32_t>(args.counts.n_long_lists));
+  if (run.length <= kRunEntries) return;
+  const auto thread = static_cast<std::int32_t>(threadIdx.x);
+  const std::int32_t begin = run.begin(), count = run.count();
+  const auto pair = static_cast<std::int32_t>(begin / (2 * width) * (2 * width)), first = begin - pair;
+  auto n_a = static_cast<std::int32_t>(min(width, std::int64_t{run.length - pair}));
+  auto n_b = static_cast<std::int32_t>(min(width, std::int64_t{run.length - pair - n_a}));
+  const EntryKey *a = args.keys + run.list + pair, *b = a + n_a;
+  if (thread < 2) splits[thread] = split_merged(a, n_a, b, n_b, first + thread * count);
+  __syncthreads();  // what this block merges is known
+  a += splits[0];
+  b += first - splits[0];
+  n_a = splits[1] - splits[0];
+  n_b = count - n_a;
+  for (std::int32_t k = thread; k < count; k += kThreads) keys[k] = k < n_a ? a[k] : b[k - n_a];
+  __syncthreads();  // all keys are in shared memory
+  const std::int32_t own = thread * kItems;
+  if (own >= count) return;
+  std::int32_t from_a = split_merged(keys, n_a, keys + n_a, n_b, own), from_b = n_a + own - from_a;
+  for (std::int32_t at = own; at < min(own + kItems, count); ++at) {
+    const bool is_a = from_b >= count || (from_a < n_a && keys[from_a] < keys[from_b]);
+    const EntryKey key = keys[is_a ? from_a++ : from_b++];
+    const std::int64_t to = run.list + begin + at;
+    if (is_last) {
+      args.splat_ids[to] = id_of(key, args.n_ids);
+    } else {
+      args.merged[to] = key;
+    }
+  }
+}
+
+}  // namespace
+
+void sort_lists(const SortListsArgs& args, const LaunchContext& context) {
+  const auto n_long = static_cast<std::int32_t>(args.counts.n_long_lists);
+  const auto n_runs = static_cast<unsigned>(n_long + args.counts.n_more_runs);
+  const auto n_short_blocks = static_cast<unsigned>((args.n_tiles - n_long + kWarps - 1) / kWarps);
+  sort_lists_kernel<<<n_runs + n_short_blocks, kThreads, 0, context.stream>>>(args);
+  B3DGS_CUDA_CHECK_LAUNCH();
+  SortListsArgs pass = args;
+  for (std::int64_t width = kRunEntries; width < args.counts.longest_list; width *= 2) {
+    merge_runs_kernel<<<n_runs, kThreads, 0, context.stream>>>(pass, width, 2 * width >= args.counts.longest_list);
+    B3DGS_CUDA_CHECK_LAUNCH();
+    std::swap(pass.keys, pass.merged);
+  }
+}
+
+}  // namespace b3dgs::cuda
