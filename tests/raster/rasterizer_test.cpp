@@ -59,6 +59,17 @@ TEST(Rasterizer, KeepsItsImagesForViewsOfSeveralSizes) {
   EXPECT_EQ(rasterizer.view_size().n_splats, CpuView(scene, settings_of(scene)).rasterizer().n_splats());
 }
 
+TEST(Rasterizer, HasNoViewAfterAForwardThatFailed) {
+  const TestScene scene = smooth_scene();
+  RenderSettings settings = settings_of(scene);
+  Rasterizer rasterizer(torch::kCPU);
+  const ViewSplats splats = rasterizer.project(scene.gaussians, scene.view, settings);
+  settings.camera_gradient = true;  // needs the Gaussians
+  EXPECT_THROW(rasterizer.forward_splats(splats, scene.view, settings), LogicError);
+  EXPECT_THROW(rasterizer.order_of_splats(), LogicError);
+  EXPECT_THROW(rasterizer.backward_splats({}), LogicError);
+}
+
 TEST(Rasterizer, WritesGradientsIntoTheTensorsItIsGivenIfTheyFit) {
   const TestScene scene = smooth_scene();
   Rasterizer rasterizer(torch::kCPU);

@@ -68,9 +68,9 @@ class CountsReader {
   StreamMark copied_;
 };
 
-class Rasterizer final : public RasterizerBackend {
+class CudaBackend final : public RasterizerBackend {
  public:
-  explicit Rasterizer(std::function<LaunchContext()> context) : context_(std::move(context)) {}
+  explicit CudaBackend(std::function<LaunchContext()> context) : context_(std::move(context)) {}
 
   void forward(const GaussianArrays& gaussians, const PinholeView& view, const RenderSettings& settings,
                const ImageArrays& out) override {
@@ -445,7 +445,7 @@ class Rasterizer final : public RasterizerBackend {
 }  // namespace
 
 std::unique_ptr<RasterizerBackend> make_rasterizer(std::function<LaunchContext()> context) {
-  return std::make_unique<Rasterizer>(std::move(context));
+  return std::make_unique<CudaBackend>(std::move(context));
 }
 
 }  // namespace b3dgs::cuda

@@ -146,8 +146,8 @@ RenderedView Rasterizer::forward(const GaussianTensors& gaussians, const Pinhole
                                  const RenderSettings& settings) {
   const GaussianArrays arrays = arrays_of(gaussians, impl_->device);
   const ImageArrays out = impl_->begin_view(view, settings, gaussians.means.options());
-  impl_->n_gaussians = arrays.n_gaussians;
   impl_->backend().forward(arrays, view, settings, out);
+  impl_->n_gaussians = arrays.n_gaussians;
   return impl_->rendered;
 }
 
@@ -243,8 +243,8 @@ RenderedView Rasterizer::forward_splats(const ViewSplats& splats, const PinholeV
   TensorCheck check(impl_->device);
   const SplatRows rows = rows_of(splats, check);
   const ImageArrays out = impl_->begin_view(view, settings, splats.splats.options());
-  impl_->n_rows = rows.n_splats;
   impl_->backend().forward_splats(rows, view, settings, out);
+  impl_->n_rows = rows.n_splats;
   return impl_->rendered;
 }
 
