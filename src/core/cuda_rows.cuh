@@ -5,6 +5,7 @@
 #include <type_traits>
 
 #include "core/cuda_check.h"
+#include "core/gpu_rows.h"
 
 namespace b3dgs::cuda {
 
@@ -23,5 +24,22 @@ void launch_rows(void (*kernel)(Args), const std::remove_const_t<Args>& args, st
   kernel<<<static_cast<unsigned>((n_rows + kThreads - 1) / kThreads), kThreads, 0, stream>>>(args);
   B3DGS_CUDA_CHECK_LAUNCH();
 }
+
+template <auto row, int kThreads, class Args>
+__global__ void __launch_bounds__(kThreads) row_kernel(const __grid_constant__ Args args, const std::int64_t n) {
+  const std::int64_t i = own_row<kThreads>();
+  if (i < n) row(args, i);
+}
+
+/// Defines cuda::for_rows<row>() (gpu_rows.h) for rows that take `Args`, in blocks of `threads`. At namespace scope of
+/// b3dgs::cuda.
+#define B3DGS_ROW_KERNEL(row, threads, Args)                                                     \
+  template <>                                                                                    \
+  void for_rows<row>(const Args& args, std::int64_t n, cudaStream_t stream) {                    \
+    if (n == 0) return;                                                                          \
+    row_kernel<row, threads, Args>                                                               \
+        <<<static_cast<unsigned>((n + (threads)-1) / (threads)), threads, 0, stream>>>(args, n); \
+    B3DGS_CUDA_CHECK_LAUNCH();                                                                   \
+  }
 
 }  // namespace b3dgs::cuda

@@ -75,7 +75,7 @@ void parallel_chunks(std::int64_t n, std::int64_t grain, Body&& body) {
   detail::on_threads(static_cast<int>(chunks.count), [&](int chunk) { body(chunks.begin(chunk), chunks.end(chunk)); });
 }
 
-/// Calls row(args, i) for each i in [0, n). A kernel of core/cuda_rows.cuh calls the same function on a GPU.
+/// Calls row(args, i) for each i in [0, n).
 template <auto row, class Args>
 void for_rows(const Args& args, std::int64_t n) {
   constexpr std::int64_t kGrain = 1024;

@@ -21,12 +21,6 @@ PinholeView reduced_camera(const PinholeView& camera, int scale) {
   return reduced;
 }
 
-void reduce_image(const ReduceImageArgs& args) {
-  parallel_pool(args.reduced_height(), [&](std::int64_t y, int) {
-    for (std::int32_t x = 0; x < args.reduced_width(); ++x) reduce_pixel(args, x, static_cast<std::int32_t>(y));
-  });
-}
-
 std::int64_t ViewReducer::count_valid(const Image8& mask, int scale) {
   if (counted_scale_ != scale) n_valid_.clear();
   counted_scale_ = scale;
@@ -75,11 +69,7 @@ TrainView ViewReducer::reduce(const TrainView& view, const Image8* mask, int sca
                         .reshape({height, scale, width, scale})
                         .amin({1, 3});
   }
-  if (kTorchHasCuda && device_.is_cuda()) {
-    cuda::reduce_image(args, torch_stream());
-  } else {
-    reduce_image(args);
-  }
+  for_rows<reduce_pixel>(device_.is_cuda(), args, args.n_reduced());
   return reduced;
 }
 

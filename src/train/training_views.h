@@ -22,9 +22,6 @@ namespace b3dgs {
 /// bottom are outside.
 PinholeView reduced_camera(const PinholeView& camera, int scale);
 
-/// Writes all reduced pixels on the CPU. The result does not depend on the number of threads.
-void reduce_image(const ReduceImageArgs& args);
-
 /// Reuses its buffers from step to step.
 class ViewReducer {
  public:

@@ -67,8 +67,7 @@ MergedSplats merge_many(const torch::Tensor& words, const std::vector<RowRange>&
 void pack_splats(const ViewSplats& splats, const torch::Tensor& model_rows, const torch::Tensor& words) {
   const PackSplatsArgs args{splats.size(),          words_of(splats.splats), words_of(splats.extents),
                             words_of(splats.radii), words_of(model_rows),    words.data_ptr<std::int32_t>()};
-  if (kTorchHasCuda && words.is_cuda()) return cuda::pack_splats(args, torch_stream());
-  for_rows<pack_splat_word>(args, args.n_splats * kRowWords);
+  for_rows<pack_splat_word>(words.is_cuda(), args, args.n_splats * kRowWords);
 }
 
 MergedSplats merge_splats(const torch::Tensor& words, const std::vector<RowRange>& lists, std::size_t max_lists) {

@@ -15,11 +15,6 @@ struct MergeRowsArgs {
   std::int64_t n_splats = 0;
 };
 
-__global__ void __launch_bounds__(kThreads) pack_splats_kernel(const PackSplatsArgs args) {
-  const std::int64_t k = own_row<kThreads>();
-  if (k < args.n_splats * kRowWords) pack_splat_word(args, k);
-}
-
 __global__ void __launch_bounds__(kThreads) merge_splats_kernel(const MergeRowsArgs args) {
   __shared__ MergedPlace at[kThreads];
   const std::int64_t i = own_row<kThreads>(), first = i - threadIdx.x;
@@ -34,9 +29,7 @@ __global__ void __launch_bounds__(kThreads) merge_splats_kernel(const MergeRowsA
 
 }  // namespace
 
-void pack_splats(const PackSplatsArgs& args, cudaStream_t stream) {
-  launch_rows<kThreads>(pack_splats_kernel, args, args.n_splats * kRowWords, stream);
-}
+B3DGS_ROW_KERNEL(pack_splat_word, kThreads, PackSplatsArgs)
 
 void merge_splats(const MergeSplatsArgs& args, std::int64_t n_splats, cudaStream_t stream) {
   launch_rows<kThreads>(merge_splats_kernel, MergeRowsArgs{args, n_splats}, n_splats, stream);

@@ -95,10 +95,7 @@ B3DGS_HD void merge_word(const MergeSplatsArgs& args, const MergedPlace& at, std
 
 namespace cuda {
 
-// All rows; asynchronous.
-
-void pack_splats(const PackSplatsArgs& args, cudaStream_t stream);
-/// `n_splats`: of all lists.
+/// All rows; asynchronous. `n_splats`: of all lists.
 void merge_splats(const MergeSplatsArgs& args, std::int64_t n_splats, cudaStream_t stream);
 
 }  // namespace cuda

@@ -7,6 +7,8 @@
 #include <cstdint>
 #include <memory>
 
+#include "core/gpu_rows.h"
+#include "core/parallel.h"
 #include "core/vec.h"
 
 namespace b3dgs {
@@ -46,6 +48,15 @@ void extend_torch_memory_in_place();
 
 /// LibTorch's current stream.
 cudaStream_t torch_stream();
+
+/// Calls row(args, i) for each i in [0, n): on the GPU, asynchronously in LibTorch's current stream, or on threads.
+template <auto row, class Args>
+void for_rows(bool on_gpu, const Args& args, std::int64_t n) {
+  if constexpr (kTorchHasCuda) {
+    if (on_gpu) return cuda::for_rows<row>(args, n, torch_stream());
+  }
+  for_rows<row>(args, n);
+}
 
 /// A context on the current device and LibTorch's current stream. Memory comes from LibTorch's caching allocator, which
 /// throws OutOfMemoryError. The allocator object lives until the program ends.

@@ -1,5 +1,5 @@
 // The exposure model on the GPU.
-//   apply      a thread per pixel
+//   apply      a thread per pixel: row_kernels.cu
 //   backward   a block of threads per kExposureBlock pixels sums its part of the transform's gradient; then one block
 //              adds the parts. Both in a fixed order.
 //   step       a thread per element of all transforms; then one block shifts them
@@ -12,11 +12,6 @@ namespace b3dgs::cuda {
 namespace {
 
 constexpr int kThreads = 256, kWarps = kThreads / 32;
-
-__global__ void __launch_bounds__(kThreads) apply_exposure_kernel(const ExposureArgs args) {
-  const std::int64_t pixel = static_cast<std::int64_t>(blockIdx.x) * kThreads + threadIdx.x;
-  if (pixel < args.n_pixels) expose_pixel(args, pixel);
-}
 
 template <class Real>
 __device__ __forceinline__ Real sum_warp(Real value) {
@@ -80,12 +75,6 @@ unsigned blocks_of(std::int64_t n, std::int64_t per_block) {
 }
 
 }  // namespace
-
-void apply_exposure(const ExposureArgs& args, cudaStream_t stream) {
-  if (args.n_pixels == 0) return;
-  apply_exposure_kernel<<<blocks_of(args.n_pixels, kThreads), kThreads, 0, stream>>>(args);
-  B3DGS_CUDA_CHECK_LAUNCH();
-}
 
 void exposure_backward(const ExposureArgs& args, cudaStream_t stream) {
   if (args.n_pixels > 0) {

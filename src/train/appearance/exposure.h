@@ -86,8 +86,6 @@ namespace cuda {
 
 // Everything is asynchronous.
 
-void apply_exposure(const ExposureArgs& args, cudaStream_t stream);
-
 /// Sums have a fixed order.
 void exposure_backward(const ExposureArgs& args, cudaStream_t stream);
 

@@ -89,11 +89,7 @@ torch::Tensor ExposureModel::apply(const AppearanceState& state, std::int32_t vi
   ExposureArgs args = exposure_args(state, view, rendered, photograph());
   place_tensor(corrected_, corrected_room_, rendered.sizes(), rendered.options());
   args.corrected = corrected_.data_ptr<float>();
-  if (kTorchHasCuda && device_.is_cuda()) {
-    cuda::apply_exposure(args, torch_stream());
-  } else {
-    for_rows<expose_pixel>(args, args.n_pixels);
-  }
+  for_rows<expose_pixel>(device_.is_cuda(), args, args.n_pixels);
   return corrected_;
 }
 

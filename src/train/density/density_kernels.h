@@ -58,11 +58,4 @@ B3DGS_HD void draw_split_sample(const SplitSampleArgs& args, std::int64_t i) {
   args.out[3 * i + 2] = static_cast<float>(mean[2] + offset.z);
 }
 
-namespace cuda {
-
-// All rows; asynchronous.
-void add_view(const AddViewArgs& args, cudaStream_t stream);
-void draw_split_samples(const SplitSampleArgs& args, cudaStream_t stream);
-
-}  // namespace cuda
 }  // namespace b3dgs

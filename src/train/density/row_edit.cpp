@@ -35,8 +35,7 @@ void add_view(const ViewStatistics& view, std::int32_t width, std::int32_t heigh
   args.grad_norm_sum = statistics.grad_norm_sum.data_ptr<float>();
   args.view_count = statistics.view_count.data_ptr<std::int32_t>();
   args.max_radii = statistics.max_radii.data_ptr<std::int32_t>();
-  if (kTorchHasCuda && view.radii.is_cuda()) return cuda::add_view(args, torch_stream());
-  for_rows<add_view_row>(args, args.n_gaussians);
+  for_rows<add_view_row>(view.radii.is_cuda(), args, args.n_gaussians);
 }
 
 namespace {

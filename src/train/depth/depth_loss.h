@@ -51,10 +51,4 @@ B3DGS_HD void depth_loss_grad_at(const DepthLossArgs& args, std::int64_t pixel) 
   args.grad[pixel] = difference > 0 ? args.gradient : difference < 0 ? -args.gradient : 0.0f;
 }
 
-namespace cuda {
-
-/// Asynchronous.
-void depth_loss_gradient(const DepthLossArgs& args, cudaStream_t stream);
-
-}  // namespace cuda
 }  // namespace b3dgs

@@ -247,11 +247,7 @@ torch::Tensor DepthPriors::gradient(std::int32_t view, const torch::Tensor& rend
   args.offset = static_cast<float>(prior.alignment->offset);
   args.gradient = n_valid > 0 ? static_cast<float>(weight / static_cast<double>(n_valid)) : 0.0f;
   args.grad = grad_.data_ptr<float>();
-  if (kTorchHasCuda && device_.is_cuda()) {
-    cuda::depth_loss_gradient(args, torch_stream());
-  } else {
-    for_rows<depth_loss_grad_at>(args, width * height);
-  }
+  for_rows<depth_loss_grad_at>(device_.is_cuda(), args, width * height);
   return grad_;
 }
 

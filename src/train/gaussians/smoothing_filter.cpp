@@ -33,19 +33,16 @@ void SmoothingFilter::compute(GaussianTensors& gaussians, const FindLargest& fin
   args.near_plane = near_plane_;
   args.filters = gaussians.filters.data_ptr<float>();
   args.largest = largest_.data_ptr<float>();
-  if (kTorchHasCuda && gaussians.means.is_cuda()) {
-    const cudaStream_t stream = torch_stream();
-    cuda::find_finest_pixels(args, stream);
-    if (find_largest) find_largest(largest_);
-    args.largest = largest_.data_ptr<float>();
-    return cuda::size_filters(args, stream);
+  const bool is_on_gpu = gaussians.means.is_cuda();
+  if (kTorchHasCuda && is_on_gpu) {
+    cuda::find_finest_pixels(args, torch_stream());
+  } else {
+    for_rows<write_finest_pixel>(args, args.n_gaussians);
+    *args.largest = args.n_gaussians > 0 ? *std::max_element(args.filters, args.filters + args.n_gaussians) : 0;
   }
-  for_rows<write_finest_pixel>(args, args.n_gaussians);
-  float* const end = args.filters + args.n_gaussians;
-  *args.largest = args.n_gaussians > 0 ? *std::max_element(args.filters, end) : 0;
   if (find_largest) find_largest(largest_);
-  const float largest = *largest_.data_ptr<float>();
-  std::transform(args.filters, end, args.filters, [&](float finest) { return filter_size(finest, largest); });
+  args.largest = largest_.data_ptr<float>();
+  for_rows<write_filter_size>(is_on_gpu, args, args.n_gaussians);
 }
 
 }  // namespace b3dgs

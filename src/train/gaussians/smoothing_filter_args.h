@@ -25,7 +25,7 @@ struct SmoothingFilterArgs {
   const FilterView* views = nullptr;
   float near_plane = kNearPlane;  // world units
   float* filters = nullptr;       // [N] out, world units
-  float* largest = nullptr;       // [1] scratch
+  float* largest = nullptr;       // [1] finest_pixel() of all Gaussians
 };
 
 // A view contains a Gaussian if the mean is beyond the near plane and projects into the image, extended by this
@@ -63,11 +63,15 @@ B3DGS_HD float filter_size(float finest, float largest) {
   return std::sqrt(kFilterVariance) * (finest > 0 ? finest : largest);
 }
 
+/// Turns the finest pixel into the filter.
+B3DGS_HD void write_filter_size(const SmoothingFilterArgs& args, std::int64_t i) {
+  args.filters[i] = filter_size(args.filters[i], *args.largest);
+}
+
 namespace cuda {
 
-/// The two halves: pixel sizes and the largest of them, then filters. Asynchronous.
+/// write_finest_pixel() of all Gaussians, and the largest of them. Asynchronous.
 void find_finest_pixels(const SmoothingFilterArgs& args, cudaStream_t stream);
-void size_filters(const SmoothingFilterArgs& args, cudaStream_t stream);
 
 }  // namespace cuda
 }  // namespace b3dgs

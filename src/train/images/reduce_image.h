@@ -20,6 +20,7 @@ struct ReduceImageArgs {
 
   B3DGS_HD std::int32_t reduced_width() const { return width / scale; }
   B3DGS_HD std::int32_t reduced_height() const { return height / scale; }
+  B3DGS_HD std::int64_t n_reduced() const { return std::int64_t{reduced_width()} * reduced_height(); }
 };
 
 /// Valid pixels among those of reduced pixel (x, y).
@@ -37,19 +38,19 @@ B3DGS_HD bool is_reduced_valid(const ReduceImageArgs& args, std::int32_t n_valid
   return 2 * n_valid >= args.scale * args.scale;
 }
 
-/// Writes reduced pixel (x, y): the mean of its valid pixels, rounded to the nearest whole number, halves up; 0 if none
+/// Writes reduced pixel `out`: the mean of its valid pixels, rounded to the nearest whole number, halves up; 0 if none
 /// is valid.
-B3DGS_HD void reduce_pixel(const ReduceImageArgs& args, std::int32_t x, std::int32_t y) {
+B3DGS_HD void reduce_pixel(const ReduceImageArgs& args, std::int64_t out) {
+  const std::int64_t x = out % args.reduced_width(), y = out / args.reduced_width();
   std::uint32_t sum[3] = {0, 0, 0}, n = 0;
   for (std::int32_t dy = 0; dy < args.scale; ++dy) {
-    const std::int64_t first = (std::int64_t{y} * args.scale + dy) * args.width + x * args.scale;
+    const std::int64_t first = (y * args.scale + dy) * args.width + x * args.scale;
     for (std::int64_t p = first; p < first + args.scale; ++p) {
       if (args.valid != nullptr && args.valid[p] == 0) continue;
       for (int c = 0; c < 3; ++c) sum[c] += args.rgb[3 * p + c];
       ++n;
     }
   }
-  const std::int64_t out = std::int64_t{y} * args.reduced_width() + x;
   for (int c = 0; c < 3; ++c) {
     args.reduced[3 * out + c] = static_cast<std::uint8_t>(n == 0 ? 0 : (sum[c] + n / 2) / n);
   }
@@ -58,10 +59,4 @@ B3DGS_HD void reduce_pixel(const ReduceImageArgs& args, std::int32_t x, std::int
   }
 }
 
-namespace cuda {
-
-/// Writes all reduced pixels. Asynchronous.
-void reduce_image(const ReduceImageArgs& args, cudaStream_t stream);
-
-}  // namespace cuda
 }  // namespace b3dgs

@@ -98,8 +98,7 @@ void ErrorImage::compute(const torch::Tensor& rendered, const torch::Tensor& tru
   args.truth = truth.data_ptr<std::uint8_t>();
   args.valid = valid.defined() ? valid.data_ptr<std::uint8_t>() : nullptr;
   args.error = error_.data_ptr<float>();
-  if (kTorchHasCuda && rendered.is_cuda()) return cuda::compute_error_image(args, torch_stream());
-  for_rows<write_pixel_error>(args, args.n_pixels);
+  for_rows<write_pixel_error>(rendered.is_cuda(), args, args.n_pixels);
 }
 
 }  // namespace b3dgs

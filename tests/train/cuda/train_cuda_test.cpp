@@ -208,7 +208,7 @@ TEST(SplitSamples, EqualThoseOfTheCpuUpToRounding) {
   args.log_scales = device_log_scales.data();
   args.quats = device_quats.data();
   args.out = device_out.data();
-  cuda::draw_split_samples(args, nullptr);
+  cuda::for_rows<draw_split_sample>(args, kRows, nullptr);
   device_out.download(found.data());
   for (std::size_t i = 0; i < found.size(); ++i) {
     EXPECT_NEAR(found[i], expected[i], 1e-6 * std::max(1.0f, std::fabs(expected[i]))) << i;
@@ -239,15 +239,13 @@ TEST(ReduceImageOnGpu, EqualsThatOfTheCpu) {
       args.valid = is_masked ? valid.data() : nullptr;
       args.reduced = expected.data();
       args.reduced_valid = is_masked ? mask.data() : nullptr;
-      for (int y = 0; y < args.reduced_height(); ++y) {
-        for (int x = 0; x < args.reduced_width(); ++x) reduce_pixel(args, x, y);
-      }
+      for (std::int64_t i = 0; i < args.n_reduced(); ++i) reduce_pixel(args, i);
       const test::DeviceArray<std::uint8_t> device_reduced(3 * n_reduced + 1), device_mask(n_reduced + 1);
       args.rgb = device_rgb.data();
       args.valid = is_masked ? device_valid.data() : nullptr;
       args.reduced = device_reduced.data();
       args.reduced_valid = is_masked ? device_mask.data() : nullptr;
-      cuda::reduce_image(args, nullptr);
+      cuda::for_rows<reduce_pixel>(args, args.n_reduced(), nullptr);
       if (n_reduced == 0) continue;  // nothing to write, and no error
       std::vector<std::uint8_t> downloaded(3 * n_reduced + 1);
       device_reduced.download(downloaded.data());

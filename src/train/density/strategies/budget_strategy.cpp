@@ -6,12 +6,8 @@
 #include "core/check.h"
 #include "core/parallel.h"
 #include "raster/math/opacity.h"
-#include "train/density/strategies/budget_kernels.h"
-
-#if B3DGS_TORCH_CUDA
 #include "raster/torch/torch_cuda.h"
-#include "train/density/strategies/budget_kernels_cuda.h"
-#endif
+#include "train/density/strategies/budget_kernels.h"
 
 namespace b3dgs {
 namespace {
@@ -27,27 +23,12 @@ torch::Tensor rows_of(const torch::Tensor& mask) {
   return mask.nonzero().flatten();
 }
 
-/// Calls one_row(args, i) for all i below n.
-template <class Args, class OneRow>
-void on_rows(std::int64_t n, const Args& args, OneRow&& one_row) {
-  constexpr std::int64_t kGrain = 1024;
-  parallel_chunks(n, kGrain, [&](std::int64_t begin, std::int64_t end) {
-    for (std::int64_t i = begin; i < end; ++i) one_row(args, i);
-  });
-}
-
 /// A value for each of `rows`; those with the largest are the sample.
 torch::Tensor draw_keys(const torch::Tensor& rows, const torch::Tensor& scores, const RandomKey& key) {
   torch::Tensor keys = torch::empty({rows.size(0)}, scores.options());
   const ParentKeyArgs args{rows.size(0), rows.data_ptr<std::int64_t>(), scores.data_ptr<float>(), key,
                            keys.data_ptr<float>()};
-#if B3DGS_TORCH_CUDA
-  if (keys.is_cuda()) {
-    cuda::draw_parent_keys(args, torch_stream());
-    return keys;
-  }
-#endif
-  on_rows(args.n_rows, args, draw_parent_key);
+  for_rows<draw_parent_key>(keys.is_cuda(), args, args.n_rows);
   return keys;
 }
 
@@ -67,10 +48,7 @@ void add_parts(const GaussianTensors& gaussians, const torch::Tensor& parents, S
                       edit.new_means.data_ptr<float>(),
                       edit.new_log_scales.data_ptr<float>(),
                       edit.new_logit_opacities.data_ptr<float>()};
-#if B3DGS_TORCH_CUDA
-  if (parents.is_cuda()) return cuda::make_parts(args, torch_stream());
-#endif
-  on_rows(2 * n, args, make_part);
+  for_rows<make_part>(parents.is_cuda(), args, 2 * n);
 }
 
 int last_growth_round(const TrainConfig& config) {

@@ -49,11 +49,7 @@ torch::Tensor sample_means(const GaussianTensors& gaussians, const torch::Tensor
   args.key = {seed, RandomStream::kSplit, static_cast<std::uint32_t>(iteration)};
   args.sample = sample;
   args.out = samples.data_ptr<float>();
-  if (kTorchHasCuda && samples.is_cuda()) {
-    cuda::draw_split_samples(args, torch_stream());
-  } else {
-    for_rows<draw_split_sample>(args, args.n_rows);
-  }
+  for_rows<draw_split_sample>(samples.is_cuda(), args, args.n_rows);
   return samples;
 }
 

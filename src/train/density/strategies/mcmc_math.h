@@ -191,13 +191,4 @@ B3DGS_HD void add_noise_row(const MeanNoiseArgs& args, std::int64_t i) {
           static_cast<float>(mean.z + size * noise.z)});
 }
 
-namespace cuda {
-
-// All rows; asynchronous.
-void compute_draw_weights(const DrawWeightArgs& args, cudaStream_t stream);
-void draw_rows(const DrawArgs& args, cudaStream_t stream);
-void share_rows(const ShareArgs& args, cudaStream_t stream);
-void add_mean_noise(const MeanNoiseArgs& args, cudaStream_t stream);
-
-}  // namespace cuda
 }  // namespace b3dgs

@@ -27,11 +27,7 @@ torch::Tensor draw_weights(const torch::Tensor& logit_opacities, float dead_logi
   args.logit_opacities = logit_opacities.data_ptr<float>();
   args.dead_logit = dead_logit;
   args.out = weights.data_ptr<std::int64_t>();
-  if (kTorchHasCuda && weights.is_cuda()) {
-    cuda::compute_draw_weights(args, torch_stream());
-  } else {
-    for_rows<write_draw_weight>(args, args.n_rows);
-  }
+  for_rows<write_draw_weight>(weights.is_cuda(), args, args.n_rows);
   return weights;
 }
 
@@ -47,11 +43,7 @@ torch::Tensor draw_rows(const torch::Tensor& weights, std::int64_t n_draws, cons
   args.key = key;
   args.first_number = static_cast<std::uint64_t>(first_number);
   args.out = rows.data_ptr<std::int64_t>();
-  if (kTorchHasCuda && rows.is_cuda()) {
-    cuda::draw_rows(args, torch_stream());
-  } else {
-    for_rows<write_drawn_row>(args, n_draws);
-  }
+  for_rows<write_drawn_row>(rows.is_cuda(), args, n_draws);
   return rows;
 }
 
@@ -93,11 +85,7 @@ Copies share(const Copies& from, const torch::Tensor& rows, const torch::Tensor&
   args.log_scales = from.log_scales.data_ptr<float>();
   args.out_logit_opacities = copies.logit_opacities.data_ptr<float>();
   args.out_log_scales = copies.log_scales.data_ptr<float>();
-  if (kTorchHasCuda && rows.is_cuda()) {
-    cuda::share_rows(args, torch_stream());
-  } else {
-    for_rows<share_row>(args, args.n_rows);
-  }
+  for_rows<share_row>(rows.is_cuda(), args, args.n_rows);
   keep_alive(copies, rows, n_drawn, least_logit);
   return copies;
 }
@@ -201,8 +189,7 @@ void add_mean_noise(GaussianTensors& gaussians, double rate, std::int64_t seed, 
   args.rate = rate;
   args.log_bound = log_noise_bound(rate);
   if (model_rows.defined()) args.model_rows = model_rows.data_ptr<std::int32_t>();
-  if (kTorchHasCuda && gaussians.means.is_cuda()) return cuda::add_mean_noise(args, torch_stream());
-  for_rows<add_noise_row>(args, args.n_gaussians);
+  for_rows<add_noise_row>(gaussians.means.is_cuda(), args, args.n_gaussians);
 }
 
 }  // namespace b3dgs
