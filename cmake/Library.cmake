@@ -6,7 +6,7 @@ set(_b3dgs_package ${CMAKE_INSTALL_LIBDIR}/cmake/Balanced3DGS)
 
 set(_b3dgs_libraries b3dgs_options b3dgs_core b3dgs_config b3dgs_scene b3dgs_raster_math b3dgs_raster_cpu b3dgs_raster
   b3dgs_model b3dgs_adaptive b3dgs_ranks b3dgs_dist b3dgs_train b3dgs_multi)
-foreach(library b3dgs_raster_cuda b3dgs_adaptive_cuda b3dgs_train_cuda b3dgs_multi_cuda)
+foreach(library b3dgs_raster_cuda b3dgs_train_cuda b3dgs_multi_cuda)
   if(TARGET ${library})
     list(APPEND _b3dgs_libraries ${library})
   endif()

@@ -9,7 +9,7 @@ export PATH=$PATH:/usr/local/cuda/bin
 scripts/install_packages.sh --tests
 cmake --preset cuda-compile -DB3DGS_TESTS=ON
 cmake --build --preset cuda-compile --parallel "$(nproc)" \
-  --target b3dgs_raster_cuda b3dgs_train_cuda b3dgs_multi_cuda b3dgs_adaptive_cuda raster_cuda_tests train_cuda_tests adaptive_cuda_tests
+  --target b3dgs_raster_cuda b3dgs_train_cuda b3dgs_multi_cuda raster_cuda_tests train_cuda_tests
 scripts/kernel_resources.sh --check
 scripts/check_rounding.sh
 scripts/check_torch_cuda.sh

@@ -83,6 +83,19 @@ class KernelChooserTest : public testing::Test {
   std::vector<PinholeView> cameras;
 };
 
+TEST(KernelTimer, GivesATimeForEachPieceOfWorkOnce) {
+  const std::unique_ptr<KernelTimer> timer = make_kernel_timer(torch::kCPU);
+  int n_done = 0;
+  for (int round = 1; round <= 2; ++round) {
+    for (int piece = 0; piece < 3; ++piece) timer->measure([&] { ++n_done; });
+    EXPECT_EQ(n_done, 3 * round);
+    const std::vector<double> ms = timer->finish();
+    ASSERT_EQ(ms.size(), 3u);
+    for (const double each : ms) EXPECT_GE(each, 0);
+    EXPECT_TRUE(timer->finish().empty());
+  }
+}
+
 TEST_F(KernelChooserTest, SwitchesToTheFasterKernel) {
   KernelChooser own = chooser(2.0, 1.0);
   EXPECT_EQ(own.apply({}).kernel, ForwardKernel::kSegmented);

@@ -7,11 +7,7 @@
 
 #include "adaptive/load_statistics.h"
 #include "core/check.h"
-
-#if B3DGS_TORCH_CUDA
-#include "adaptive/kernel_timer.h"
-#include "raster/torch/torch_cuda.h"
-#endif
+#include "train/timing/timers.h"
 
 namespace b3dgs {
 namespace {
@@ -102,6 +98,31 @@ namespace {
 
 using Json = nlohmann::ordered_json;
 
+class ClockTimer final : public KernelTimer {
+ public:
+  explicit ClockTimer(std::unique_ptr<StageClock> clock) : clock_(std::move(clock)) {}
+
+  void measure(const std::function<void()>& work) override {
+    const int from = clock_->mark();
+    work();
+    spans_.emplace_back(from, clock_->mark());
+  }
+  std::vector<double> finish() override {
+    std::vector<double> ms;
+    if (!spans_.empty()) clock_->wait(spans_.back().second);
+    for (const auto& [from, to] : std::exchange(spans_, {})) {
+      ms.push_back(clock_->ms_between(from, to));
+      clock_->release(from);
+      clock_->release(to);
+    }
+    return ms;
+  }
+
+ private:
+  std::unique_ptr<StageClock> clock_;
+  std::vector<std::pair<int, int>> spans_;  // marks
+};
+
 // The simplest kernels are the reference if candidates disagree.
 constexpr const char *kForwardReference = "naive", *kBackwardReference = "per-pixel";
 
@@ -164,6 +185,10 @@ void find_faults(BlendPass& blend, const std::string& reference, std::vector<Ker
 
 }  // namespace
 
+std::unique_ptr<KernelTimer> make_kernel_timer(torch::Device device) {
+  return std::make_unique<ClockTimer>(make_stage_clock(device));
+}
+
 KernelChooser::KernelChooser(const TrainConfig& config, torch::Device device, KernelCheckTools tools)
     : device_(device),
       tools_(std::move(tools)),
@@ -185,15 +210,7 @@ std::string KernelChooser::backward_name() const {
 }
 
 KernelTimer& KernelChooser::timer() {
-  if (tools_.timer != nullptr) return *tools_.timer;
-  if (device_.is_cpu()) {
-    tools_.timer = std::make_unique<SteadyTimer>();
-  } else {
-#if B3DGS_TORCH_CUDA
-    tools_.timer = std::make_unique<CudaEventTimer>(torch_stream());
-#endif
-  }
-  B3DGS_CHECK(tools_.timer != nullptr, "this build has no kernel timer for ", device_.str());
+  if (tools_.timer == nullptr) tools_.timer = make_kernel_timer(device_);
   return *tools_.timer;
 }
 

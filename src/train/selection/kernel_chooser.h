@@ -78,6 +78,8 @@ struct CandidateTiming {
 
 /// How kernels are timed and run; tests replace the device's own.
 struct KernelCheckTools {
+std::unique_ptr<KernelTimer> make_kernel_timer(torch::Device device);
+
   using MakeBlend = std::function<std::unique_ptr<BlendPass>(const BlendInput&)>;
 
   std::unique_ptr<KernelTimer> timer;  // the device's own if null

@@ -25,6 +25,26 @@ TrainConfig measured_config() {
   return config;
 }
 
+TEST(KernelTimerOnGpu, GivesOneTimeForEachPieceOfWorkInOrder) {
+  B3DGS_NEEDS_GPU();
+  constexpr std::int64_t kBytes = 256 << 20;
+  const torch::Device device(torch::kCUDA, 0);
+  const torch::Tensor memory = torch::empty({kBytes}, torch::TensorOptions(torch::kUInt8).device(device));
+  const std::unique_ptr<KernelTimer> timer = make_kernel_timer(device);
+  const auto fill = [&](std::int64_t bytes) { timer->measure([&] { memory.slice(0, 0, bytes).zero_(); }); };
+  fill(kBytes);
+  timer->finish();  // warm-up: first uses are slow
+  EXPECT_TRUE(timer->finish().empty());
+  for (int round = 0; round < 3; ++round) {
+    for (const std::int64_t bytes : {kBytes, std::int64_t{16}, kBytes}) fill(bytes);
+    const std::vector<double> ms = timer->finish();
+    ASSERT_EQ(ms.size(), 3u);
+    EXPECT_GT(ms[0], ms[1]) << "the first piece has 16 million times the work";
+    EXPECT_GT(ms[2], ms[1]);
+    EXPECT_GT(ms[1], 0);
+  }
+}
+
 TEST(KernelChooserOnGpu, EveryKernelAgreesWithTheReferenceAndIsTimed) {
   B3DGS_NEEDS_GPU();
   const torch::Device device(torch::kCUDA, 0);
