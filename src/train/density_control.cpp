@@ -9,8 +9,7 @@ namespace b3dgs {
 
 void DensityControl::run() {
   TrainState& state = training_.state;
-  for (int iteration = state.first_of_step(); iteration <= state.iteration; ++iteration) run(iteration);
-  state.is_density_pending = false;
+  for (; state.n_density_pending > 0; --state.n_density_pending) run(state.iteration - state.n_density_pending + 1);
 }
 
 void DensityControl::run(int iteration) {

@@ -14,7 +14,7 @@ class DensityControl {
   /// Both must outlive this.
   DensityControl(Training& training, Stepper& stepper) : training_(training), stepper_(stepper) {}
 
-  /// What falls on the iterations of the last step.
+  /// What falls on the iterations of the last step and has not been done yet.
   void run();
 
  private:

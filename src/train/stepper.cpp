@@ -41,7 +41,7 @@ void Stepper::step() {
     before_ = {state_, state_.adam.steps};
     try {
       take_step();
-      state_.is_density_pending = true;
+      state_.n_density_pending = state_.step_iterations;
       return;
     } catch (const InvalidGaussianError& error) {
       roll_back();

@@ -82,10 +82,10 @@ void Trainer::begin() {
   missing.ply = wants_ply && !std::filesystem::exists(training_->folder.ply(state.iteration));
   // A complete training that is resumed in another folder has its files there, too.
   missing.checkpoint =
-      state.is_density_pending || !std::filesystem::exists(training_->folder.checkpoint(state.iteration));
+      state.n_density_pending > 0 || !std::filesystem::exists(training_->folder.checkpoint(state.iteration));
   missing = stepper_->agree_on_start(missing);
-  if (missing.ply && (state.is_density_pending || is_complete)) write_ply();
-  if (state.is_density_pending) density_control_->run();
+  if (missing.ply && (state.n_density_pending > 0 || is_complete)) write_ply();
+  density_control_->run();
   if (is_complete && missing.checkpoint) write_state();
   if (is_complete) {
     recorder.say(detail::concat("all ", config.iterations, " iterations are done; raise --iterations to train longer"));

@@ -13,6 +13,7 @@
 #include "support/full_disk.h"
 #include "support/same.h"
 #include "support/temp_dir.h"
+#include "support/train/short_memory.h"
 #include "support/train/tiny_scene.h"
 #include "support/train/training.h"
 #include "train/checkpoint/checkpoint.h"
@@ -96,6 +97,54 @@ TEST_F(TrainerFaults, EachLeavesACheckpointOfTheLastIteration) {
     const Trained resumed = train(config, scene, folder.root(), folder.checkpoint(row.iteration));
     EXPECT_TRUE(test::same(resumed.ply, whole.ply)) << "density control was skipped, or done twice";
     EXPECT_TRUE(test::same(read_bytes(folder.ply(10)), read_bytes(ModelFolder(temp / "whole").ply(10))));
+  }
+}
+
+/// Two rounds fall into one step, and memory ends between them: the first one is not repeated.
+TEST_F(TrainerFaults, ResumesBetweenTwoRoundsOfDensityControl) {
+  TrainConfig config = eventful_config();
+  config.batch = 4;
+  config.densification_interval = 2;
+  const Trained whole = train(config, scene, temp / "whole");
+  int n_rounds = 0;
+  const auto fail = [&] {
+    if (++n_rounds == 2) throw OutOfMemoryError("cudaMalloc: out of memory");
+  };
+  const ModelFolder folder(temp / "model");
+  EXPECT_TRUE(test::fails_with<OutOfMemoryError>(
+      {"iteration 12 is saved"}, [&] { Trainer(config, scene, folder, failing_at(12, "densifying", fail)).run(); }));
+  const Trained resumed = train(config, scene, folder.root(), folder.checkpoint(12));
+  EXPECT_TRUE(test::same(resumed.checkpoint, whole.checkpoint));
+}
+
+/// What evaluates and measures between steps takes memory, too.
+TEST_F(TrainerFaults, EvaluationsThatRunOutOfMemoryAreRepeated) {
+  TrainConfig config = eventful_config();
+  config.iterations = 10;
+  config.stats_interval = 10;
+  config.test_iterations = {10};
+  const auto events = [&](const std::string& name) {
+    std::string lines;
+    std::ifstream log(temp / name / "train.jsonl");
+    for (std::string line; std::getline(log, line);) {
+      const nlohmann::json json = nlohmann::json::parse(line);
+      if (json.value("event", "") == "load_statistics" || json.contains("test_psnr")) {
+        lines += json.value("event", "") + std::to_string(json.value("test_psnr", 0.0)) + json.value("view", "") + "\n";
+      }
+    }
+    return lines;
+  };
+  train(config, scene, temp / "whole");
+  ASSERT_FALSE(events("whole").empty());
+  for (const char* const before : {"training", "evaluating"}) {  // load statistics follow the step
+    for (std::int64_t n = 0; n < 3; ++n) {
+      SCOPED_TRACE(testing::Message() << "allocation " << n << " after " << before);
+      test::FailOnce failure;
+      const test::FailingAllocator allocator([&](std::size_t) { return failure(); });
+      train(config, scene, temp / "short", {}, failing_at(10, before, [&] { failure.n = n; }));
+      EXPECT_TRUE(failure.has_failed);
+      EXPECT_EQ(events("short"), events("whole"));
+    }
   }
 }
 

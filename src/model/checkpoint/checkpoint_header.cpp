@@ -84,8 +84,9 @@ CheckpointHeader parse_checkpoint_header(const Json& json, const std::string& pl
     if (json.contains("elapsed_s")) header.elapsed_s = finite_number(json.at("elapsed_s"), "elapsed_s", place);
     if (header.elapsed_s < 0) input_error(place, ": elapsed_s must be at least 0, found ", header.elapsed_s);
     header.training_id = json.value("training_id", std::string());
-    header.is_density_pending = json.value("is_density_pending", false);
     take_integer("step_iterations", header.step_iterations, 1, std::clamp(header.iteration, 1, kMaxBatch));
+    if (json.value("is_density_pending", false)) header.n_density_pending = header.step_iterations;
+    take_integer("n_density_pending", header.n_density_pending, 0, header.step_iterations);
     take_integer("n_removed", header.n_removed, 0, kAny);
     take_integer("held_at", header.held_at, 0, kAny);
     take_integer("appearance_steps", header.appearance_steps, 0, header.iteration);

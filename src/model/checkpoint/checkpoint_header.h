@@ -62,24 +62,39 @@ void verify_checkpoint_file(const std::filesystem::path& path);
 
 // The header of a checkpoint: everything except the tensors, checked value by value.
 
-struct CheckpointHeader {
+/// What a step changes before it changes the Gaussians.
+struct StepPosition {
+  int iteration = 0;        // last one done; random numbers follow from it and the seed (core/random.h)
+  int step_iterations = 1;  // of the last step, see --batch
+  int sh_degree = 0;        // currently optimised; shN has coefficients up to the config's degree
+  ViewOrder view_order;     // indices of the scene's training views, each at most once
+  double loss_average = 0;  // 0.4 x new + 0.6 x old
+
+  /// First iteration of the last step.
+  int first_of_step() const { return iteration - step_iterations + 1; }
+};
+
+/// The state of a training, except the tensors and what goes with them.
+struct StateValues : StepPosition {
+  ViewRatios view_ratios;   // where memory is limited; all 0 in checkpoints of early versions
+  double elapsed_s = 0;     // of training, over all sessions
+  std::string training_id;  // ModelFolder::training_id(); empty in checkpoints of early versions
+  // The density control of so many iterations, the last ones of the last step, is still to be done: the session ended
+  // before it.
+  int n_density_pending = 0;
+  std::int64_t n_removed = 0;  // invalid Gaussians that were removed (train/density/row_edit.h)
+  std::int64_t held_at = 0;    // the count is held here for lack of memory; 0 = not held
+  nlohmann::ordered_json kernel_selection = nlohmann::ordered_json::object();
+};
+
+/// Numbers are at least 0 and finite, iterations at most `iteration`.
+struct CheckpointHeader : StateValues {
   TrainConfig config;
-  int iteration = 0;             // the last completed one, at least 0
   std::int64_t n_gaussians = 0;  // at least 1
-  int step_iterations = 1;       // of the last step, from 1 to `iteration` and kMaxBatch
-  int sh_degree = 0;             // from 0 to config.sh_degree
-  std::int64_t adam_steps = 0;   // from 0 to `iteration`
-  ViewOrder view_order;          // indices of the scene's training views, each at most once
-  ViewRatios view_ratios;        // each finite, at least 0; all 0 in checkpoints of early versions
-  double loss_average = 0;       // finite
-  double elapsed_s = 0;          // at least 0
-  std::string training_id;       // empty in checkpoints of early versions
-  bool is_density_pending = false;
-  std::int64_t n_removed = 0;         // invalid Gaussians removed so far, at least 0
-  std::int64_t held_at = 0;           // number of Gaussians at which GPU memory stopped their growth; 0: it did not
-  std::int64_t appearance_steps = 0;  // from 0 to `iteration`
+  std::int64_t adam_steps = 0;
+  std::int64_t appearance_steps = 0;
   std::vector<std::int64_t> appearance_last_steps;  // each from 0 to appearance_steps
-  nlohmann::ordered_json kernel_selection, scene;
+  nlohmann::ordered_json scene;
 };
 
 /// The value of the header's key "view_ratios", which is missing if no view was counted.

@@ -175,13 +175,16 @@ Json checkpoint_header(const TrainConfig& config, const TrainState& state, const
               {"loss_average", state.loss_average},
               {"elapsed_s", state.elapsed_s},
               {"training_id", state.training_id},
-              {"is_density_pending", state.is_density_pending},
+              {"is_density_pending", state.n_density_pending > 0},
               {"n_removed", state.n_removed},
               {"held_at", state.held_at},
               {"kernel_selection", state.kernel_selection},
               {"config", config_to_json(config)},
               {"scene", fingerprint}};
   if (state.step_iterations != 1) header["step_iterations"] = state.step_iterations;
+  if (state.n_density_pending > 0 && state.n_density_pending < state.step_iterations) {
+    header["n_density_pending"] = state.n_density_pending;
+  }
   // Of several ranks, each has its own.
   if (!state.n_of_all_ranks && !state.view_ratios.is_empty()) header["view_ratios"] = ratios_to_json(state.view_ratios);
   if (state.appearance.is_defined()) header["appearance_steps"] = state.appearance.steps;
@@ -223,21 +226,10 @@ Checkpoint read_checkpoint(const std::filesystem::path& path, const Scene& scene
   Checkpoint checkpoint;
   checkpoint.config = std::move(header.config);
   TrainState& state = checkpoint.state;
-  state.iteration = header.iteration;
-  state.step_iterations = header.step_iterations;
-  state.sh_degree = header.sh_degree;
+  static_cast<StateValues&>(state) = header;
   state.adam.steps = header.adam_steps;
-  state.view_order = std::move(header.view_order);
-  state.view_ratios = header.view_ratios;
-  state.loss_average = header.loss_average;
-  state.elapsed_s = header.elapsed_s;
-  state.training_id = std::move(header.training_id);
-  state.is_density_pending = header.is_density_pending;
-  state.n_removed = header.n_removed;
-  state.held_at = header.held_at;
   state.appearance.steps = header.appearance_steps;
   state.appearance.last_steps = std::move(header.appearance_last_steps);
-  state.kernel_selection = std::move(header.kernel_selection);
   // Which columns of statistics a checkpoint holds depends on the strategy.
   state.statistics =
       make_density_strategy(checkpoint.config, scene.extent)->make_statistics(/*n_gaussians=*/0, torch::kCPU);

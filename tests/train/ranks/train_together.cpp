@@ -1,11 +1,9 @@
 // A program of several ranks for train_ranks_tests: train_together RANKS SCENARIO. What several ranks train together
 // must have the bytes of what one process trains alone with the same options.
-#include <c10/core/CPUAllocator.h>
 #include <torch/types.h>
 
 #include <atomic>
 #include <cstdlib>
-#include <cstring>
 #include <filesystem>
 #include <iostream>
 #include <limits>
@@ -346,31 +344,6 @@ void check_exhausted(Communicator& ranks) {
   expect_same(train(config, scene, folder / "together", &ranks, checkpoint), alone, "resumed", ranks);
 }
 
-/// LibTorch's memory of the CPU. Once armed, the next allocation of whole rows of packed splats fails.
-class ShortAllocator final : public c10::Allocator {
- public:
-  ShortAllocator() : own_(c10::GetCPUAllocator()) { c10::SetCPUAllocator(this, kPriority); }
-  ~ShortAllocator() override { c10::SetCPUAllocator(own_, kPriority); }
-  // Some versions of LibTorch have the first of these, others the last two.
-  c10::DataPtr allocate(std::size_t n_bytes) const { return take(n_bytes); }
-  c10::DataPtr allocate(std::size_t n_bytes) { return take(n_bytes); }
-  void copy_data(void* to, const void* from, std::size_t n_bytes) const { std::memcpy(to, from, n_bytes); }
-
-  mutable bool is_armed = false;
-
- private:
-  static constexpr std::uint8_t kPriority = 255;
-  c10::DataPtr take(std::size_t n_bytes) const {
-    constexpr std::size_t kRow = kRowWords * sizeof(std::int32_t), kFewRows = 20;
-    if (is_armed && n_bytes >= kFewRows * kRow && n_bytes % kRow == 0) {
-      is_armed = false;
-      throw c10::OutOfMemoryError({__func__, __FILE__, __LINE__}, "the test has no memory for that");
-    }
-    return own_->allocate(n_bytes);
-  }
-  c10::Allocator* own_;
-};
-
 /// A rank that runs out of memory while it packs splats: it frees some, and the step is repeated.
 void check_packing(Communicator& ranks) {
   const Scene scene = test::make_tiny_scene();
@@ -378,13 +351,17 @@ void check_packing(Communicator& ranks) {
   TrainConfig config = config_of("default");
   config.iterations = 9;
   const Files alone = train_alone(config, scene, folder / "alone", ranks);
-  ShortAllocator memory;
+  bool is_armed = false;
+  const test::FailingAllocator memory([&](std::size_t n_bytes) {  // the next allocation of whole rows of packed splats
+    constexpr std::size_t kRow = kRowWords * sizeof(std::int32_t), kFewRows = 20;
+    return is_armed && n_bytes >= kFewRows * kRow && n_bytes % kRow == 0 && std::exchange(is_armed, false);
+  });
   TrainHooks hooks;
   hooks.on_progress = [&](const TrainProgress& progress) {
-    if (ranks.rank() == ranks.size() - 1) memory.is_armed |= progress.iteration == 6;
+    if (ranks.rank() == ranks.size() - 1) is_armed |= progress.iteration == 6;
   };
   expect_same(train(config, scene, folder / "together", &ranks, {}, hooks), alone, "packed again", ranks);
-  expect(!memory.is_armed, "no allocation has failed");
+  expect(!is_armed, "no allocation has failed");
 }
 
 /// A rank that fails alone: the others say which one, why, and where to continue.
