@@ -123,12 +123,14 @@ class Communicator {
 };
 
 /// Calls body(). If it throws, tells the other ranks why before the exception goes on. If another rank has failed
-/// before, throws that PeerError instead: what follows a failed exchange is a consequence.
+/// before, throws that PeerError instead: what follows a failed exchange is a consequence. A PeerError waits for what
+/// the rank that failed says at its end.
 template <class Body>
 auto run_as_rank(Communicator& communicator, Body&& body) {
   try {
     return body();
   } catch (const PeerError&) {
+    communicator.barrier("the end of a rank that failed");
     throw;
   } catch (const std::exception& error) {
     communicator.throw_if_failed();

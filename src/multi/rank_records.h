@@ -30,16 +30,18 @@ struct StepRecord {
 
 /// What rank 0 asks of the others in on_first().
 struct RenderRequest {
-  enum Kind : std::int32_t { kDone, kRender, kRemove };
+  enum Kind : std::int32_t { kDone, kRender, kRemove, kFailed };
   std::int64_t row = 0;  // to remove
   PinholeView view{};
   RenderSettings settings{};
   Kind kind = kDone;
+  bool can_save = false;  // after a failure: whether the model is undamaged
 };
 
 /// What each rank tells the others of its projection of such a view.
 struct ProjectRecord {
   std::int64_t n_splats = 0, first_invalid = -1;
+  std::int32_t is_out_of_memory = 0;
 };
 
 /// @throws InvalidGaussianError, on all ranks, if one of them has found an invalid Gaussian

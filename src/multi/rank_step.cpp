@@ -43,6 +43,7 @@ struct RankStepper::Part {
 };
 
 void RankStepper::take_step() {
+  has_failed_together_ = false;
   const int last = step_end(config_.batch, config_.iterations, state_.iteration);
   bool is_filter_due = begin_step(last);
   do {
@@ -122,9 +123,7 @@ void RankStepper::exchange_records(Part& part, StepRecord record, int last) {
   agreed_.check_kernels = records[0].check_kernels != 0;
   add_rendered(rendered_before);
   check_valid(records);
-  for (std::size_t r = 0; r < records.size(); ++r) {
-    if (records[r].is_out_of_memory != 0) throw_out_of_memory(static_cast<int>(r), "a view's projection");
-  }
+  check_memory(records, "a view's projection");
 }
 
 void RankStepper::render_own_views(Part& part) {

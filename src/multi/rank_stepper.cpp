@@ -8,19 +8,39 @@ namespace b3dgs {
 
 void RankStepper::on_first(const std::function<void()>& work) {
   if (renders_on_first_) return work();
+  has_failed_together_ = false;
   read_losses();
   update_filters(/*is_due=*/false);  // all ranks together
   if (!ranks_.is_first()) return serve_renders();
   renders_on_first_ = true;
-  work();
+  RenderRequest end;
+  try {
+    work();
+  } catch (const PeerError&) {
+    renders_on_first_ = false;
+    throw;
+  } catch (const std::exception& error) {
+    // The others wait for a request. All end together, which leaves a checkpoint.
+    renders_on_first_ = false;
+    end.kind = RenderRequest::kFailed;
+    end.can_save = dynamic_cast<const LossError*>(&error) == nullptr;
+    ranks_.exchange_record("render", end);
+    ranks_.exchange("failure", error.what());
+    has_failed_together_ = end.can_save;
+    throw;
+  }
   renders_on_first_ = false;
-  ranks_.exchange_record("render", RenderRequest{});
+  ranks_.exchange_record("render", end);
 }
 
 void RankStepper::serve_renders() {
   for (;;) {
     const RenderRequest request = ranks_.exchange_record("render", RenderRequest{}).front();
     if (request.kind == RenderRequest::kDone) return;
+    if (request.kind == RenderRequest::kFailed) {
+      has_failed_together_ = request.can_save;
+      throw PeerError(0, ranks_.size(), ranks_.exchange("failure", "").front());
+    }
     if (request.kind == RenderRequest::kRemove) {
       flush();
       state_.n_removed += remove_invalid_rows(request.row);
@@ -30,6 +50,8 @@ void RankStepper::serve_renders() {
       project_and_render(request.view, request.settings);
     } catch (const InvalidGaussianError&) {
       // Rank 0 has it, too, and decides.
+    } catch (const OutOfMemoryError&) {
+      // Likewise.
     }
   }
 }
@@ -49,13 +71,17 @@ RenderedView RankStepper::project_and_render(const PinholeView& view, const Rend
   ProjectRecord record;
   ViewSplats own;
   try {
-    own = training_.rasterizer.project(flushed_state().gaussians, view, settings);
+    own = with_remedies(training_.remedies(),
+                        [&] { return training_.rasterizer.project(flushed_state().gaussians, view, settings); });
     record.n_splats = own.size();
   } catch (const InvalidGaussianError& error) {
     record.first_invalid = owners_.row_of_model(error.row());
+  } catch (const OutOfMemoryError&) {
+    record.is_out_of_memory = 1;
   }
   const std::vector<ProjectRecord> records = ranks_.exchange_record("projected", record);
   check_valid(records);
+  check_memory(records, "a view's projection");
   std::vector<std::vector<std::int64_t>> counts;
   counts.reserve(records.size());
   for (const ProjectRecord& other : records) counts.push_back({other.n_splats});
@@ -87,6 +113,13 @@ Stepper::Missing RankStepper::agree_on_start(Missing here) {
 bool RankStepper::has_written_files() {
   const bool here = training_.recorder.failed_files().empty();
   return ranks_.exchange_record("files", std::int32_t{here}).front() != 0;
+}
+
+std::string RankStepper::last_checkpoint() const {
+  const std::vector<int> iterations = training_.folder.checkpoint_iterations();  // rank 0 has written them
+  if (iterations.empty()) return "; last checkpoint: none was written";
+  const std::filesystem::path last = training_.folder.checkpoint(iterations.back());
+  return "; last checkpoint: " + last.string() + ", " + training_.resume_words(last);
 }
 
 void RankStepper::compute_filters(SmoothingFilter& filter) {

@@ -66,6 +66,7 @@ class RankStepper final : public Stepper {
   void share_kernels() override;
   void on_first(const std::function<void()>& work) override;
   bool has_written_files() override;
+  std::string last_checkpoint() const override;
   bool can_save() const override { return has_failed_together_; }
 
  protected:
@@ -122,6 +123,13 @@ class RankStepper final : public Stepper {
   [[noreturn]] void throw_out_of_memory(int rank, const std::string& reason);
 
   // rank_stepper.cpp
+  /// @throws OutOfMemoryError, on all ranks, if that is what a record says
+  template <class Record>
+  void check_memory(const std::vector<Record>& records, const std::string& work) {
+    for (std::size_t r = 0; r < records.size(); ++r) {
+      if (records[r].is_out_of_memory != 0) throw_out_of_memory(static_cast<int>(r), work);
+    }
+  }
   void serve_renders();
   RenderedView project_and_render(const PinholeView& view, const RenderSettings& settings);
 

@@ -205,7 +205,7 @@ void Stepper::add_loss(const ViewOfStep& view, double value) {
   if (!std::isfinite(value)) {
     throw LossError(detail::concat("iteration ", view.iteration, ", view ",
                                    training_.scene.train[static_cast<std::size_t>(view.index)].name, ": the loss is ",
-                                   value, training_.recorder.last_checkpoint()));
+                                   value, last_checkpoint()));
   }
   state_.loss_average = view.iteration == 1 ? value : 0.4 * value + 0.6 * state_.loss_average;
   if (view.iteration <= before_.position.iteration) before_.position.loss_average = state_.loss_average;
@@ -306,8 +306,8 @@ void Stepper::remove_invalid_gaussians(const InvalidGaussianError& error) {
   training_.recorder.log_event(state_.iteration, "gaussians_removed",
                                {{"count", n}, {"total", state_.n_removed}, {"reason", reason}});
   if (state_.n_gaussians() == 0) {
-    throw LossError(detail::concat("after iteration ", state_.iteration, ": no Gaussian is left that can be rendered: ",
-                                   reason, training_.recorder.last_checkpoint()));
+    throw LossError(detail::concat("after iteration ", state_.iteration,
+                                   ": no Gaussian is left that can be rendered: ", reason, last_checkpoint()));
   }
   if (state_.n_removed < 2 * n_removed_at_warning_) return;
   n_removed_at_warning_ = state_.n_removed;

@@ -18,6 +18,7 @@
 #include <functional>
 #include <optional>
 #include <vector>
+#include <string>
 
 #include <nlohmann/json.hpp>
 
@@ -141,6 +142,8 @@ class Stepper {
   virtual bool can_save() const { return true; }
 
  protected:
+  /// "; last checkpoint: PATH", to be appended to an error.
+  virtual std::string last_checkpoint() const { return training_.recorder.last_checkpoint(); }
   struct ViewOfStep {
     std::int32_t index = 0;  // in Scene::train
     int iteration = 0;

@@ -9,7 +9,6 @@
 
 #include "config/output_plan.h"
 #include "config/train_options.h"
-#include "core/text.h"
 #include "train/checkpoint/checkpoint.h"
 #include "train/density_control.h"
 #include "train/device.h"
@@ -346,34 +345,21 @@ std::optional<MemoryForecast> Trainer::forecast_memory() {
 
 // --- Failures ---
 
-std::string Trainer::resume_words(const std::filesystem::path& checkpoint) const {
-  const std::string& command = training_->hooks.resume_command;
-  return "continue with " + (command.empty() ? "--resume " + shell_quote(checkpoint.string()) : command);
-}
-
-std::string Trainer::last_checkpoint() const {
-  if (stepper_->is_alone()) return training_->recorder.last_checkpoint();
-  const std::vector<int> iterations = training_->folder.checkpoint_iterations();
-  if (iterations.empty()) return "; last checkpoint: none was written";
-  const std::filesystem::path last = training_->folder.checkpoint(iterations.back());
-  return "; last checkpoint: " + last.string() + ", " + resume_words(last);
-}
-
 std::string Trainer::save_last_state() {
   const int iteration = training_->state.iteration;
-  if (!stepper_->can_save()) return last_checkpoint();
+  if (!stepper_->can_save()) return stepper_->last_checkpoint();
   if (iteration == 0) return "";
   stepper_->read_losses();
-  if (!training_->is_consistent) return last_checkpoint();
+  if (!training_->is_consistent) return stepper_->last_checkpoint();
   training_->free_scratch()();
   training_->recorder.set_ending(true);
   write_state();
   if (!stepper_->has_written_files()) {
     const std::vector<WrittenFile>& failed = training_->recorder.failed_files();
-    return kNoCheckpoint + (failed.empty() ? "see rank 0" : failed.back().error) + last_checkpoint();
+    return kNoCheckpoint + (failed.empty() ? "see rank 0" : failed.back().error) + stepper_->last_checkpoint();
   }
   return detail::concat("; iteration ", iteration, " is saved, ",
-                        resume_words(training_->folder.checkpoint(iteration)));
+                        training_->resume_words(training_->folder.checkpoint(iteration)));
 }
 
 void Trainer::end_with_checkpoint() {
@@ -384,7 +370,7 @@ void Trainer::end_with_checkpoint() {
   } catch (const LossError&) {
     throw;
   } catch (const std::exception& error) {
-    saved = kNoCheckpoint + first_line(error.what()) + last_checkpoint();
+    saved = kNoCheckpoint + first_line(error.what()) + stepper_->last_checkpoint();
   }
   try {
     std::rethrow_exception(cause);

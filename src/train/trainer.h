@@ -107,9 +107,6 @@ class Trainer {
   [[noreturn]] void end_with_checkpoint();
   /// The end of the error message: where training can be resumed.
   std::string save_last_state();
-  std::string last_checkpoint() const;
-  /// How to continue from a checkpoint.
-  std::string resume_words(const std::filesystem::path& checkpoint) const;
 
   // trainer_outputs.cpp
   /// Prepares the first step of this session. Does nothing when called again.

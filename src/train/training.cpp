@@ -6,6 +6,7 @@
 #include <chrono>
 #include <utility>
 
+#include "core/text.h"
 #include "scene/view_image.h"
 #include "train/checkpoint/checkpoint.h"
 #include "train/device.h"
@@ -65,6 +66,11 @@ CheckMoment Training::check_moment(int iteration) const {
   CheckMoment now{iteration, recorder.step_ms()};
   if (kernels.is_due(now)) now.is_after_reset = density->is_recovering(iteration);
   return now;
+}
+
+std::string Training::resume_words(const std::filesystem::path& checkpoint) const {
+  const std::string& command = hooks.resume_command;
+  return "continue with " + (command.empty() ? "--resume " + shell_quote(checkpoint.string()) : command);
 }
 
 MemoryRemedy Training::wait_for_files() {

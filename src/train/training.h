@@ -1,8 +1,10 @@
 // What the parts of a training share. A Trainer owns it, and it outlives everything that refers to it.
 #pragma once
 
+#include <filesystem>
 #include <memory>
 #include <nlohmann/json.hpp>
+#include <string>
 #include <vector>
 
 #include "adaptive/kernel_selector.h"
@@ -31,6 +33,9 @@ struct Training {
 
   /// What the kernel check before the step of `iteration` depends on.
   CheckMoment check_moment(int iteration) const;
+
+  /// How to continue from a checkpoint.
+  std::string resume_words(const std::filesystem::path& checkpoint) const;
 
   // What can be done when memory is short.
   MemoryRemedy wait_for_files();

@@ -29,9 +29,9 @@ class PeerError : public Error {
 
   PeerError(int rank, int size, const std::string& cause)
       : Error(detail::one_line(detail::concat("rank ", rank, " of ", size, " stopped: ", cause))), rank_(rank) {}
-  /// The same failure, with more text.
-  PeerError(const PeerError& failure, const std::string& more) : Error(failure.what() + more), rank_(failure.rank_) {}
   int rank() const { return rank_; }
+  /// Without that text: the rank that failed says how to go on.
+  [[noreturn]] void rethrow_with(const std::string& /*more*/) const override { throw PeerError(*this); }
 
  private:
   int rank_;

@@ -64,7 +64,7 @@ INSTANTIATE_TEST_SUITE_P(Ranks, TrainTogether,
                                          Run{3, "parts,few,empty,invalid,stop"},
                                          Run{2, "memory,exhausted,packing"},  // one lacks what the other has
                                          Run{3, "failure"},                   // two others hear of it
-                                         Run{3, "scenes"}),
+                                         Run{3, "loss,evaluation"}, Run{3, "scenes"}),
                          name_of);
 
 INSTANTIATE_TEST_SUITE_P(Ranks, TrainThroughRankZero, testing::Values(Run{3, "parts"}), name_of);

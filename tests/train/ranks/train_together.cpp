@@ -26,6 +26,7 @@
 #include "support/train/tiny_scene.h"
 #include "support/train/training.h"
 #include "train/checkpoint/checkpoint.h"
+#include "train/stepper.h"
 
 namespace b3dgs {
 namespace {
@@ -397,6 +398,76 @@ void check_failure(Communicator& ranks) {
   }
 }
 
+/// Rank 0 fails while the others wait to render views for it: all of them end, with a checkpoint from which training
+/// goes on. If the caller goes on, so does the training.
+void check_evaluation(Communicator& ranks) {
+  const Scene scene = test::make_tiny_scene();
+  const SharedFolder folder(ranks);
+  TrainConfig config = config_of("default");
+  config.test_iterations = {17};
+  const Files alone = train_alone(config, scene, folder / "alone", ranks);
+  TrainHooks hooks;
+  hooks.on_progress = [&](const TrainProgress& progress) {
+    const bool fails = progress.iteration == 18 && std::string(progress.activity) == "evaluating";
+    if (fails && ranks.is_first()) input_error("view4.png: cannot be opened");
+  };
+  const auto checkpoint = [&](const std::string& name) { return ModelFolder(folder / name).checkpoint(18); };
+  const std::string others = detail::concat("rank 0 of ", ranks.size(), " stopped: "),
+                    cause = "view4.png: cannot be opened",
+                    saved = cause + "; iteration 18 is saved, continue with --resume ";
+  const auto expect_failure = [&](const std::string& here, const std::string& there, const auto& body) {
+    std::string found;
+    try {
+      body();
+    } catch (const PeerError& error) {
+      expect(!ranks.is_first(), "the rank that failed");
+      found = error.what();
+    } catch (const InputError& error) {
+      found = error.what();
+    }
+    expect(found == (ranks.is_first() ? here : there), "found: " + found);
+  };
+  expect_failure(saved + checkpoint("together").string(), others + cause,
+                 [&] { train(config, scene, folder / "together", &ranks, {}, hooks); });
+  const Files resumed = train(config, scene, folder / "together", &ranks, checkpoint("together"));
+  if (ranks.is_first()) expect_same_bytes(resumed.checkpoint, alone.checkpoint, "resumed");
+
+  TrainHooks quiet;
+  train_on_ranks(ranks, config, quiet);
+  Trainer trainer(config, scene, ModelFolder(folder / "goes on"), quiet);
+  trainer.run_until(12);
+  expect_failure(cause, others + cause, [&] {
+    trainer.evaluate(scene.test, [](std::size_t, const View&, const RenderedView&, const std::optional<ImageQuality>&) {
+      input_error("view4.png: cannot be opened");
+    });
+  });
+  const TrainResult result = trainer.run();
+  if (ranks.is_first()) expect_same_bytes(test::read_bytes(result.ply), alone.ply, "training goes on");
+
+  const std::string stopped = saved + checkpoint("stopped").string();
+  expect_failure(stopped, others + stopped,
+                 [&] { run_as_rank(ranks, [&] { train(config, scene, folder / "stopped", &ranks, {}, hooks); }); });
+}
+
+/// A loss that is not finite: every rank names the last checkpoint, which rank 0 has written.
+void check_loss(Communicator& ranks) {
+  const Scene scene = test::make_tiny_scene();
+  const SharedFolder folder(ranks);
+  TrainConfig config = config_of("default");
+  config.iterations = 3;
+  const fs::path first =
+      ranks.exchange("checkpoint", train(config, scene, folder / "model", &ranks).result.checkpoint.string()).front();
+  config.iterations = 6;
+  config.lambda_dssim = std::numeric_limits<double>::quiet_NaN();
+  try {
+    train(config, scene, folder / "model", &ranks, first);
+    expect(false, "a loss that is not a number");
+  } catch (const LossError& error) {
+    const std::string end = "; last checkpoint: " + first.string() + ", continue with --resume " + first.string();
+    expect(std::string(error.what()).find(end) != std::string::npos, error.what());
+  }
+}
+
 /// Ranks that read different scenes.
 void check_scenes(Communicator& ranks) {
   struct Change {
@@ -445,6 +516,8 @@ void run_scenario(const std::string& scenario, Communicator& ranks) {
   if (scenario == "memory") return check_memory(ranks);
   if (scenario == "exhausted") return check_exhausted(ranks);
   if (scenario == "packing") return check_packing(ranks);
+  if (scenario == "evaluation") return check_evaluation(ranks);
+  if (scenario == "loss") return check_loss(ranks);
   if (scenario == "failure") return check_failure(ranks);
   if (scenario == "scenes") return check_scenes(ranks);
   throw LogicError("unknown scenario " + scenario);
