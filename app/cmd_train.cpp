@@ -77,9 +77,9 @@ std::string describe_slow_transport(const Communicator& ranks) {
 }
 
 std::string describe_memory(const MemoryForecast& forecast) {
-  return "GPU memory  photographs " + format_bytes(forecast.photographs) + ", model " + format_bytes(forecast.model) +
-         ", pairs about " + format_bytes(forecast.pairs) + " of " + format_bytes(forecast.limit) + "; room for about " +
-         format_count(forecast.largest_count) + " Gaussians";
+  return "GPU memory  photographs " + format_bytes(forecast.photographs) + ", images " + format_bytes(forecast.images) +
+         ", model " + format_bytes(forecast.model) + ", pairs about " + format_bytes(forecast.pairs) + " of " +
+         format_bytes(forecast.limit) + "; room for about " + format_count(forecast.largest_count) + " Gaussians";
 }
 
 void report_quality(const TrainResult& result) {

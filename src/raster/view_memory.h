@@ -13,13 +13,17 @@ struct ViewMemory {
   double per_gaussian = 0;
   double per_splat = 0;  // per Gaussian that the view sees
   double per_pair = 0;   // per (tile, splat) pair
+  double of_image = 0;   // whatever is in the view
   double bytes(double n_gaussians, double n_splats, double n_pairs) const {
     return per_gaussian * n_gaussians + per_splat * n_splats + per_pair * n_pairs;
   }
 };
 
-inline ViewMemory view_memory(const RenderSettings& settings) {
+/// Of a view of width x height pixels.
+inline ViewMemory view_memory(const RenderSettings& settings, std::int32_t width, std::int32_t height) {
   constexpr double kBucket = 128, kSegment = 1024;  // list entries: kBucketEntries, kSegmentEntries
+  const std::int64_t n_tiles = (std::int64_t{width} + settings.tile.width - 1) / settings.tile.width *
+                               ((std::int64_t{height} + settings.tile.height - 1) / settings.tile.height);
   const double tile_pixels = static_cast<double>(settings.tile.width) * settings.tile.height;
   const bool keeps = settings.keep_for_backward, keeps_slots = keeps && settings.deterministic;
   // Splat, extent, radius; gradient; first slot.
@@ -28,11 +32,15 @@ inline ViewMemory view_memory(const RenderSettings& settings) {
   // Sorting and segmented blending use the same scratch memory in turn (PassScratch).
   const double sorting = 2 * 8;                                       // keys, and where runs of them are merged
   const double segments = 2 * tile_pixels / kSegment * (4 + 16 + 4);  // transmittance, colour and depth, last
-  const double parts = keeps ? tile_pixels / kBucket * (settings.depth_gradient ? 20 : 16) : 0;
+  const double bucket_parts = keeps ? tile_pixels * (settings.depth_gradient ? 20 : 16) : 0;
   const double segment_starts = 2 * tile_pixels / kSegment * 4;
   const double fixed_order = keeps_slots ? 8 + 48 : 0;  // slot and gradient of each pair
   const double lists = 4 + 4 / kBucket;                 // splat, tile of each bucket
-  return {per_gaussian, per_splat, lists + parts + segment_starts + fixed_order + std::max(sorting, segments)};
+  // Transmittance and last splat of each pixel; of each tile, where its list, its buckets, its segments and its runs
+  // begin, its place by length, two counters in sectors of their own, and its last bucket, which is not full.
+  const double of_image = 8.0 * width * height + static_cast<double>(n_tiles) * (8 + 8 + 4 * 3 + 2 * 32 + bucket_parts);
+  return {per_gaussian, per_splat,
+          lists + bucket_parts / kBucket + segment_starts + fixed_order + std::max(sorting, segments), of_image};
 }
 
 }  // namespace b3dgs

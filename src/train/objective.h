@@ -38,6 +38,8 @@ class Objective {
 
   /// How photographs differ because of their cameras, which is learned with the Gaussians; null = not at all.
   AppearanceModel* appearance() { return appearance_.get(); }
+  /// Memory on a GPU for each pixel of the largest view, with that of the render.
+  std::int64_t bytes_per_pixel() const;
   bool has_depths() const { return depth_priors_.has_value(); }
   /// About depth maps, one line each.
   std::vector<std::string> warnings() const;

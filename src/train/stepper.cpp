@@ -30,6 +30,10 @@ Stepper::Stepper(Training& training)
       row_editor_([this](auto sizes, const auto& options) { return training_.memory->allocate(sizes, options); }) {
   if (!config_.antialiasing) return;
   std::vector<PinholeView> views;
+  largest_view_ = *std::max_element(views.begin(), views.end(), [](const PinholeView& a, const PinholeView& b) {
+    return std::int64_t{a.width} * a.height < std::int64_t{b.width} * b.height;
+  });
+  if (!config_.antialiasing) return;
   for (const View& view : training.scene.train) views.push_back(to_pinhole_view(view.camera));
   smoothing_filter_.emplace(views, static_cast<float>(config_.near_plane), training.device);
 }
@@ -323,15 +327,26 @@ std::int64_t Stepper::remove_invalid_rows(std::int64_t row) {
 // --- Density control ---
 
 GaussianMemory Stepper::memory_of_gaussian() {
-  return gaussian_memory(state_, view_memory(step_settings(state_.iteration)), state_.view_ratios,
-                         keeps_gradients() ? config_.batch : 0);
+ViewMemory Stepper::memory_of_view() {
+  return view_memory(step_settings(state_.iteration), largest_view_.width, largest_view_.height);
+}
+
+  return gaussian_memory(state_, memory_of_view(), state_.view_ratios, keeps_gradients() ? config_.batch : 0);
+}
+
+std::int64_t Stepper::memory_of_images() {
+  const double taken = visibility_.n_rendered == 0 ? 0 : 1.0 / coarse_scale_at(config_, state_.iteration);
+  const double to_come = (1 - taken * taken) * static_cast<double>(training_.objective.bytes_per_pixel());
+  const double n_pixels = static_cast<double>(largest_view_.width) * largest_view_.height;
+  return static_cast<std::int64_t>(memory_of_view().of_image + to_come * n_pixels);
 }
 
 std::optional<std::int64_t> Stepper::room_for_gaussians() {
   const std::optional<std::int64_t> limit = training_.memory->limit();
   if (!limit) return std::nullopt;
   const std::int64_t counted = state_bytes(state_) + training_.rasterizer.memory_bytes() + optimizer_.kept_bytes();
-  const CountLimits limits{*limit, std::max<std::int64_t>(0, training_.memory->use().in_use - counted)};
+  const CountLimits limits{*limit,
+                           std::max<std::int64_t>(0, training_.memory->use().in_use - counted) + memory_of_images()};
   return largest_count(limits, memory_of_gaussian());
 }
 

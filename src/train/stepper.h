@@ -97,7 +97,10 @@ class Stepper {
   // Rounds of density control (density_control.h).
 
   GaussianMemory memory_of_gaussian();
+  ViewMemory memory_of_view();
   /// Number of Gaussians for which there is memory; nothing if memory is not limited.
+  /// Of the largest view, whatever is in it: its pixels in the rasterizer, and images beyond those of the last steps.
+  std::int64_t memory_of_images();
   virtual std::optional<std::int64_t> room_for_gaussians();
   virtual void begin_round() { state_.view_ratios.begin_round(); }
   virtual DensityRound plan_round(int iteration, std::int64_t limit) {
@@ -200,6 +203,7 @@ class Stepper {
   RowEditor row_editor_;
   std::vector<ViewOfStep> learned_views_, unread_losses_;  // of the last step
   /// Of the last step, for roll_back().
+  PinholeView largest_view_{};
   struct Before {
     StepPosition position;
     std::int64_t adam_steps = 0;

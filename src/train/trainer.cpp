@@ -339,7 +339,8 @@ std::optional<MemoryForecast> Trainer::forecast_memory() {
   forecast.model = static_cast<std::int64_t>(n * (each.state + each.step));
   forecast.pairs = static_cast<std::int64_t>(n * each.view);
   forecast.photographs = std::max<std::int64_t>(0, training_->memory->use().in_use - state_bytes(training_->state));
-  forecast.largest_count = largest_count({*limit, forecast.photographs}, each);
+  forecast.images = stepper_->memory_of_images();
+  forecast.largest_count = largest_count({*limit, forecast.photographs + forecast.images}, each);
   return forecast;
 }
 

@@ -33,6 +33,7 @@ struct MemoryForecast {
   std::int64_t photographs = 0;    // those that stay on the GPU
   std::int64_t model = 0;          // parameters, moments and statistics at the initial count
   std::int64_t pairs = 0;          // splats and (tile, splat) pairs of a view of that model
+  std::int64_t images = 0;         // what is stored for each pixel of the largest view
   std::int64_t largest_count = 0;  // Gaussians that fit
 };
 

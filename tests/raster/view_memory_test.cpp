@@ -12,6 +12,7 @@ TEST(ViewMemory, IsWhatTheReadmeSays) {
   RenderSettings settings;
   settings.tile = {16, 8};
   settings.depth_gradient = false;
+  const auto view_memory = [&](const RenderSettings& of) { return b3dgs::view_memory(of, 160, 80); };
   const ViewMemory memory = view_memory(settings);
   EXPECT_EQ(memory.per_gaussian, 80);
   EXPECT_EQ(memory.per_splat, 128);
@@ -24,6 +25,19 @@ TEST(ViewMemory, IsWhatTheReadmeSays) {
   EXPECT_NEAR(view_memory(settings).per_pair, 99.0, 0.1);
   settings.keep_for_backward = settings.deterministic = false;
   EXPECT_NEAR(view_memory(settings).per_pair, 19.0, 0.1);
+  EXPECT_EQ(view_memory(settings).of_image, 160 * 80 * 8 + 100 * 24);
+  settings.keep_for_backward = true;
+  EXPECT_EQ(view_memory(settings).of_image, 160 * 80 * (8 + 16) + 100 * 24);
+  EXPECT_EQ(b3dgs::view_memory(settings, 161, 81).of_image, 161 * 81 * 8 + 11 * 11 * (24 + 128 * 16));
+}
+
+/// 65,535 numbers of tiles and the one behind the last fit into 16 bits.
+TEST(ViewMemory, NeedsWiderKeysForManyTiles) {
+  RenderSettings settings;
+  settings.tile = {16, 16};
+  settings.keep_for_backward = false;
+  const double few = view_memory(settings, 16 * 255, 16 * 257).per_pair;
+  EXPECT_EQ(view_memory(settings, 16 * 256, 16 * 256).per_pair, few + 6);
 }
 
 TEST(PairLimit, EndsBeforeSlotsDo) {

@@ -76,7 +76,7 @@ TEST(Memory, WithoutALimitTheCountIsNotHeld) {
 TEST(Memory, HoldsTheCountBeforeARoundThatWouldNotFitAndTrainsToTheEnd) {
   const test::TempDir temp;
   auto memory = std::make_shared<test::ShortMemory>();
-  memory->bytes = 200000;
+  memory->bytes = 290000;
   const TrainConfig config = growing_config();
   const Outcome outcome = train_with(memory, config, temp / "model");
   EXPECT_EQ(outcome.result.iteration, config.iterations);
@@ -84,14 +84,14 @@ TEST(Memory, HoldsTheCountBeforeARoundThatWouldNotFitAndTrainsToTheEnd) {
   EXPECT_LE(outcome.result.n_gaussians, outcome.held_at);
   EXPECT_TRUE(says(outcome, "held at " + std::to_string(outcome.held_at) + " Gaussians: GPU memory"));
   EXPECT_NE(outcome.log.find("\"event\":\"held\",\"reason\":\"GPU memory\",\"count\":"), std::string::npos);
-  EXPECT_NE(outcome.log.find("\"limit_bytes\":200000"), std::string::npos);
+  EXPECT_NE(outcome.log.find("\"limit_bytes\":290000"), std::string::npos);
   EXPECT_EQ(memory->n_releases, 0) << "nothing failed";
 }
 
 TEST(Memory, AHoldEndsWhenThereIsMemoryForMore) {
   const test::TempDir temp;
   auto memory = std::make_shared<test::ShortMemory>();
-  memory->bytes = 200000;
+  memory->bytes = 290000;
   TrainConfig config = growing_config();
   config.iterations = 25;
   const Outcome held = train_with(memory, config, temp / "held");
@@ -106,7 +106,7 @@ TEST(Memory, AHoldEndsWhenThereIsMemoryForMore) {
 TEST(Memory, AHoldStaysInDeterministicTraining) {
   const test::TempDir temp;
   auto memory = std::make_shared<test::ShortMemory>();
-  memory->bytes = 200000;
+  memory->bytes = 290000;
   TrainConfig config = growing_config();
   config.deterministic = true;
   config.iterations = 25;
@@ -124,7 +124,7 @@ TEST(Memory, AResumedDeterministicTrainingIsHeldAtTheSameNumber) {
   const test::TempDir temp;
   const auto limited = [] {
     auto memory = std::make_shared<test::ShortMemory>();
-    memory->bytes = 200000;
+    memory->bytes = 290000;
     return memory;
   };
   TrainConfig config = growing_config();
@@ -201,6 +201,32 @@ TEST(Memory, TheAllocatorMayCacheAQuarterOfWhatIsInUse) {
   EXPECT_TRUE(keeps_too_much({100 * mb, 357 * mb, 0}));
   EXPECT_FALSE(keeps_too_much({8000 * mb, 10000 * mb, 0}));
   EXPECT_TRUE(keeps_too_much({8000 * mb, 10001 * mb, 0}));
+}
+
+TEST(MemoryPlan, CountsTheImagesOfTheLargestView) {
+  const test::TempDir temp;
+  const Scene scene = test::make_tiny_scene();
+  TrainHooks hooks;
+  auto memory = std::make_shared<test::ShortMemory>();
+  memory->bytes = 10'000'000;
+  hooks.memory = memory;
+  TrainConfig config = growing_config();
+  const auto forecast = [&] {
+    return Trainer(config, scene, ModelFolder(temp / "model"), hooks).forecast_memory().value();
+  };
+  const Camera& camera = scene.train.front().camera;
+  const std::int64_t n_pixels = std::int64_t{camera.width} * camera.height;
+  const MemoryForecast usual = forecast();
+  EXPECT_GE(usual.images, n_pixels * (20 + 48 + 24)) << "render, loss, and what the rasterizer keeps";
+  const auto fits = [&](const MemoryForecast& of) {
+    const std::int64_t n = static_cast<std::int64_t>(scene.points.size());
+    return (memory->bytes.value() * 15 / 16 - of.images) * n / (of.model + of.pairs);
+  };
+  EXPECT_NEAR(static_cast<double>(usual.largest_count), static_cast<double>(fits(usual)), 1);
+  config.strategy = "budget";
+  config.max_gaussians = 500;
+  config.exposure = true;
+  EXPECT_EQ(forecast().images, usual.images + n_pixels * (4 + 12)) << "errors, and corrected colours";
 }
 
 TEST(MemoryPlan, ForgetsViewsOfEarlierRounds) {

@@ -53,6 +53,9 @@ class ImageLoss {
   /// Of the last compute(), for which this waits on a GPU: a training step reads it one step later.
   LossValue value() const;
 
+  /// Memory on a GPU for each pixel of the largest image.
+  static constexpr std::int64_t kBytesPerPixel = (3 + 9) * sizeof(float);  // gradient, workspace
+
   /// Gradient of the last loss with respect to the rendered view, valid until the next compute(). color [H, W, 3] is
   /// set, and alpha [H, W] after add_alpha(): no term depends on depth.
   RenderedViewGrad grad() const { return {grad_, {}, alpha_grad_}; }

@@ -172,14 +172,12 @@ TEST(RasterizeCuda, TakesTheMemoryThatIsForecast) {
       CudaView view(scene, settings);
       view.backward({torch::ones_like(view.color), {}, {}});
       const double n = static_cast<double>(scene.gaussians.size());
-      const double forecast = view_memory(settings).bytes(n, static_cast<double>(view.rasterizer().n_splats()),
-                                                          static_cast<double>(view.rasterizer().bins().n_pairs));
-      // In addition to the forecast: spare capacity of a quarter, a bucket per tile, 8 bytes per pixel of the
-      // image.
-      const double tiles = view.rasterizer().grid().n_tiles(), tile_pixels = tile.width * tile.height;
+      const ViewMemory memory = view_memory(settings, scene.view.width, scene.view.height);
+      const double forecast = memory.of_image + memory.bytes(n, static_cast<double>(view.rasterizer().n_splats()),
+                                                             static_cast<double>(view.rasterizer().bins().n_pairs));
       const double taken = static_cast<double>(view.rasterizer().memory_bytes());
       EXPECT_GE(taken, forecast);
-      EXPECT_LE(taken, 1.25 * (forecast + tiles * tile_pixels * (16 + 8)) + (1 << 20));
+      EXPECT_LE(taken, 1.25 * forecast + (1 << 20));
       view.rasterizer().release_memory();
       EXPECT_EQ(view.rasterizer().memory_bytes(), 0);
     }
