@@ -157,26 +157,31 @@ void RankStepper::render_view(Part& part, std::size_t v, const ViewSplats& splat
   const TrainView view = training_.views.take(
       part_view.id.index, iteration, {own_next.begin(), own_next.begin() + static_cast<std::ptrdiff_t>(n_next)});
   training_.timer.end();
-  RenderedView rendered;
-  try {
-    rendered = with_remedies(training_.remedies(), [&] {
-      return training_.rasterizer.forward_splats(splats, view.camera, part_view.settings);
-    });
-  } catch (const NumericError& error) {
-    throw NumericError(detail::concat("iteration ", iteration, ", view ", view.name, ": ", error.what()));
-  }
-  note_view_size(iteration);
-  read_own_loss();  // of the view before: the next loss takes its place
-  own_views_.push_back({v, std::nullopt, queue_row_entries()});
   AppearanceModel* const appearance = training_.objective.appearance();
   if (appearance != nullptr) appearance->set_place(static_cast<int>(learned_views_.size() + v));
-  const RenderedViewGrad grad = compare(view, iteration, rendered, part_view.plan.score);
-  part.sums.push_back(training_.rasterizer.backward_splats(grad));
-  if (n_shared_columns() > 0) part.shared.push_back(shared_gradients());
-  if (part.has_scores()) {
-    part.scores.push_back(training_.rasterizer.score_splats(part_view.plan.score ? training_.objective.errors()
-                                                                                 : torch::zeros_like(rendered.alpha)));
-  }
+  Rasterizer& rasterizer = training_.rasterizer;
+  torch::Tensor entries, sums, shared, scores;
+  with_remedies(training_.remedies(), [&] {
+    RenderedView rendered;
+    try {
+      rendered = rasterizer.forward_splats(splats, view.camera, part_view.settings);
+    } catch (const NumericError& error) {
+      throw NumericError(detail::concat("iteration ", iteration, ", view ", view.name, ": ", error.what()));
+    }
+    read_own_loss();  // of the view before: the next loss takes its place
+    entries = queue_row_entries();
+    sums = rasterizer.backward_splats(compare(view, iteration, rendered, part_view.plan.score));
+    if (n_shared_columns() > 0) shared = shared_gradients();
+    if (part.has_scores()) {
+      scores = rasterizer.score_splats(part_view.plan.score ? training_.objective.errors()
+                                                            : torch::zeros_like(rendered.alpha));
+    }
+  });
+  note_view_size(iteration);
+  own_views_.push_back({v, std::nullopt, entries});
+  part.sums.push_back(sums);
+  if (shared.defined()) part.shared.push_back(shared);
+  if (scores.defined()) part.scores.push_back(scores);
 }
 
 void RankStepper::keep_own_splats(Part& part) {
@@ -188,11 +193,13 @@ void RankStepper::keep_own_splats(Part& part) {
   if (part.has_scores()) scores = splats_.to_owners(part.scores, kScores, torch::kInt32);
   for (std::size_t v = 0; v < part.views.size(); ++v) {
     const Part::View& view = part.views[v];
-    const ViewStatistics statistics = optimizer_.keep_splats(view.own, sums[v], view.camera, view.settings,
-                                                             state_.gaussians, view.n_splats, regularization());
+    const ViewStatistics statistics = with_remedies(training_.remedies(), [&] {
+      if (view.plan.statistics) make_room_for_statistics();
+      return optimizer_.keep_splats(view.own, sums[v], view.camera, view.settings, state_.gaussians, view.n_splats,
+                                    regularization());
+    });
     if (!view.plan.statistics) continue;
     training_.timer.begin(Stage::kDensify);
-    make_room_for_statistics();
     save_statistics();
     DensityStep step{view.id.iteration, statistics, view.camera.width, view.camera.height};
     if (view.plan.score) {

@@ -71,6 +71,8 @@ class RankStepper final : public Stepper {
 
  protected:
   void take_step() override;
+  /// A rank that repeated a step alone would leave the others waiting: it repeats what it does alone.
+  std::vector<MemoryRemedy> remedies_of_step() override { return {}; }
   bool keeps_gradients() const override { return true; }
   void compute_filters(SmoothingFilter& filter) override;
   std::int64_t remove_invalid_rows(std::int64_t row) override;
@@ -121,8 +123,6 @@ class RankStepper final : public Stepper {
   /// Calls work(), which allocates and exchanges nothing. @throws OutOfMemoryError on all ranks if that fails on one
   void allocate_together(const std::function<void()>& work);
   [[noreturn]] void throw_out_of_memory(int rank, const std::string& reason);
-
-  // rank_stepper.cpp
   /// @throws OutOfMemoryError, on all ranks, if that is what a record says
   template <class Record>
   void check_memory(const std::vector<Record>& records, const std::string& work) {
@@ -130,6 +130,8 @@ class RankStepper final : public Stepper {
       if (records[r].is_out_of_memory != 0) throw_out_of_memory(static_cast<int>(r), work);
     }
   }
+
+  // rank_stepper.cpp
   void serve_renders();
   RenderedView project_and_render(const PinholeView& view, const RenderSettings& settings);
 

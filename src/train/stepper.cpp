@@ -28,35 +28,40 @@ Stepper::Stepper(Training& training)
       config_(training.config),
       optimizer_(training.rasterizer),
       row_editor_([this](auto sizes, const auto& options) { return training_.memory->allocate(sizes, options); }) {
-  if (!config_.antialiasing) return;
   std::vector<PinholeView> views;
+  for (const View& view : training.scene.train) views.push_back(to_pinhole_view(view.camera));
   largest_view_ = *std::max_element(views.begin(), views.end(), [](const PinholeView& a, const PinholeView& b) {
     return std::int64_t{a.width} * a.height < std::int64_t{b.width} * b.height;
   });
   if (!config_.antialiasing) return;
-  for (const View& view : training.scene.train) views.push_back(to_pinhole_view(view.camera));
   smoothing_filter_.emplace(views, static_cast<float>(config_.near_plane), training.device);
 }
 
 // --- Steps ---
 
 void Stepper::step() {
-  for (;;) {
-    before_ = {state_, state_.adam.steps};
-    try {
-      take_step();
-      state_.n_density_pending = state_.step_iterations;
-      return;
-    } catch (const InvalidGaussianError& error) {
-      roll_back();
-      remove_invalid_gaussians(error);
-    } catch (const LossError&) {
-      throw;
-    } catch (...) {
-      roll_back();
-      throw;
-    }
+  with_remedies(remedies_of_step(), [&] {
+    without_invalid_gaussians([&] {
+      before_ = {state_, state_.adam.steps};
+      try {
+        take_step();
+      } catch (const LossError&) {
+        throw;
+      } catch (...) {
+        roll_back();
+        throw;
+      }
+    });
+  });
+  state_.n_density_pending = state_.step_iterations;
+}
+
+std::vector<MemoryRemedy> Stepper::remedies_of_step() {
+  std::vector<MemoryRemedy> remedies = training_.remedies();
+  for (MemoryRemedy& remedy : remedies) {
+    remedy = [this, any = std::move(remedy)] { return training_.is_consistent && any(); };
   }
+  return remedies;
 }
 
 void Stepper::take_step() {
@@ -100,20 +105,16 @@ void Stepper::learn_view(const TrainView& view, bool is_filter_due) {
   settings.camera_gradient = training_.views.poses.refines(view.index, iteration);
   RenderedView rendered;
   try {
-    // Only the forward pass is retried: the backward pass needs no memory beyond what the forward pass took.
-    rendered = with_remedies(training_.remedies(), [&] {
-      update_filters(is_filter_due);
-      RenderedView image = optimizer_.forward(state_.gaussians, state_.adam, view.camera, settings);
-      if (keeps_gradients()) {
-        optimizer_.make_room_for_view(state_.gaussians);
-        if (plan.statistics) make_room_for_statistics();
-      }
-      return image;
-    });
+    update_filters(is_filter_due);
+    rendered = optimizer_.forward(state_.gaussians, state_.adam, view.camera, settings);
   } catch (const InvalidGaussianError&) {
     throw;
   } catch (const NumericError& error) {
     throw NumericError(detail::concat("iteration ", iteration, ", view ", view.name, ": ", error.what()));
+  }
+  if (keeps_gradients()) {
+    optimizer_.make_room_for_view(state_.gaussians);
+    if (plan.statistics) make_room_for_statistics();
   }
   note_view_size(iteration);
   note_visibility(view.index, training_.rasterizer.view_size().n_pairs == 0);
@@ -326,11 +327,11 @@ std::int64_t Stepper::remove_invalid_rows(std::int64_t row) {
 
 // --- Density control ---
 
-GaussianMemory Stepper::memory_of_gaussian() {
 ViewMemory Stepper::memory_of_view() {
   return view_memory(step_settings(state_.iteration), largest_view_.width, largest_view_.height);
 }
 
+GaussianMemory Stepper::memory_of_gaussian() {
   return gaussian_memory(state_, memory_of_view(), state_.view_ratios, keeps_gradients() ? config_.batch : 0);
 }
 

@@ -5,10 +5,11 @@
 // takes the iterations up to the next multiple of --batch. What falls on one of them and is not part of a step (density
 // control, evaluation, files) comes after the step.
 //
-// If a step fails, the state is rolled back to the end of the step before. That is cheap because a step changes
-// Gaussians, moments and statistics last, and nothing can fail after the first of these changes: by then the
-// photographs are loaded and all memory is allocated. Statistics that are added view by view are saved before.
-// Deferred optimizer updates need no roll-back: they may be applied at any time (optimizer/deferred_sh.h).
+// If a step fails, the state is rolled back to the end of the step before; for lack of memory, it is taken again while
+// some can be freed. That is cheap because a step changes Gaussians, moments and statistics last, and nothing can fail
+// after the first of these changes: by then the photographs are loaded and all memory is allocated. Statistics that are
+// added view by view are saved before. Deferred optimizer updates need no roll-back: they may be applied at any time
+// (optimizer/deferred_sh.h).
 //
 // In this class all Gaussians are in this process. A training on several overrides what differs there
 // (multi/rank_stepper.h); the rest of a training does not know which it is.
@@ -17,8 +18,8 @@
 #include <cstdint>
 #include <functional>
 #include <optional>
-#include <vector>
 #include <string>
+#include <vector>
 
 #include <nlohmann/json.hpp>
 
@@ -46,8 +47,8 @@ class Stepper {
 
   // Steps.
 
-  /// Takes one step, and repeats it without Gaussians that cannot be rendered. @throws what failed, with the state
-  /// rolled back; LossError
+  /// Takes one step, and repeats it without Gaussians that cannot be rendered, or with more free memory. @throws what
+  /// failed, with the state rolled back; LossError
   void step();
   /// Waits for the losses of the last step and adds them to the average. @throws LossError
   virtual void read_losses();
@@ -96,11 +97,11 @@ class Stepper {
 
   // Rounds of density control (density_control.h).
 
-  GaussianMemory memory_of_gaussian();
   ViewMemory memory_of_view();
-  /// Number of Gaussians for which there is memory; nothing if memory is not limited.
+  GaussianMemory memory_of_gaussian();
   /// Of the largest view, whatever is in it: its pixels in the rasterizer, and images beyond those of the last steps.
   std::int64_t memory_of_images();
+  /// Number of Gaussians for which there is memory; nothing if memory is not limited.
   virtual std::optional<std::int64_t> room_for_gaussians();
   virtual void begin_round() { state_.view_ratios.begin_round(); }
   virtual DensityRound plan_round(int iteration, std::int64_t limit) {
@@ -141,18 +142,21 @@ class Stepper {
   }
   /// Whether all files of the last iteration could be written.
   virtual bool has_written_files() { return training_.recorder.failed_files().empty(); }
+  /// "; last checkpoint: PATH", to be appended to an error.
+  virtual std::string last_checkpoint() const { return training_.recorder.last_checkpoint(); }
   /// After a failure: whether all processes are in a state in which they can write a checkpoint.
   virtual bool can_save() const { return true; }
 
  protected:
-  /// "; last checkpoint: PATH", to be appended to an error.
-  virtual std::string last_checkpoint() const { return training_.recorder.last_checkpoint(); }
   struct ViewOfStep {
     std::int32_t index = 0;  // in Scene::train
     int iteration = 0;
   };
 
   virtual void take_step();
+  /// What frees memory for a step that has run out of it, before the step is taken again: none once it has changed the
+  /// Gaussians.
+  virtual std::vector<MemoryRemedy> remedies_of_step();
   /// Begins a step up to iteration `last`. Returns whether filters for anti-aliasing are due.
   bool begin_step(int last);
   /// Renders the view of the current iteration and compares it with its photograph. Keeps the gradients of its splats,
@@ -199,11 +203,11 @@ class Stepper {
   TrainState& state_;  // training_.state
   const TrainConfig& config_;
   GaussianOptimizer optimizer_;
+  PinholeView largest_view_{};
   std::optional<SmoothingFilter> smoothing_filter_;  // with --antialiasing
   RowEditor row_editor_;
   std::vector<ViewOfStep> learned_views_, unread_losses_;  // of the last step
   /// Of the last step, for roll_back().
-  PinholeView largest_view_{};
   struct Before {
     StepPosition position;
     std::int64_t adam_steps = 0;

@@ -102,6 +102,7 @@ BlendInput Trainer::kernel_check_input() {
   input.render = [this](const PinholeView& view, const RenderSettings& settings) {
     return stepper_->render(view, settings);
   };
+  input.remedies = training_->remedies();
   for (const std::int32_t view : training_->views.upcoming(training_->state.view_order, KernelChooser::kViews)) {
     input.views.push_back(training_->views.images.stored_view(view).camera);
   }
@@ -113,9 +114,11 @@ void Trainer::log_load() {
   const TrainView& view = training_->views.images.stored_view(0);
   RenderSettings settings = evaluation_settings(training_->config, training_->state.sh_degree);
   settings.keep_for_backward = false;
-  stepper_->without_invalid_gaussians([&] { stepper_->render(view.camera, settings); });
-  training_->recorder.log_event(training_->state.iteration, "load_statistics",
-                                load_json(view.name, training_->rasterizer.count_load()));
+  const ViewLoad load = with_remedies(training_->remedies(), [&] {
+    stepper_->without_invalid_gaussians([&] { stepper_->render(view.camera, settings); });
+    return training_->rasterizer.count_load();
+  });
+  training_->recorder.log_event(training_->state.iteration, "load_statistics", load_json(view.name, load));
 }
 
 /// Times of the candidate kernels at this point, for plots; nothing is decided.
@@ -155,10 +158,12 @@ Evaluation Trainer::evaluate_here(const std::vector<View>& views, const Rendered
   if (training_->state.appearance.exposures.defined()) {
     colors.exposures = named_exposures(training_->state.appearance.exposures, training_->scene.train);
   }
-  return stepper_->without_invalid_gaussians([&] {
-    return evaluate_views([&](auto&&... view) { return stepper_->render(view...); }, training_->device, views,
-                          evaluation_settings(training_->config, training_->state.sh_degree), on_rendered,
-                          /*lpips=*/nullptr, colors);
+  return with_remedies(training_->remedies(), [&] {
+    return stepper_->without_invalid_gaussians([&] {
+      return evaluate_views([&](auto&&... view) { return stepper_->render(view...); }, training_->device, views,
+                            evaluation_settings(training_->config, training_->state.sh_degree), on_rendered,
+                            /*lpips=*/nullptr, colors);
+    });
   });
 }
 

@@ -79,13 +79,13 @@ int TrainingViews::scale_at(int iteration, const PinholeView& camera) const {
 
 TrainView TrainingViews::take(std::int32_t view, int iteration, const std::vector<std::int32_t>& next) {
   TrainView taken = images.take(view, next);
-  taken.camera = poses.camera(view);
+  taken.camera = poses.camera(view, iteration);
   const Image8* const mask = scene_.train[static_cast<std::size_t>(view)].valid.get();
   return reducer_.reduce(taken, mask, scale_at(iteration, taken.camera));
 }
 
 PinholeView TrainingViews::camera(std::int32_t view, int iteration) {
-  const PinholeView camera = poses.camera(view);
+  const PinholeView camera = poses.camera(view, iteration);
   const int scale = scale_at(iteration, camera);
   return scale == 1 ? camera : reduced_camera(camera, scale);
 }

@@ -9,6 +9,7 @@
 
 #include "support/same.h"
 #include "support/temp_dir.h"
+#include "support/train/short_memory.h"
 #include "train/checkpoint/checkpoint.h"
 #include "train/density/strategies/budget_strategy.h"
 
@@ -38,6 +39,30 @@ TEST_P(EveryFeature, ResumedEqualsUninterruptedBitForBitOnAnyNumberOfThreads) {
     config.threads = threads;
     EXPECT_TRUE(test::same(train(config, scene, temp / "again").ply, whole.ply)) << threads << " threads";
   }
+}
+
+/// Whatever a step allocates before it changes the Gaussians: where memory is short, the step is taken again, as if
+/// nothing had happened. Nothing is allocated after that.
+TEST_P(EveryFeature, AStepThatRunsOutOfMemoryIsRepeated) {
+  config.checkpoint_iterations = {};
+  const Trained whole = train(config, scene, temp / "whole");
+  constexpr std::int64_t kStride = 5;  // which allocations of each step fail: every fifth, in one training each
+  std::int64_t n = config.batch;
+  for (bool has_failed = true; has_failed; n += kStride) {
+    SCOPED_TRACE(testing::Message() << "allocation " << n << " of each step");
+    test::FailOnce failure;
+    const test::FailingAllocator allocator([&](std::size_t) { return failure(); });
+    TrainHooks hooks;
+    hooks.wants_model = [&] {  // after density control
+      failure.n = n;
+      return false;
+    };
+    hooks.on_progress = [&](const TrainProgress&) { failure.n = -1; };  // after the step
+    const Trained run = train(config, scene, temp / "short", {}, hooks);
+    ASSERT_TRUE(test::same(run.checkpoint, whole.checkpoint));
+    has_failed = failure.has_failed;
+  }
+  EXPECT_GT(n, 4 * kStride) << "a step allocates more than that";
 }
 
 INSTANTIATE_TEST_SUITE_P(Rows, EveryFeature, testing::ValuesIn(test::kFeatureRows),

@@ -113,6 +113,32 @@ TEST_F(KernelChooserTest, SwitchesToTheFasterKernel) {
   EXPECT_FALSE(own.is_due(at(1000, 1e6)));
 }
 
+/// A GPU that is full is no reason to end a training, least of all for a check.
+TEST_F(KernelChooserTest, FreesMemoryOrDecidesNothing) {
+  int n_failures = 0, n_freed = 0;
+  BlendInput full = input();
+  full.render = [&](const PinholeView& view, const RenderSettings& settings) {
+    if (n_failures-- > 0) throw OutOfMemoryError("no memory");
+    return rasterizer.forward(gaussians, view, settings);
+  };
+  full.remedies = {[&] { return ++n_freed > 0; }};
+
+  KernelChooser own = chooser(2.0, 1.0);
+  n_failures = 1;
+  EXPECT_EQ(own.check(at(1), full).front().decision.times_ms.at("shared-memory"), 1.0);
+  EXPECT_EQ(own.forward_name(), "shared-memory");
+  EXPECT_EQ(n_freed, 1);
+  n_failures = 1;
+  EXPECT_EQ(own.time_candidates(full).front().times.times_ms.size(), 2u);
+
+  KernelChooser other = chooser(2.0, 1.0);
+  n_failures = 2;
+  EXPECT_TRUE(other.check(at(1), full).front().decision.times_ms.empty());
+  EXPECT_EQ(other.forward_name(), "segmented");
+  n_failures = 2;
+  EXPECT_TRUE(other.time_candidates(full).empty());
+}
+
 /// Several processes render views together: what is timed must be such a view, with the kernel in use.
 TEST_F(KernelChooserTest, RendersViewsAsItIsTold) {
   KernelChooser own = chooser(1.0, 2.0);

@@ -49,7 +49,8 @@ bool PoseRefiner::refines(std::int32_t view, int iteration) const {
   return config_.pose_opt && iteration > config_.densify_from_iter && view > 0 && view < last;
 }
 
-PinholeView PoseRefiner::camera(std::int32_t view) {
+PinholeView PoseRefiner::camera(std::int32_t view, int iteration) {
+  if (refines(view, iteration)) make_room();
   const auto is_of_view = [&](const Unfinished& step) { return step.view == view; };
   if (std::any_of(unfinished_.begin(), unfinished_.end(), is_of_view)) finish_step();
   Camera camera = scene_.train[static_cast<std::size_t>(view)].camera;
@@ -59,6 +60,13 @@ PinholeView PoseRefiner::camera(std::int32_t view) {
   return to_pinhole_view(camera);
 }
 
+void PoseRefiner::make_room() {
+  if (!state_.is_defined()) state_ = PoseState::make(static_cast<std::int64_t>(scene_.train.size()));
+  const auto n_views = static_cast<std::size_t>(config_.batch);
+  if (!kTorchHasCuda || config_.device == "cpu") return grads_.resize(n_views);
+  while (copies_.size() < n_views) copies_.push_back(make_host_copy(sizeof(CameraGrad)));
+}
+
 void PoseRefiner::add_gradient(std::int32_t view, int iteration, const torch::Tensor& camera_grad) {
   B3DGS_CHECK(unfinished_.empty(), "add_gradient() before finish_step()");
   B3DGS_CHECK(camera_grad.defined() && camera_grad.numel() == kCameraGradients,
@@ -66,12 +74,8 @@ void PoseRefiner::add_gradient(std::int32_t view, int iteration, const torch::Te
   const double* const values = camera_grad.data_ptr<double>();
   const std::size_t place = added_.size();
   added_.push_back({view, iteration});
-  if (kTorchHasCuda && camera_grad.is_cuda()) {
-    if (copies_.size() == place) copies_.push_back(make_host_copy(sizeof(CameraGrad)));
-    return copies_[place]->copy(values);
-  }
-  if (grads_.size() == place) grads_.emplace_back();
-  std::copy_n(values, kCameraGradients, grads_[place].begin());
+  if (kTorchHasCuda && camera_grad.is_cuda()) return copies_.at(place)->copy(values);
+  std::copy_n(values, kCameraGradients, grads_.at(place).begin());
 }
 
 void PoseRefiner::begin_step() {
@@ -91,7 +95,6 @@ void PoseRefiner::finish_step() {
 
 void PoseRefiner::take_step(std::int32_t view, int iteration, const CameraGrad& grad) {
   if (!std::all_of(grad.begin(), grad.end(), [](double value) { return std::isfinite(value); })) return;
-  if (!state_.is_defined()) state_ = PoseState::make(static_cast<std::int64_t>(scene_.train.size()));
   const CameraCorrection before = state_.correction(static_cast<std::size_t>(view));
   const CameraCorrection g = correction_grad(before, {{grad[0], grad[1], grad[2]}, {grad[3], grad[4], grad[5]}});
   const double gradients[kCameraGradients]{g.rotation.x,    g.rotation.y,    g.rotation.z,

@@ -28,8 +28,9 @@ class PoseRefiner {
   /// Whether the iteration refines the pose of the view: it needs the camera's gradient.
   bool refines(std::int32_t view, int iteration) const;
 
-  /// The camera with its corrected pose. If its last step has begun and is unfinished, waits for the GPU.
-  PinholeView camera(std::int32_t view);
+  /// The camera with its corrected pose, for an iteration. If its last step has begun and is unfinished, waits for the
+  /// GPU. Allocates what the iteration's step needs.
+  PinholeView camera(std::int32_t view, int iteration);
 
   /// Takes the gradient of an iteration (ViewStatistics::camera_grad), one or several for each step; those of the last
   /// step must be finished. Asynchronous on a GPU.
@@ -50,6 +51,7 @@ class PoseRefiner {
     int iteration = 0;
   };
   using CameraGrad = std::array<double, kCameraGradients>;
+  void make_room();
   void take_step(std::int32_t view, int iteration, const CameraGrad& grad);
 
   const TrainConfig& config_;

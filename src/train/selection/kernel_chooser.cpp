@@ -229,18 +229,29 @@ void KernelChooser::wait_for_device() {
   timer().finish();
 }
 
+void KernelChooser::try_to_measure(const BlendInput& input, const std::function<void()>& work) {
+  try {
+    with_remedies(input.remedies, [&] {
+      timer().finish();  // what a failed attempt has measured
+      work();
+    });
+  } catch (const NumericError&) {
+    timer().finish();
+  } catch (const OutOfMemoryError&) {
+    timer().finish();
+  }
+}
+
 double KernelChooser::warm_up(const char* pass, const KernelSelector& selector, BlendPass& blend,
-                              const PinholeView& view) {
+                              const BlendInput& input) {
   if (device_.is_cpu() || !warm_passes_.insert(pass).second) return 0;
   const auto start = std::chrono::steady_clock::now();
-  try {
-    blend.prepare(view);
+  try_to_measure(input, [&] {  // the check that follows meets the same error
+    blend.prepare(input.views.front());
     std::vector<KernelMeasurement> kernels;
     for (const std::string& kernel : selector.candidates()) kernels.push_back({kernel, {}, {}});
     find_faults(blend, selector.reference(), kernels);
-  } catch (const NumericError&) {
-    // The check that follows meets the same error.
-  }
+  });
   wait_for_device();
   return ms_since(start);
 }
@@ -249,20 +260,18 @@ KernelCheck KernelChooser::check_pass(const char* pass, const CheckMoment& now, 
                                       BlendPass& blend, const BlendInput& input) {
   KernelCheck check;
   check.pass = pass;
-  check.warm_up_ms = warm_up(pass, selector, blend, input.views.front());
+  check.warm_up_ms = warm_up(pass, selector, blend, input);
   wait_for_device();  // the steps before are not part of the cost
   const auto start = std::chrono::steady_clock::now();
   const double budget_ms = selector.budget_ms(now.step_ms);
   std::vector<KernelMeasurement> found;
-  try {
+  try_to_measure(input, [&] {
     found = measure(selector.candidates(), selector.reference(), blend, input.views,
                     [&](int n_views, const std::vector<KernelMeasurement>& so_far) {
                       return n_views >= KernelSelector::kMinViews &&
                              (ms_since(start) > budget_ms || selector.is_clear(so_far));
                     });
-  } catch (const NumericError&) {
-    timer().finish();
-  }
+  });
   check.decision = selector.decide(now, found, ms_since(start));
   check.message = describe_change(check.decision, selector.is_finished());
   return check;
@@ -301,14 +310,12 @@ std::vector<CandidateTiming> KernelChooser::time_candidates(const BlendInput& in
   const auto time = [&](const char* pass, const std::vector<std::string>& kernels, const std::string& reference,
                         BlendPass& blend) {
     const auto takes_all_views = [](int, const std::vector<KernelMeasurement>&) { return false; };
-    timings.push_back({pass, summarize(measure(kernels, reference, blend, own.views, takes_all_views))});
+    try_to_measure(own, [&] {
+      timings.push_back({pass, summarize(measure(kernels, reference, blend, own.views, takes_all_views))});
+    });
   };
-  try {
-    time("forward", timed_forward_, kForwardReference, *tools_.make_forward(own));
-    if (!timed_backward_.empty()) time("backward", timed_backward_, kBackwardReference, *tools_.make_backward(own));
-  } catch (const NumericError&) {
-    timer().finish();
-  }
+  time("forward", timed_forward_, kForwardReference, *tools_.make_forward(own));
+  if (!timed_backward_.empty()) time("backward", timed_backward_, kBackwardReference, *tools_.make_backward(own));
   return timings;
 }
 

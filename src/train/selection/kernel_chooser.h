@@ -12,6 +12,7 @@
 #include "adaptive/kernel_timer.h"
 #include "config/train_config.h"
 #include "raster/torch/rasterizer.h"
+#include "train/memory/memory.h"
 
 namespace b3dgs {
 
@@ -35,6 +36,7 @@ struct BlendInput {
   std::vector<PinholeView> views;  // the next views of the training
   // Renders a view and leaves it in `rasterizer`. Empty: rasterizer.forward(gaussians, view, settings).
   std::function<RenderedView(const PinholeView&, const RenderSettings&)> render{};
+  std::vector<MemoryRemedy> remedies{};  // with_remedies()
 
   RenderedView forward(const PinholeView& view) const {
     return render ? render(view, settings) : rasterizer.forward(gaussians, view, settings);
@@ -76,10 +78,10 @@ struct CandidateTiming {
   KernelTimes times;
 };
 
-/// How kernels are timed and run; tests replace the device's own.
-struct KernelCheckTools {
 std::unique_ptr<KernelTimer> make_kernel_timer(torch::Device device);
 
+/// How kernels are timed and run; tests replace the device's own.
+struct KernelCheckTools {
   using MakeBlend = std::function<std::unique_ptr<BlendPass>(const BlendInput&)>;
 
   std::unique_ptr<KernelTimer> timer;  // the device's own if null
@@ -107,13 +109,13 @@ class KernelChooser {
   bool is_due(const CheckMoment& now) const { return forward_.is_due(now) || backward_.is_due(now); }
 
   /// Times the candidates and decides, for each pass that is due. Stops early when the selector's budget is used up or
-  /// the times are conclusive, but uses at least KernelSelector::kMinViews views. If a view cannot be rendered, nothing
-  /// is decided: the step that trains on it reports the error.
+  /// the times are conclusive, but uses at least KernelSelector::kMinViews views. If a view cannot be rendered, or
+  /// memory is short after all remedies, nothing is decided: the step that trains on it reports the error.
   std::vector<KernelCheck> check(const CheckMoment& now, const BlendInput& input);
 
   /// Times the candidates on all views without deciding anything, even if the kernel is fixed: the forward kernels, and
-  /// the backward ones if the backward kernel is adaptive. Returns no times if a view cannot be rendered, and none of
-  /// kernels that disagree with the reference.
+  /// the backward ones if the backward kernel is adaptive. Returns no times if a view cannot be rendered or memory
+  /// is short, and none of kernels that disagree with the reference.
   std::vector<CandidateTiming> time_candidates(const BlendInput& input);
 
   /// Saves and restores the state, for checkpoints. A pass that is missing in `json` is left unchanged.
@@ -128,8 +130,10 @@ class KernelChooser {
   /// Runs and compares the candidates once before the first check of a pass: on a GPU a kernel's first launch loads its
   /// code, and the first view allocates memory. That happens once per process; counted as the cost of a check it would
   /// delay the next one. Returns the time taken, ms, including work queued before.
-  double warm_up(const char* pass, const KernelSelector& selector, BlendPass& blend, const PinholeView& view);
+  double warm_up(const char* pass, const KernelSelector& selector, BlendPass& blend, const BlendInput& input);
   void wait_for_device();
+  /// Calls work(), which times kernels. Does nothing if it fails: a view cannot be rendered, or memory is short.
+  void try_to_measure(const BlendInput& input, const std::function<void()>& work);
   KernelCheck check_pass(const char* pass, const CheckMoment& now, KernelSelector& selector, BlendPass& blend,
                          const BlendInput& input);
   /// Times kernels on the views. A kernel that disagrees with `reference` gets a fault and no times.
