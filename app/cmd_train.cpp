@@ -277,23 +277,7 @@ int train_alone(const CommandLine& line, const TrainCommandOptions& options, con
   }
 }
 
-/// The options that --view ADDRESS:PORT has replaced.
-void add_former_view_options(CommandLine& line) {
-  for (const char* name : {"view_port", "view_address"}) {
-    OptionSpec spec = OptionSpec::of_type<std::string>();
-    spec.name = name;
-    spec.is_ignored = true;
-    line.add(spec);
-  }
-}
-
-void take_former_view_options(const CommandLine& line, std::string& view) {
-  if (!line.was_given("view_port") && !line.was_given("view_address")) return;
-  const std::string port = line.given().value("view_port", "-1");
-  view = line.given().value("view_address", ViewOptions{}.address) + ":" + (port == "-1" ? "auto" : port);
-  std::cerr << "warning: --view_port and --view_address are now --view PORT and --view ADDRESS:PORT: --view " + view +
-                   '\n';
-}
+constexpr const char* kFormerViewPort = "view_port";
 
 void check_view_options(const TrainCommandOptions& options, const RankPlan& plan) {
   if (options.view.empty()) return;
@@ -312,10 +296,10 @@ int run_train(const std::vector<std::string>& words) {
   line.add(options, "Run");
   line.add(resolve_options().config, "Training", {"source_path"});
   add_former_options(line);
-  add_former_view_options(line);
+  add_former_view_options(line, kFormerViewPort);
   line.set_notes(presets_help());
   if (!line.parse(join_view_place(words))) return 0;
-  take_former_view_options(line, options.view);
+  take_former_view_options(line, kFormerViewPort, options.view);
   std::signal(SIGPIPE, SIG_IGN);
 
   const std::string device = resolve_options(given_options(line, options.config)).config.device;

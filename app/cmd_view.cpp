@@ -17,15 +17,17 @@ namespace {
 
 namespace fs = std::filesystem;
 
-/// The values of `b3dgs view` have names of their own: here, --view would say nothing.
-struct ViewCommandOptions : ViewOptions {};
+struct ViewCommandOptions {
+  std::string view = "auto";
+};
 
 template <class Visitor>
 void visit_fields(ViewCommandOptions& c, Visitor&& field) {
-  field(Option{"port"}.common(), c.port, InRange{-1, 65535},
-        "port of the page (-1 = the first free one from 8080 on, 0 = any free one)");
-  field(Option{"view_address"}, c.address, Any{}, "address to listen on; the default is for this machine only");
+  field(Option{"view"}.common(), c.view, Any{},
+        "where the page is: PORT, or ADDRESS:PORT (auto = first free port from 8080 on)");
 }
+
+constexpr const char* kFormerPort = "port";
 
 /// With photographs where the scene is there; else with the cameras of the model folder, if it has any.
 LoadedModel load(ModelOptions& options, StatusLine& status) {
@@ -48,7 +50,10 @@ int run_view(const std::vector<std::string>& words) {
   line.add(model_options, "Model", {"model_path"});
   line.add(options, "Page");
   line.set_help("model_path", "model folder, or a file of Gaussians");
-  if (!line.parse(words)) return 0;
+  add_former_view_options(line, kFormerPort);
+  if (!line.parse(join_view_place(words))) return 0;
+  take_former_view_options(line, kFormerPort, options.view);
+  const ViewOptions place = parse_view_place(options.view);
 
   StatusLine status = StatusLine::for_stderr(model_options.quiet);
   const torch::Device device = choose_device(model_options.device);
@@ -61,7 +66,7 @@ int run_view(const std::vector<std::string>& words) {
   std::cout << format_count(model.splats.size()) << " Gaussians, " << model.scene.train.size() + model.scene.test.size()
             << " cameras" << std::endl;
   catch_stop_signals();
-  const std::unique_ptr<ViewServer> server = start_view_server(watched, options, status);
+  const std::unique_ptr<ViewServer> server = start_view_server(watched, place, status);
   std::cout << "            Ctrl-C ends it" << std::endl;
   watched.run(stop_signal());
   return 0;

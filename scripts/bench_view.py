@@ -51,7 +51,7 @@ def main():
     parser.add_argument("--min_fps", type=float, default=0)
     parser.add_argument("--options", default="", help="more options of b3dgs view, as one quoted string")
     args = parser.parse_args()
-    command = [args.program, "view", args.model, "--device", args.device, "--port", "0"] + args.options.split()
+    command = [args.program, "view", args.model, "--device", args.device, "--view", "0"] + args.options.split()
     server = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
     try:
         port = token = None

@@ -180,7 +180,7 @@ async function check_model(browser) {
     "--device", "cpu", "--quiet"]);
   assert.equal(fs.readdirSync(path.join(folder, "path", "renders")).length, 3);
 
-  const view = await start(["view", path.join(folder, "done"), "--port", "0", "--device", "cpu"]);
+  const view = await start(["view", path.join(folder, "done"), "--view", "0", "--device", "cpu"]);
   const page = await open(browser, view.url, {width: 1280, height: 800});
   assert(spread(await look(page)) > 5, "the picture shows something");
   assert(await page.locator("#pause").isHidden(), "there is no training to pause");

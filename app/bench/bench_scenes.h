@@ -12,7 +12,7 @@ namespace b3dgs {
 /// Options of all benchmarks of one view.
 struct BenchRun {
   int width = 960, height = 540;  // px
-  std::string tile = "auto";
+  std::string tile = "16x16";
   int tile_width = 0, tile_height = 0;  // px; 0: as --tile says, see resolve_auto()
   std::string culling = "ellipse";
   std::int64_t seed = 0;
@@ -26,7 +26,7 @@ template <class Visitor>
 void visit_fields(BenchRun& c, Visitor&& field) {
   field(Option{"width"}, c.width, InRange{1, 16384}, "image width of synthetic scenes, px");
   field(Option{"height"}, c.height, InRange{1, 16384}, "image height of synthetic scenes, px");
-  field(Option{"tile"}, c.tile, OneOf{{"auto", "16x16", "16x8"}}, "tile size, px, as in b3dgs train (auto: 16x16)");
+  field(Option{"tile"}, c.tile, OneOf{{"16x16", "16x8"}}, "tile size, px, as in b3dgs train");
   field(Option{"tile_width"}, c.tile_width, InRange{0, 32}, "tile width, px; overrides --tile (0 = as in --tile)");
   field(Option{"tile_height"}, c.tile_height, InRange{0, 32}, "tile height, px; overrides --tile (0 = as in --tile)");
   field(Option{"culling"}, c.culling, OneOf{{"ellipse", "square"}},

@@ -6,7 +6,7 @@
 #include <vector>
 
 #include "app/status/status_line.h"
-#include "core/config.h"
+#include "core/options/command_line.h"
 #include "view/view_server.h"
 
 namespace b3dgs {
@@ -19,8 +19,14 @@ struct ViewOptions {
 /// Starts the server and says how to reach it; warns if other machines can. @throws InputError if it cannot listen
 std::unique_ptr<ViewServer> start_view_server(FrameSource& source, const ViewOptions& options, StatusLine& status);
 
-/// Of `train --view PLACE`: "8080", "0.0.0.0:8080" or "auto". @throws InputError
+/// Of --view PLACE: "8080", "0.0.0.0:8080" or "auto". @throws InputError
 ViewOptions parse_view_place(const std::string& place);
+
+/// What --view ADDRESS:PORT has replaced: --view_address, and the option `port`. They are not listed in the help.
+void add_former_view_options(CommandLine& line, const std::string& port);
+
+/// Sets `view` to what they ask for, with a warning.
+void take_former_view_options(const CommandLine& line, const std::string& port, std::string& view);
 
 /// "--view 8080" as "--view=8080", and "--view" before anything else as "--view=auto".
 std::vector<std::string> join_view_place(const std::vector<std::string>& words);

@@ -123,7 +123,7 @@ TEST_F(ViewPrograms, ShowsAFileOfGaussiansWithoutAScene) {
   const fs::path ply = folder_.path() / "splats.ply";  // not in the model folder, whose cameras would be found
   fs::copy_file(fs::path(model()) / "point_cloud" / "iteration_30" / "point_cloud.ply", ply);
   const test::Outcome viewed =
-      test::run_b3dgs({"view", ply.string(), "--port", std::to_string(port), "--device", "cpu"}, options);
+      test::run_b3dgs({"view", ply.string(), "--view", std::to_string(port), "--device", "cpu"}, options);
   EXPECT_EQ(viewed.exit_code, 0) << viewed.err;
   EXPECT_NE(viewed.out.find("0 cameras"), std::string::npos) << viewed.out;
   EXPECT_NE(viewed.out.find("/?token="), std::string::npos) << viewed.out;
@@ -163,6 +163,7 @@ TEST_F(ViewPrograms, OptionsThatDoNotGoTogether) {
     run_train({scene(), "--view", "--view_port", "70000"});
   })) << "by its former name";
   EXPECT_TRUE(fails_with<InputError>({"--view 70000"}, [&] { run_train({scene(), "--view", "70000"}); }));
+  EXPECT_TRUE(fails_with<InputError>({"--view 127.0.0.1:70000"}, [&] { run_view({scene(), "--port", "70000"}); }));
   EXPECT_TRUE(fails_with<InputError>({"not found"}, [&] { run_view({(folder_.path() / "none").string()}); }));
 }
 
