@@ -160,9 +160,7 @@ TEST(ViewReducer, KeepsItsBuffersAndDoesNotDependOnThreads) {
 
 TEST(CoarseTraining, LearnsAndEvaluatesAtFullSize) {
   // As Trainer.IgnoresInvalidPixels.
-  test::TinySceneOptions options;
-  options.n_gaussians = 60;
-  options.n_views = 24;
+  test::TinySceneOptions options = test::learnable_scene();
   options.width = 90;
   options.height = 66;
   options.masked = true;

@@ -142,9 +142,7 @@ TEST(Trainer, UsesTheRequestedNumberOfThreads) {
 
 /// PSNR on held-out views before and after 800 iterations.
 std::pair<double, double> learn(bool masked) {
-  test::TinySceneOptions options;
-  options.n_gaussians = 60;
-  options.n_views = 24;
+  test::TinySceneOptions options = test::learnable_scene();
   options.masked = masked;
   const Scene scene = test::make_tiny_scene(options);
   const test::TempDir temp;

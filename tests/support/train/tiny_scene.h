@@ -43,6 +43,14 @@ struct TinySceneOptions {
   bool masked = false;          // the left fifth of every image is wrong and marked invalid
 };
 
+/// Few Gaussians in many views, which a short training learns well.
+inline TinySceneOptions learnable_scene() {
+  TinySceneOptions options;
+  options.n_gaussians = 60;
+  options.n_views = 24;
+  return options;
+}
+
 /// `truth_out` (may be null) receives the Gaussians that the images show.
 inline Scene make_tiny_scene(const TinySceneOptions& options = {}, GaussianTensors* truth_out = nullptr) {
   const RandomKey key{11, RandomStream::kSplit, 0};

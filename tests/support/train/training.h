@@ -45,6 +45,17 @@ inline TrainConfig eventful_budget_config() {
   return config;
 }
 
+/// Strategy budget from the 60 Gaussians of learnable_scene() to 150, in rounds from iteration 100 on.
+inline TrainConfig growing_budget_config(int iterations, int last_round) {
+  TrainConfig config;
+  config.strategy = "budget";
+  config.iterations = iterations;
+  config.densify_from_iter = 100;
+  config.densify_until_iter = last_round;
+  config.max_gaussians = 150;
+  return config;
+}
+
 /// A checkpoint's bytes without the duration and the ID of the training, and without another key of its header.
 inline std::string timeless_bytes(const std::filesystem::path& checkpoint, const std::string& without = "") {
   CheckpointFile file = read_checkpoint_file(checkpoint);

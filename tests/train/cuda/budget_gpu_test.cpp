@@ -74,17 +74,9 @@ TEST(BudgetOnGpu, ErrorImageIsThatOfTheCpu) {
 
 TEST(BudgetOnGpu, LearnsAsOnTheCpu) {
   B3DGS_NEEDS_GPU();
-  test::TinySceneOptions options;
-  options.n_gaussians = 60;
-  options.n_views = 24;
-  const Scene scene = test::make_tiny_scene(options);
+  const Scene scene = test::make_tiny_scene(test::learnable_scene());
   const test::TempDir temp;
-  TrainConfig config;
-  config.strategy = "budget";
-  config.iterations = 400;
-  config.densify_from_iter = 100;
-  config.densify_until_iter = 350;
-  config.max_gaussians = 150;
+  TrainConfig config = test::growing_budget_config(400, 350);
   const Trained cpu = train(config, scene, temp / "cpu");
   for (const char* kernel : {"per-bucket", "per-pixel"}) {
     config.device = "cuda";

@@ -72,10 +72,7 @@ TEST(TrainerOnGpu, LearnsAsOnTheCpu) {
   B3DGS_NEEDS_GPU();
   // dB, mean over the held-out views. Another order of sums (tiles, culling, kernels on the CPU) changes it by 0.01.
   constexpr double kAllowed = 0.1;
-  test::TinySceneOptions options;
-  options.n_gaussians = 60;
-  options.n_views = 24;
-  const Scene scene = test::make_tiny_scene(options);
+  const Scene scene = test::make_tiny_scene(test::learnable_scene());
   const test::TempDir temp;
   TrainConfig config;
   config.iterations = 300;

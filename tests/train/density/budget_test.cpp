@@ -353,19 +353,11 @@ TEST(ErrorImage, IsTheSquareOfTheMeanDifferenceOverTheChannels) {
 // Whole trainings.
 
 TEST(BudgetTraining, LearnsASceneWithinItsBudget) {
-  test::TinySceneOptions options;
-  options.n_gaussians = 60;
-  options.n_views = 24;
-  const Scene scene = test::make_tiny_scene(options);
+  const Scene scene = test::make_tiny_scene(test::learnable_scene());
   const test::TempDir temp;
-  TrainConfig config;
-  config.strategy = "budget";
+  TrainConfig config = test::growing_budget_config(800, 600);
   config.score_views = 10;
   config.prune_weight = 0.01;
-  config.iterations = 800;
-  config.densify_from_iter = 100;
-  config.densify_until_iter = 600;
-  config.max_gaussians = 150;
   config.test_iterations = {1};
   std::int64_t most = 0;
   TrainHooks hooks;
