@@ -11,12 +11,9 @@ namespace b3dgs {
 /// Bytes. A buffer may be up to a quarter larger, if there is enough memory.
 struct ViewMemory {
   double per_gaussian = 0;
-  double per_splat = 0;  // per Gaussian that the view sees
-  double per_pair = 0;   // per (tile, splat) pair
-  double of_image = 0;   // whatever is in the view
-  double bytes(double n_gaussians, double n_splats, double n_pairs) const {
-    return per_gaussian * n_gaussians + per_splat * n_splats + per_pair * n_pairs;
-  }
+  double per_pair = 0;  // per (tile, splat) pair
+  double of_image = 0;  // whatever is in the view
+  double bytes(double n_gaussians, double n_pairs) const { return per_gaussian * n_gaussians + per_pair * n_pairs; }
 };
 
 /// Of a view of width x height pixels.
@@ -28,7 +25,6 @@ inline ViewMemory view_memory(const RenderSettings& settings, std::int32_t width
   const bool keeps = settings.keep_for_backward, keeps_slots = keeps && settings.deterministic;
   // Splat, extent, radius; gradient; first slot.
   const double per_gaussian = 48 + 8 + 4 + (keeps ? 48 : 0) + (keeps_slots ? 8 : 0);
-  const double per_splat = 0;
   // Sorting and segmented blending use the same scratch memory in turn (PassScratch).
   const double sorting = 2 * 8;                                       // keys, and where runs of them are merged
   const double segments = 2 * tile_pixels / kSegment * (4 + 16 + 4);  // transmittance, colour and depth, last
@@ -39,8 +35,8 @@ inline ViewMemory view_memory(const RenderSettings& settings, std::int32_t width
   // Transmittance and last splat of each pixel; of each tile, where its list, its buckets, its segments and its runs
   // begin, its place by length, two counters in sectors of their own, and its last bucket, which is not full.
   const double of_image = 8.0 * width * height + static_cast<double>(n_tiles) * (8 + 8 + 4 * 3 + 2 * 32 + bucket_parts);
-  return {per_gaussian, per_splat,
-          lists + bucket_parts / kBucket + segment_starts + fixed_order + std::max(sorting, segments), of_image};
+  return {per_gaussian, lists + bucket_parts / kBucket + segment_starts + fixed_order + std::max(sorting, segments),
+          of_image};
 }
 
 }  // namespace b3dgs

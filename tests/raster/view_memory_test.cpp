@@ -14,30 +14,21 @@ TEST(ViewMemory, IsWhatTheReadmeSays) {
   settings.depth_gradient = false;
   const auto view_memory = [&](const RenderSettings& of) { return b3dgs::view_memory(of, 160, 80); };
   const ViewMemory memory = view_memory(settings);
-  EXPECT_EQ(memory.per_gaussian, 80);
-  EXPECT_EQ(memory.per_splat, 128);
-  EXPECT_NEAR(memory.per_pair, 35.0, 0.1);
-  EXPECT_EQ(memory.bytes(3, 2, 1), 3 * 80 + 2 * 128 + memory.per_pair);
+  EXPECT_EQ(memory.per_gaussian, 108);
+  EXPECT_NEAR(memory.per_pair, 37.0, 0.1);
+  EXPECT_EQ(memory.bytes(3, 1), 3 * 108 + memory.per_pair);
   settings.tile = {16, 16};
-  EXPECT_NEAR(view_memory(settings).per_pair, 52.0, 0.1);
+  EXPECT_NEAR(view_memory(settings).per_pair, 54.0, 0.1);
   settings.tile = {16, 8};
   settings.deterministic = true;
-  EXPECT_NEAR(view_memory(settings).per_pair, 99.0, 0.1);
+  EXPECT_EQ(view_memory(settings).per_gaussian, 116);
+  EXPECT_NEAR(view_memory(settings).per_pair, 93.0, 0.1);
   settings.keep_for_backward = settings.deterministic = false;
-  EXPECT_NEAR(view_memory(settings).per_pair, 19.0, 0.1);
-  EXPECT_EQ(view_memory(settings).of_image, 160 * 80 * 8 + 100 * 24);
+  EXPECT_NEAR(view_memory(settings).per_pair, 21.0, 0.1);
+  EXPECT_EQ(view_memory(settings).of_image, 160 * 80 * 8 + 100 * 92);
   settings.keep_for_backward = true;
-  EXPECT_EQ(view_memory(settings).of_image, 160 * 80 * (8 + 16) + 100 * 24);
-  EXPECT_EQ(b3dgs::view_memory(settings, 161, 81).of_image, 161 * 81 * 8 + 11 * 11 * (24 + 128 * 16));
-}
-
-/// 65,535 numbers of tiles and the one behind the last fit into 16 bits.
-TEST(ViewMemory, NeedsWiderKeysForManyTiles) {
-  RenderSettings settings;
-  settings.tile = {16, 16};
-  settings.keep_for_backward = false;
-  const double few = view_memory(settings, 16 * 255, 16 * 257).per_pair;
-  EXPECT_EQ(view_memory(settings, 16 * 256, 16 * 256).per_pair, few + 6);
+  EXPECT_EQ(view_memory(settings).of_image, 160 * 80 * (8 + 16) + 100 * 92);
+  EXPECT_EQ(b3dgs::view_memory(settings, 161, 81).of_image, 161 * 81 * 8 + 11 * 11 * (92 + 128 * 16));
 }
 
 TEST(PairLimit, EndsBeforeSlotsDo) {

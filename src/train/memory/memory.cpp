@@ -118,7 +118,7 @@ GaussianMemory gaussian_memory(const TrainState& state, const ViewMemory& view, 
   // Between two rounds, and after the last one, Gaussians grow and become more opaque: pairs increase although the
   // count does not.
   constexpr double kPairGrowth = 1.25;
-  memory.view = view.bytes(1, ratios.splats(), kPairGrowth * ratios.pairs());
+  memory.view = view.bytes(1, kPairGrowth * ratios.pairs());
   memory.round = kPlan + static_cast<double>(largest);
   return memory;
 }

@@ -173,8 +173,7 @@ TEST(RasterizeCuda, TakesTheMemoryThatIsForecast) {
       view.backward({torch::ones_like(view.color), {}, {}});
       const double n = static_cast<double>(scene.gaussians.size());
       const ViewMemory memory = view_memory(settings, scene.view.width, scene.view.height);
-      const double forecast = memory.of_image + memory.bytes(n, static_cast<double>(view.rasterizer().n_splats()),
-                                                             static_cast<double>(view.rasterizer().bins().n_pairs));
+      const double forecast = memory.of_image + memory.bytes(n, static_cast<double>(view.rasterizer().bins().n_pairs));
       const double taken = static_cast<double>(view.rasterizer().memory_bytes());
       EXPECT_GE(taken, forecast);
       EXPECT_LE(taken, 1.25 * forecast + (1 << 20));
