@@ -66,7 +66,6 @@ TEST(Rasterizer, HasNoViewAfterAForwardThatFailed) {
   const ViewSplats splats = rasterizer.project(scene.gaussians, scene.view, settings);
   settings.camera_gradient = true;  // needs the Gaussians
   EXPECT_THROW(rasterizer.forward_splats(splats, scene.view, settings), LogicError);
-  EXPECT_THROW(rasterizer.order_of_splats(), LogicError);
   EXPECT_THROW(rasterizer.backward_splats({}), LogicError);
 }
 

@@ -184,12 +184,11 @@ struct BucketParts {
 /// `segmented` cuts longer lists into segments of this many entries, a multiple of the bucket size.
 inline constexpr std::int32_t kSegmentEntries = 1024;
 
-/// Whether `segmented` cuts long lists; otherwise it is shared-memory. Lists begin longest first, and a multiprocessor
-/// blends several at once, about three times as fast as one alone. So the longest list ends after the others only if it
-/// has more entries than three multiprocessors' share.
+/// Whether `segmented` cuts long lists; otherwise it is shared-memory. Lists begin longest first, so the longest ends
+/// after the others only if it has much of the work: more entries than a multiprocessor's share. A block alone takes
+/// longer for each entry than a full multiprocessor, but in most long lists all pixels are opaque before the end.
 inline bool cuts_lists(const ViewCounts& counts, int n_multiprocessors) {
-  constexpr std::int64_t kSpeedup = 3;
-  return counts.longest_list > kSegmentEntries && counts.longest_list * n_multiprocessors > kSpeedup * counts.n_pairs;
+  return counts.longest_list > 2 * kSegmentEntries && counts.longest_list * n_multiprocessors > counts.n_pairs;
 }
 
 /// One segment of a tile's list; segment 0 may be the whole list.

@@ -8,6 +8,7 @@
 #include <thread>
 
 #include "core/check.h"
+#include "core/gpu_rows.h"
 #include "core/random.h"
 #include "support/gpu_test.h"
 #include "support/same.h"

@@ -1,5 +1,5 @@
 // Forward blend, segmented: shared-memory, with long lists cut into segments of 1024 entries that are blended in
-// parallel, if the longest would end after all others (cuts_lists()). Balanced like combined, with the cost per splat
+// parallel, if the longest has much of the work (cuts_lists()). Balanced like combined, with the cost per splat
 // of a pixel-wise kernel. Not in the paper, whose balanced kernel distributes a crowded tile over its pixels.
 //
 // Compositing is associative: a segment is blended as if the transmittance in front of it were 1, and (transmittance,
