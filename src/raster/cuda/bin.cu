@@ -3,9 +3,8 @@
 //   projection        adds up where the spans of tiles that splats touch in a row begin and end (tile_spans.cuh)
 //   1. number_lists   one block: prefix sums turn these sums into the length of each list, and the lengths into where
 //                     each list begins and its buckets are numbered; tiles are ordered by length
-//   2. emit_entries   a thread per row of tiles that a splat of its block touches: writes a key of 64 bits, (depth,
-//   id),
-//                     to the next free entry of each tile's list, in any order
+//   2. emit_entries   a thread per row of tiles that a splat of its block touches: writes depth and id, a key of 64
+//                     bits, to the next free entry of each tile's list, in any order
 //   3. sort_lists     sorts each list (sort_lists.cu)
 //
 // With `keep_slots`, find_slots_kernel then looks up the slot of each entry: the first slot of its splat (a scan over

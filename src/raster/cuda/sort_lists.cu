@@ -82,6 +82,7 @@ union SortMemory {
   typename Sort<kItems>::TempStorage all;
 };
 
+/// Sorts a run of at most kPerThread entries for each thread that sorts.
 template <class Sort, int kPerThread>
 __device__ __forceinline__ void sort_entries(const SortListsArgs& args, const Run& run, std::int32_t thread,
                                              typename Sort::TempStorage& memory) {
@@ -161,14 +162,13 @@ __device__ __forceinline__ std::int32_t split_merged(const EntryKey* a, std::int
   return low;
 }
 
-/// Merges sorted sequences of `width` entries of each list pairwise, from args.keys to args.merged, or to
-/// args.splat_ids.
-__global__ void __launch_bounds__(kThreads)
-    merge_runs_kernel(const SortListsArgs args, std::int64_t width, bool is_last) {
+/// Merges sorted sequences of `width` entries of each list pairwise, from args.keys to args.merged; of lists that are
+/// sorted then, to args.splat_ids.
+__global__ void __launch_bounds__(kThreads) merge_runs_kernel(const SortListsArgs args, std::int64_t width) {
   __shared__ EntryKey keys[kRunEntries];
   __shared__ std::int32_t splits[2];
   const Run run(args, static_cast<std::int32_t>(blockIdx.x), static_cast<std::int32_t>(args.counts.n_long_lists));
-  if (run.length <= kRunEntries) return;
+  if (run.length <= width) return;  // sorted before
   const auto thread = static_cast<std::int32_t>(threadIdx.x);
   const std::int32_t begin = run.begin(), count = run.count();
   const auto pair = static_cast<std::int32_t>(begin / (2 * width) * (2 * width)), first = begin - pair;
@@ -190,7 +190,7 @@ __global__ void __launch_bounds__(kThreads)
     const bool is_a = from_b >= count || (from_a < n_a && keys[from_a] < keys[from_b]);
     const EntryKey key = keys[is_a ? from_a++ : from_b++];
     const std::int64_t to = run.list + begin + at;
-    if (is_last) {
+    if (run.length <= 2 * width) {
       args.splat_ids[to] = id_of(key, args.n_ids);
     } else {
       args.merged[to] = key;
@@ -208,7 +208,7 @@ void sort_lists(const SortListsArgs& args, const LaunchContext& context) {
   B3DGS_CUDA_CHECK_LAUNCH();
   SortListsArgs pass = args;
   for (std::int64_t width = kRunEntries; width < args.counts.longest_list; width *= 2) {
-    merge_runs_kernel<<<n_runs, kThreads, 0, context.stream>>>(pass, width, 2 * width >= args.counts.longest_list);
+    merge_runs_kernel<<<n_runs, kThreads, 0, context.stream>>>(pass, width);
     B3DGS_CUDA_CHECK_LAUNCH();
     std::swap(pass.keys, pass.merged);
   }
