@@ -29,8 +29,8 @@ Timing time_runs(int repeat, const std::function<void()>& body) {
 
 /// Buffers and arguments for one view. They are public, so that each pass can be run alone.
 struct BenchFrame {
-  std::vector<Splat> splats;
-  std::vector<Vec2f> extents;
+  cpu::Buffer<Splat> splats;
+  cpu::Buffer<Vec2f> extents;
   std::vector<std::int32_t> radii, last_ids;
   std::vector<float> color, depth, alpha, transmittance;
   cpu::BinBuffers bin_buffers;
@@ -47,8 +47,8 @@ struct BenchFrame {
 BenchFrame::BenchFrame(const BenchRun& run, const BenchScene& scene) {
   const auto n = static_cast<std::size_t>(scene.cloud.size());
   const std::size_t n_pixels = static_cast<std::size_t>(scene.view.width) * static_cast<std::size_t>(scene.view.height);
-  splats.resize(n);
-  extents.resize(n);
+  splats.resize(scene.cloud.size());
+  extents.resize(scene.cloud.size());
   radii.resize(n);
   color.resize(3 * n_pixels);
   depth.resize(n_pixels);
@@ -84,7 +84,8 @@ void compare_kernels(const BenchRun& run, BenchFrame& frame, BenchFile& file) {
 void time_passes(const BenchRun& run, const BenchScene& scene, BenchFrame& frame, BenchFile& file) {
   const auto n = static_cast<std::size_t>(scene.cloud.size());
   const std::vector<float> grad_color(frame.color.size(), 1.0f / static_cast<float>(frame.color.size()));
-  std::vector<SplatGrad> pair_grads(static_cast<std::size_t>(frame.bins.n_pairs));
+  cpu::Buffer<SplatGrad> pair_grads;
+  pair_grads.resize(frame.bins.n_pairs);
   std::vector<float> means(3 * n), log_scales(3 * n), quats(4 * n), opacities(n), sh0(3 * n),
       shN(scene.cloud.shN.size()), means2d(2 * n);
   cpu::blend_forward(ForwardKernel::kSharedMemory, frame.forward);

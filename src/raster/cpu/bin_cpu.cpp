@@ -1,5 +1,15 @@
-// Binning: a stable radix sort of the splats by depth, then a stable counting sort of the (tile, splat) pairs by tile.
-// Both are split into consecutive chunks, so the lists do not depend on the number of threads.
+// Binning: from splats to a list of splats for each tile, nearest first.
+//
+//   splats      in the order of the Gaussians
+//     | sort    stable radix sort by depth
+//   splats      nearest first
+//     | find    the tiles that each splat touches, and how many splats touch each tile
+//   tiles       of the first splat, of the second, ...
+//     | place   each splat into the lists of its tiles: a stable counting sort
+//   lists       and for each entry its slot; the slots of a splat follow each other
+//
+// Every step is split into consecutive chunks, one per thread. From the counts of the chunks before it a chunk knows
+// where it writes, so the lists do not depend on the number of threads.
 
 #include <algorithm>
 #include <cstring>
@@ -50,6 +60,10 @@ std::uint64_t* sort_by_depth(std::uint64_t* keys, std::uint64_t* swap, std::int6
   return keys;
 }
 
+std::int32_t splat_of(std::uint64_t key) {
+  return static_cast<std::int32_t>(key & 0xffffffffu);
+}
+
 }  // namespace
 
 BinnedSplats bin(const BinArgs& args, BinBuffers& buffers, const PairLimit& limit) {
@@ -63,34 +77,43 @@ BinnedSplats bin(const BinArgs& args, BinBuffers& buffers, const PairLimit& limi
     }
   });
   keys = sort_by_depth(keys, buffers.keys_swap.resize(n), n);
-  std::int64_t* const slot_offsets = buffers.slot_offsets.resize(n + 1);
 
-  const auto visit_splat = [&](std::int64_t depth_index, auto&& visit) {
-    // In depth order the splats are scattered in memory, so fetch them some splats ahead.
-    const std::uint64_t ahead = keys[std::min(depth_index + kPrefetch, n - 1)] & 0xffffffffu;
-    __builtin_prefetch(&args.splats[ahead]);
-    __builtin_prefetch(&args.extents[ahead]);
-    __builtin_prefetch(&slot_offsets[ahead]);
-    const auto m = static_cast<std::int32_t>(keys[depth_index] & 0xffffffffu);
-    const Splat& splat = args.splats[m];
-    visit_tile_rows(args.grid, args.culling, splat, args.extents[m], args.radii[splat.gaussian],
-                    [&](std::int32_t row, TileSpan span) { visit(m, row * args.grid.columns, span); });
-  };
+  // In depth order, what belongs to a splat is scattered in memory, so it is fetched some splats ahead.
+  const auto ahead = [&](std::int64_t depth_index) { return splat_of(keys[std::min(depth_index + kPrefetch, n - 1)]); };
 
-  // Count pairs, per chunk and tile and per splat.
+  // Find the tiles. Counts are per chunk and tile, and per splat.
   const Chunks chunks = make_chunks(n, kGrain);
   std::int64_t* const counts = buffers.tile_counts.resize(chunks.count * n_tiles);
+  std::int64_t* const slot_offsets = buffers.slot_offsets.resize(n + 1);
+  if (buffers.tiles.size() < static_cast<std::size_t>(chunks.count)) {
+    buffers.tiles.resize(static_cast<std::size_t>(chunks.count));
+  }
   parallel_pool(chunks.count, [&](std::int64_t chunk, int) {
     std::int64_t* const count = counts + chunk * n_tiles;
     std::fill(count, count + n_tiles, 0);
+    std::vector<std::int32_t> tiles = std::move(buffers.tiles[static_cast<std::size_t>(chunk)]);
+    tiles.clear();
+    std::int64_t n_pairs = 0;
     for (std::int64_t depth_index = chunks.begin(chunk); depth_index < chunks.end(chunk); ++depth_index) {
+      prefetch_object(args.splats[ahead(depth_index)]);
+      prefetch_object(args.extents[ahead(depth_index)]);
+      prefetch_object(slot_offsets[ahead(depth_index)]);
+      const std::int32_t m = splat_of(keys[depth_index]);
+      const Splat& splat = args.splats[m];
+      const std::int32_t radius = args.culling == Culling::kSquare ? args.radii[splat.gaussian] : 0;
       std::int64_t pairs = 0;
-      visit_splat(depth_index, [&](std::int32_t, std::int64_t row_start, TileSpan span) {
-        for (std::int32_t column = span.begin; column < span.end; ++column) ++count[row_start + column];
+      visit_tile_rows(args.grid, args.culling, splat, args.extents[m], radius, [&](std::int32_t row, TileSpan span) {
         pairs += span.end - span.begin;
+        for (std::int32_t column = span.begin; column < span.end; ++column) {
+          const std::int32_t tile = row * args.grid.columns + column;
+          ++count[tile];
+          if (n_pairs + pairs <= limit.n_pairs) tiles.push_back(tile);
+        }
       });
-      slot_offsets[keys[depth_index] & 0xffffffffu] = pairs;
+      slot_offsets[m] = pairs;
+      n_pairs += pairs;
     }
+    buffers.tiles[static_cast<std::size_t>(chunk)] = std::move(tiles);
   });
 
   // Counts to offsets: where each chunk writes in each tile's list, and each splat's first slot.
@@ -119,20 +142,20 @@ BinnedSplats bin(const BinArgs& args, BinBuffers& buffers, const PairLimit& limi
   slot_offsets[n] = slots;
   B3DGS_CHECK(slots == n_pairs, "pairs counted by splat: ", slots, ", by tile: ", n_pairs);
 
-  // Write the pairs.
+  // Place the splats.
   std::int32_t* const splat_ids = buffers.splat_ids.resize(n_pairs);
   std::int64_t* const pair_slots = buffers.pair_slots.resize(n_pairs);
   parallel_pool(chunks.count, [&](std::int64_t chunk, int) {
     std::int64_t* const next = counts + chunk * n_tiles;
+    const std::int32_t* tile = buffers.tiles[static_cast<std::size_t>(chunk)].data();
     for (std::int64_t depth_index = chunks.begin(chunk); depth_index < chunks.end(chunk); ++depth_index) {
-      std::int64_t slot = slot_offsets[keys[depth_index] & 0xffffffffu];
-      visit_splat(depth_index, [&](std::int32_t m, std::int64_t row_start, TileSpan span) {
-        for (std::int32_t column = span.begin; column < span.end; ++column) {
-          const std::int64_t position = next[row_start + column]++;
-          splat_ids[position] = m;
-          pair_slots[position] = slot++;
-        }
-      });
+      prefetch_object(slot_offsets[ahead(depth_index)]);
+      const std::int32_t m = splat_of(keys[depth_index]);
+      for (std::int64_t slot = slot_offsets[m]; slot < slot_offsets[m + 1]; ++slot) {
+        const std::int64_t position = next[*tile++]++;
+        splat_ids[position] = m;
+        pair_slots[position] = slot;
+      }
     }
   });
   return {tile_offsets, splat_ids, pair_slots, slot_offsets, n_pairs};

@@ -78,6 +78,7 @@ struct SplatGradLanes {
 
 /// Sums the gradient of the splat at `position` of the list over rows [row_begin, row_end). Returns false if no pixel
 /// of them blended it.
+template <bool kDepth>
 HWY_INLINE bool backward_rows(TileGradients& tile, const Splat& splat, int row_begin, int row_end,
                               std::int32_t position, SplatGrad& out) {
   const auto shape = splat_shape<Lanes>(splat);
@@ -101,9 +102,9 @@ HWY_INLINE bool backward_rows(TileGradients& tile, const Splat& splat, int row_b
       any = true;
       const Alpha<Lanes> alpha = evaluate_alpha(footprint.power);
       const Lanes grad_red = Lanes::load(tile.red + p), grad_green = Lanes::load(tile.green + p),
-                  grad_blue = Lanes::load(tile.blue + p), grad_depth = Lanes::load(tile.depth + p);
-      const Lanes value = multiply_add(
-          red, grad_red, multiply_add(green, grad_green, multiply_add(blue, grad_blue, depth * grad_depth)));
+                  grad_blue = Lanes::load(tile.blue + p), grad_depth = kDepth ? Lanes::load(tile.depth + p) : zero;
+      const Lanes value_blue = kDepth ? multiply_add(blue, grad_blue, depth * grad_depth) : blue * grad_blue;
+      const Lanes value = multiply_add(red, grad_red, multiply_add(green, grad_green, value_blue));
       ReverseState<Lanes> pixel{Lanes::load(tile.transmittance + p), Lanes::load(tile.behind + p)};
       const BlendGrad<Lanes> grad = blend_over_reverse(pixel, blended, alpha, value);
       pixel.transmittance.store(tile.transmittance + p);
@@ -114,25 +115,33 @@ HWY_INLINE bool backward_rows(TileGradients& tile, const Splat& splat, int row_b
   }
   if (!any) return false;
   out = {sums.log_alpha.sum(), sums.mean_x.sum(), sums.mean_y.sum(), sums.cov_xx.sum(), sums.cov_xy.sum(),
-         sums.cov_yy.sum(),    sums.red.sum(),    sums.green.sum(),  sums.blue.sum(),   sums.depth.sum()};
+         sums.cov_yy.sum(),    sums.red.sum(),    sums.green.sum(),  sums.blue.sum(),   kDepth ? sums.depth.sum() : 0};
   return true;
 }
 
 }  // namespace
 
 void run_blend_backward(const BlendBackwardArgs& args, std::int64_t index) {
+  constexpr std::int64_t kPrefetch = 16;  // entries to fetch ahead
   TileGradients tile;
   tile.begin(args, static_cast<std::int32_t>(index));
   const float top = static_cast<float>(tile.rect.y_begin);
   const std::int64_t first = args.bins.tile_offsets[index], last = args.bins.tile_offsets[index + 1];
   for (std::int64_t i = last - 1; i >= first; --i) {
     SplatGrad grad{};
+    const std::int64_t ahead = std::max(i - kPrefetch, first);
+    cpu::prefetch_object(args.splats[args.bins.splat_ids[ahead]]);
+    cpu::prefetch_object(args.extents[args.bins.splat_ids[ahead]]);
+    cpu::prefetch_object(args.pair_grads[args.bins.pair_slots[ahead]]);
     const auto position = static_cast<std::int32_t>(i - first);
     if (position <= tile.tile_last) {
       const std::int32_t id = args.bins.splat_ids[i];
       const Splat& splat = args.splats[id];
       const RowSpan reached = rows_reached(splat.mean_y, args.extents[id].y, top, 0, tile.rows);
-      if (!backward_rows(tile, splat, reached.begin, reached.end, position, grad)) grad = {};
+      const bool any = args.grad.depth != nullptr
+                           ? backward_rows<true>(tile, splat, reached.begin, reached.end, position, grad)
+                           : backward_rows<false>(tile, splat, reached.begin, reached.end, position, grad);
+      if (!any) grad = {};
     }
     args.pair_grads[args.bins.pair_slots[i]] = grad;
   }

@@ -1,10 +1,14 @@
 // Memory that only grows and is not initialised: passes write every element before they read it.
 #pragma once
 
+#include <sys/mman.h>
+
 #include <cstddef>
 #include <cstdint>
+#include <cstdlib>
 #include <memory>
 #include <new>
+#include <vector>
 
 #include "raster/args.h"
 #include "raster/checks.h"
@@ -21,7 +25,7 @@ class Buffer {
     if (n > capacity_) {
       const std::int64_t grown = n + n / 4;
       data_.reset();
-      data_.reset(static_cast<T*>(::operator new(static_cast<std::size_t>(grown) * sizeof(T), kAlignment)));
+      data_.reset(static_cast<T*>(allocate(static_cast<std::size_t>(grown) * sizeof(T))));
       capacity_ = grown;
     }
     return data_.get();
@@ -29,13 +33,32 @@ class Buffer {
   T* data() const { return data_.get(); }
 
  private:
-  static constexpr std::align_val_t kAlignment{64};
   struct Free {
-    void operator()(T* memory) const { ::operator delete(memory, kAlignment); }
+    void operator()(T* memory) const { std::free(memory); }
   };
+  /// Large buffers ask for huge pages: passes visit splats and lists out of order, and with pages of 4 KiB most of
+  /// these accesses would miss the TLB, too.
+  static void* allocate(std::size_t bytes) {
+    constexpr std::size_t kLine = 64, kHugePage = std::size_t{2} << 20;
+    const std::size_t alignment = bytes < 2 * kHugePage ? kLine : kHugePage;
+    const std::size_t rounded = (bytes + alignment - 1) / alignment * alignment;
+    void* const memory = std::aligned_alloc(alignment, rounded);
+    if (memory == nullptr && rounded > 0) throw std::bad_alloc();
+    if (alignment == kHugePage) madvise(memory, rounded, MADV_HUGEPAGE);
+    return memory;
+  }
   std::unique_ptr<T[], Free> data_;
   std::int64_t capacity_ = 0;
 };
+
+/// Fetches an object that will be read or written soon. Splats and pairs are visited in the order of depths or of
+/// tiles, in which they are scattered in memory.
+template <class T>
+void prefetch_object(const T& object) {
+  const auto* const bytes = reinterpret_cast<const char*>(&object);
+  __builtin_prefetch(bytes);
+  if (sizeof(T) > alignof(T)) __builtin_prefetch(bytes + sizeof(T) - 1);  // it may end in another cache line
+}
 
 // The CPU rasterizer, and its passes, each a function of its arguments, in the order in which they run.
 
@@ -50,6 +73,7 @@ std::int64_t project(const ProjectArgs& args);
 /// Buffers of binning, reused from view to view.
 struct BinBuffers {
   Buffer<std::int64_t> tile_offsets, slot_offsets, pair_slots, tile_counts;
+  std::vector<std::vector<std::int32_t>> tiles;  // of the splats of each chunk
   Buffer<std::int32_t> splat_ids;
   Buffer<std::uint64_t> keys, keys_swap;
 };

@@ -106,12 +106,13 @@ void project_backward(const ProjectBackwardArgs& args) {
     args.grad.logit_opacities[i] = grad.logit_opacity;
     store3(args.grad.sh0, i, grad.sh0());
     sh_rest_grad(args.sh_degree, grad.dir, grad.color, args.grad.shN + rest * i);
+    std::fill(args.grad.shN + rest * i + rest_floats(args.sh_degree), args.grad.shN + rest * (i + 1), 0.0f);
     args.grad.means2d[2 * i] = grad.mean2d.x;
     args.grad.means2d[2 * i + 1] = grad.mean2d.y;
   };
 
-  // Rows are zeroed first, for Gaussians that are not seen and for coefficients above the rendered degree.
-  parallel_chunks(g.n_gaussians, kGrain, [&](std::int64_t begin, std::int64_t end) {
+  // Rows of Gaussians [begin, end), which are not seen.
+  const auto write_zeros = [&](std::int64_t begin, std::int64_t end) {
     const auto fill = [&](float* array, std::int64_t columns) {
       std::fill(array + columns * begin, array + columns * end, 0.0f);
     };
@@ -122,12 +123,17 @@ void project_backward(const ProjectBackwardArgs& args) {
     fill(args.grad.sh0, 3);
     fill(args.grad.shN, rest);
     fill(args.grad.means2d, 2);
+  };
+  parallel_chunks(g.n_gaussians, kGrain, [&](std::int64_t begin, std::int64_t end) {
     const Splat* splat = std::lower_bound(args.splats, args.splats + args.n_splats, begin,
                                           [](const Splat& s, std::int64_t i) { return s.gaussian < i; });
     for (; splat != args.splats + args.n_splats && splat->gaussian < end; ++splat) {
       const std::int64_t m = splat - args.splats;
+      write_zeros(begin, splat->gaussian);
       backward_one(splat->gaussian, *splat, args.slot_offsets[m], args.slot_offsets[m + 1]);
+      begin = splat->gaussian + 1;
     }
+    write_zeros(begin, end);
   });
 }
 

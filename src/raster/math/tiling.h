@@ -88,7 +88,13 @@ namespace detail {
 B3DGS_HD std::int32_t floor_clamped(float value, std::int32_t low, std::int32_t high) {
   if (!(value > static_cast<float>(low))) return low;
   if (!(value < static_cast<float>(high))) return high;
+#if defined(__CUDA_ARCH__)
   return static_cast<std::int32_t>(std::floor(value));
+#else
+  // std::floor() would be a function call: builds are for every x86-64.
+  const auto truncated = static_cast<std::int32_t>(value);
+  return truncated - (static_cast<float>(truncated) > value);
+#endif
 }
 
 }  // namespace detail

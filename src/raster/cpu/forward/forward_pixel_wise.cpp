@@ -93,7 +93,10 @@ struct TilePixels {
   }
 };
 
-/// Blends one splat, at `position` of the tile's list, onto rows [row_begin, row_end).
+/// Blends one splat, at `position` of the tile's list, onto rows [row_begin, row_end). kReached: the splat's box has
+/// pixels in these rows. A vector of a whole row is then blended without a test whether any pixel contributes:
+/// mispredicted branches would take longer than the test saves.
+template <bool kReached>
 HWY_INLINE void blend_onto_rows(TilePixels& tile, const Splat& splat, int row_begin, int row_end,
                                 std::int32_t position) {
   const SplatShape<Lanes> shape = splat_shape<Lanes>(splat);
@@ -104,7 +107,8 @@ HWY_INLINE void blend_onto_rows(TilePixels& tile, const Splat& splat, int row_be
     for (int v = 0; v < tile.row_vectors; ++v) {
       const Lanes pixel_x = Lanes::iota(static_cast<float>(tile.rect.x_begin + v * lanes) + 0.5f);
       const Footprint<Lanes> footprint = evaluate_footprint(shape, pixel_x, pixel_y);
-      if (none(footprint.contributes)) continue;
+      const bool test = !kReached || lanes < kMaxLanes;
+      if (test && none(footprint.contributes)) continue;
       const int p = row * tile.stride + v * lanes;
       const Alpha<Lanes> alpha = evaluate_alpha(footprint.power);
       PixelState<Lanes> pixel{Lanes::load(tile.transmittance + p), Lanes::load(tile.red + p),
@@ -136,7 +140,8 @@ void run_pixel_wise(const BlendForwardArgs& args, std::int64_t index) {
     tile.live_rows(&live_begin, &live_end);
     if (live_begin >= live_end) break;
     for (std::int64_t i = batch; i < std::min(batch + kBatch, last); ++i) {
-      blend_onto_rows(tile, args.splats[args.bins.splat_ids[i]], 0, tile.rows, static_cast<std::int32_t>(i - first));
+      blend_onto_rows<false>(tile, args.splats[args.bins.splat_ids[i]], 0, tile.rows,
+                             static_cast<std::int32_t>(i - first));
     }
   }
   tile.finish(args);
@@ -172,8 +177,13 @@ void run_staged(const BlendForwardArgs& args, std::int64_t index, const RowSpan&
       next.position = static_cast<std::int32_t>(i);
       n_staged += next.rows.begin < next.rows.end;
     }
+    // The next batch arrives while this one is blended.
+    for (std::int64_t i = batch + kBatch; i < std::min<std::int64_t>(batch + 2 * kBatch, end); ++i) {
+      cpu::prefetch_object(args.splats[list[i]]);
+      cpu::prefetch_object(args.extents[list[i]]);
+    }
     for (int s = 0; s < n_staged; ++s) {
-      blend_onto_rows(tile, staged[s].splat, staged[s].rows.begin, staged[s].rows.end, staged[s].position);
+      blend_onto_rows<true>(tile, staged[s].splat, staged[s].rows.begin, staged[s].rows.end, staged[s].position);
     }
   }
   tile.finish(args);
