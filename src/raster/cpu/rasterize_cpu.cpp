@@ -52,7 +52,7 @@ TileGrid checked_grid(const PinholeView& view, const TileShape& tile) {
   return make_tile_grid(view.width, view.height, tile);
 }
 
-class Rasterizer final : public RasterizerBackend {
+class CpuBackend final : public RasterizerBackend {
  public:
   void forward(const GaussianArrays& gaussians, const PinholeView& view, const RenderSettings& settings,
                const ImageArrays& out) override {
@@ -231,7 +231,7 @@ class Rasterizer final : public RasterizerBackend {
 }  // namespace
 
 std::unique_ptr<RasterizerBackend> make_rasterizer() {
-  return std::make_unique<Rasterizer>();
+  return std::make_unique<CpuBackend>();
 }
 
 namespace {
