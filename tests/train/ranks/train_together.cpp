@@ -466,6 +466,7 @@ void check_loss(Communicator& ranks) {
     const std::string end = "; last checkpoint: " + first.string() + ", continue with --resume " + first.string();
     expect(std::string(error.what()).find(end) != std::string::npos, error.what());
   }
+  ranks.barrier("all have looked for the last checkpoint");  // before its folder is removed
 }
 
 /// Ranks that read different scenes.
