@@ -248,15 +248,15 @@ TEST(MemoryPlan, CountsTheBytesOfAGaussian) {
   EXPECT_EQ(state_row_bytes(state), 3 * 59 * 4 + 3 * 4);
   EXPECT_EQ(state_bytes(state), 2 * state_row_bytes(state));
   ViewRatios ratios;
-  EXPECT_EQ(gaussian_memory(state, {80, 128, 100}, ratios).view, 80 + 128 + 500)
+  EXPECT_EQ(gaussian_memory(state, {208, 100}, ratios).view, 208 + 500)
       << "no view yet, and a quarter more pairs than counted";
   ratios.add(1, 6, 2);
   ratios.add(2, 2, 2);
-  const GaussianMemory memory = gaussian_memory(state, {80, 128, 100}, ratios);
-  EXPECT_EQ(memory.view, 80 + 128 + 375);
+  const GaussianMemory memory = gaussian_memory(state, {208, 100}, ratios);
+  EXPECT_EQ(memory.view, 208 + 375);
   EXPECT_EQ(memory.round, 64 + 180);
   EXPECT_EQ(memory.all(), 720 + 40 + 583);
-  EXPECT_EQ(gaussian_memory(state, {80, 128, 100}, ratios, 4).all(), memory.all() + 1.25 * (4 * (4 + 48) + 12))
+  EXPECT_EQ(gaussian_memory(state, {208, 100}, ratios, 4).all(), memory.all() + 1.25 * (4 * (4 + 48) + 12))
       << "splats and indices of 4 views, and a copy of the statistics";
   // 15 of 16 parts of 3.2 GB, less 100 MB.
   EXPECT_EQ(largest_count({3200000000, 100000000}, memory), 2900000000 / 1343);

@@ -92,7 +92,6 @@ class CudaView {
     const std::vector<std::int32_t> last_ids = download(rasterizer_->last_ids(), pixels_);
     const std::vector<std::int64_t> offsets = download(bins.tile_offsets, grid.n_tiles() + 1);
     const std::vector<std::int32_t> ids = download(bins.splat_ids, bins.n_pairs);
-    const std::vector<Splat> splats = download(rasterizer_->splats(), rasterizer_->n_rows());
     torch::Tensor last = torch::full({grid.image_height, grid.image_width}, -1, torch::kInt64);
     auto places = last.accessor<std::int64_t, 2>();
     for (std::int32_t y = 0; y < grid.image_height; ++y) {
@@ -100,8 +99,7 @@ class CudaView {
         const std::int32_t id = last_ids[static_cast<std::size_t>(y * grid.image_width + x)];
         if (id < 0) continue;
         const auto tile = static_cast<std::size_t>(y / grid.tile.height * grid.columns + x / grid.tile.width);
-        places[y][x] =
-            splats.at(static_cast<std::size_t>(ids.at(static_cast<std::size_t>(offsets[tile] + id)))).gaussian;
+        places[y][x] = ids.at(static_cast<std::size_t>(offsets[tile] + id));
       }
     }
     return last;
