@@ -2,6 +2,7 @@
 #include <algorithm>
 #include <cstdlib>
 #include <iostream>
+#include <memory>
 #include <optional>
 
 #include "app/model.h"
@@ -10,6 +11,7 @@
 #include "core/files/atomic_file.h"
 #include "core/files/own_files.h"
 #include "core/options/command_line.h"
+#include "core/task_queue.h"
 #include "core/text.h"
 #include "model/model_folder.h"
 #include "scene/images/image.h"
@@ -116,19 +118,24 @@ class SplitEvaluator {
   Evaluation run(const std::vector<View>& views, const std::string& split, const ColorEvaluation& colors,
                  const std::filesystem::path& folder) {
     const ProgressFn progress = show_loading(status_);
+    const auto write_images = [&folder](std::size_t index, const View& view, const Image8& image) {
+      const std::shared_ptr<const Image8> truth = view.image->read();
+      write_image(folder / "gt" / image_name(index), *truth);
+      write_image(folder / "renders" / image_name(index), image);
+      write_image(folder / "diff" / image_name(index), difference(*truth, image, view.valid.get()));
+    };
+    TaskQueue tasks(writer_threads(), kFramesAhead);
     const auto on_rendered = [&](std::size_t index, const View& view, const RenderedView& rendered,
                                  const std::optional<ImageQuality>&) {
       if (save_images_) {
-        const Image8 image = to_image8(rendered.color);
-        const std::shared_ptr<const Image8> truth = view.image->read();
-        write_image(folder / "gt" / image_name(index), *truth);
-        write_image(folder / "renders" / image_name(index), image);
-        write_image(folder / "diff" / image_name(index), difference(*truth, image, view.valid.get()));
+        const auto image = std::make_shared<const Image8>(to_image8(rendered.color));
+        tasks.push([&write_images, index, &view, image] { write_images(index, view, *image); });
       }
       progress("evaluating " + split + " views", index + 1, views.size());
     };
     const Evaluation evaluation = evaluate_views(renderer_.rasterizer, renderer_.gaussians, views, renderer_.settings,
                                                  on_rendered, lpips_, colors);
+    tasks.finish();
     status_.clear();
     std::cout << split << " views" << describe(colors) << "\n";
     print_table(evaluation);

@@ -1,9 +1,11 @@
 // b3dgs render: colour, depth and alpha images or a video of a model, from its views, from cameras of a file, or along
 // a path.
 #include <algorithm>
+#include <atomic>
 #include <cstdio>
 #include <filesystem>
 #include <iostream>
+#include <memory>
 #include <optional>
 #include <utility>
 
@@ -16,6 +18,7 @@
 #include "core/check.h"
 #include "core/files/own_files.h"
 #include "core/options/command_line.h"
+#include "core/task_queue.h"
 #include "core/text.h"
 #include "scene/images/image.h"
 #include "train/device.h"
@@ -108,11 +111,21 @@ ImageSize frame_size(const std::vector<Camera>& cameras) {
   return size;
 }
 
-/// Writes what the options ask for, view by view.
+/// What is written of a view: in host memory, since the next view overwrites the tensors of this one.
+struct RenderedFrame {
+  std::size_t index;
+  Image8 color, alpha;                  // empty if nothing shows them
+  torch::Tensor depth, depth_of_alpha;  // [H, W] and the alpha that belongs to it; undefined as above
+};
+
+/// Writes what the options ask for, view by view, on threads of its own while the next view is rendered.
 class Output {
  public:
   Output(const RenderOptions& options, const CameraChoice& choice, const LoadedModel& model)
-      : options_(options), folder_(output_folder(model, options, choice.set)), unit_(model.splats.frame.unit) {
+      : options_(options),
+        folder_(output_folder(model, options, choice.set)),
+        unit_(model.splats.frame.unit),
+        tasks_(options.video.empty() ? writer_threads() : 1, kFramesAhead) {  // frames of a video keep their order
     const bool is_in_model = options.output.empty() && options.ply.empty();
     if (options.writes_images()) own_files_.emplace(is_in_model ? model.folder.root() : folder_);
     if (options.colors_depth() || options.depth_format == "png16") {
@@ -128,24 +141,24 @@ class Output {
     }
   }
 
+  /// Returns before the view is written. @throws what writing it, or a view before it, has thrown
   void write(std::size_t index, const RenderedView& rendered) {
     const bool needs_color = options_.writes_images() || options_.video_of == "color";
     const bool needs_alpha = (options_.writes_images() && options_.alpha) || options_.video_of == "alpha";
-    const Image8 color = needs_color ? to_image8(rendered.color) : Image8();
-    const Image8 depth = options_.colors_depth() ? color_depth(rendered.depth, rendered.alpha, range_) : Image8();
-    const Image8 alpha = needs_alpha ? to_image8(rendered.alpha) : Image8();
-    if (video_) video_->write(options_.video_of == "color" ? color : options_.video_of == "depth" ? depth : alpha);
-    if (!options_.writes_images()) return;
-    write_image(folder_ / "renders" / image_name(index), color);
-    if (options_.alpha) write_image(folder_ / "alpha" / image_name(index), alpha);
-    if (!options_.depth) return;
-    const fs::path file = folder_ / "depth" / image_name(index);
-    if (options_.depth_format == "color") {
-      write_image(file, depth);
-    } else {
-      write_depth_numbers(file, rendered);
+    const bool needs_depth = (options_.writes_images() && options_.depth) || options_.colors_depth();
+    const auto frame = std::make_shared<RenderedFrame>();
+    frame->index = index;
+    if (needs_color) frame->color = to_image8(rendered.color);
+    if (needs_alpha) frame->alpha = to_image8(rendered.alpha);
+    if (needs_depth) {
+      frame->depth = host_copy(rendered.depth);
+      frame->depth_of_alpha = host_copy(rendered.alpha);
     }
+    tasks_.push([this, frame] { write(*frame); });
   }
+
+  /// Waits until all views are written. @throws as write()
+  void wait() { tasks_.finish(); }
 
   /// Finishes the files that concern all views, and prints where everything is.
   void finish(const CameraChoice& choice, const std::string& rendered) {
@@ -177,9 +190,26 @@ class Output {
   }
 
  private:
-  void write_depth_numbers(fs::path file, const RenderedView& rendered) {
-    const ImageSize size{static_cast<int>(rendered.depth.size(1)), static_cast<int>(rendered.depth.size(0))};
-    std::vector<float> depths = mean_depths(rendered.depth, rendered.alpha);
+  void write(const RenderedFrame& frame) {
+    const Image8 depth = options_.colors_depth() ? color_depth(frame.depth, frame.depth_of_alpha, range_) : Image8();
+    if (video_) {
+      video_->write(options_.video_of == "color" ? frame.color : options_.video_of == "depth" ? depth : frame.alpha);
+    }
+    if (!options_.writes_images()) return;
+    write_image(folder_ / "renders" / image_name(frame.index), frame.color);
+    if (options_.alpha) write_image(folder_ / "alpha" / image_name(frame.index), frame.alpha);
+    if (!options_.depth) return;
+    const fs::path file = folder_ / "depth" / image_name(frame.index);
+    if (options_.depth_format == "color") {
+      write_image(file, depth);
+    } else {
+      write_depth_numbers(file, frame);
+    }
+  }
+
+  void write_depth_numbers(fs::path file, const RenderedFrame& frame) {
+    const ImageSize size{static_cast<int>(frame.depth.size(1)), static_cast<int>(frame.depth.size(0))};
+    std::vector<float> depths = mean_depths(frame.depth, frame.depth_of_alpha);
     for (float& depth : depths) depth = static_cast<float>(unit_ * depth);
     if (options_.depth_format == "exr") {
       write_exr(file.replace_extension(".exr"), size, depths.data());
@@ -194,10 +224,11 @@ class Output {
   fs::path folder_;
   double unit_;  // world units per unit of depth
   DepthRange range_;
-  double inverse_depth_scale_ = 0;     // 0: no such maps
-  std::int64_t n_too_near_ = 0;        // pixels
-  std::optional<OwnFiles> own_files_;  // of the folder of images
+  double inverse_depth_scale_ = 0;           // 0: no such maps
+  std::atomic<std::int64_t> n_too_near_{0};  // pixels
+  std::optional<OwnFiles> own_files_;        // of the folder of images
   std::optional<VideoWriter> video_;
+  TaskQueue tasks_;  // the last member, as its tasks use the others
 };
 
 }  // namespace
@@ -232,6 +263,7 @@ int run_render(const std::vector<std::string>& words) {
     output.write(i, renderer.render(to_pinhole_view(choice.cameras[i])));
     progress("rendering", i + 1, choice.cameras.size());
   }
+  output.wait();
   status.clear();
   output.finish(choice, " of " + format_count(model.splats.size()) + " Gaussians in " +
                             format_duration(steady_seconds() - start_s));

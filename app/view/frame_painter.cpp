@@ -31,8 +31,9 @@ Image8 colored(cv::Mat& grey, int map) {
 }
 
 void paint_depth(const RenderedView& rendered, double unit, Frame& frame) {
-  const DepthRange range = depth_range(rendered.depth, rendered.alpha);
-  frame.image = color_depth(rendered.depth, rendered.alpha, range);
+  const torch::Tensor depth = host_copy(rendered.depth), alpha = host_copy(rendered.alpha);
+  const DepthRange range = depth_range(depth, alpha);
+  frame.image = color_depth(depth, alpha, range);
   frame.legend =
       print_to_string("inverse depth: red %.4g to blue %.4g world units", unit * range.near, unit * range.far);
 }

@@ -20,8 +20,15 @@ namespace b3dgs {
 /// as it would be saved. Pixels where `valid` is 0 are ignored; null = all are valid. No value without valid pixels.
 std::optional<ImageQuality> image_quality(const torch::Tensor& rendered, const Image8& truth, const Image8* valid);
 
-/// Converts [H, W, 3] or [H, W] float in [0, 1] to 8 bits, clamped and rounded.
+/// Converts [H, W, 3] or [H, W] float in [0, 1] to 8 bits, clamped and rounded, 0.5 upwards; NaN becomes 0. Images on a
+/// GPU are converted there, so that a quarter of the bytes is copied.
 Image8 to_image8(const torch::Tensor& image);
+
+/// to_image8() with tensor operations: uint8 on the device of `image`.
+torch::Tensor to_bytes(const torch::Tensor& image);
+
+/// A copy in host memory: pinned if the tensor is on a GPU, as copying is then several times as fast.
+torch::Tensor host_copy(const torch::Tensor& tensor);
 
 // LPIPS (Zhang et al. 2018), a perceptual distance between images, computed by a network that the user provides: a
 // TorchScript file whose forward(a, b) takes two float images [1, 3, H, W] in [0, 1] and returns one number. The file

@@ -223,6 +223,36 @@ TEST(Metrics, RoundToEightBits) {
   EXPECT_EQ(image.channels, 1);
 }
 
+TEST(Metrics, BytesAreThoseOfLroundOnEveryPath) {
+  // Around every value that is rounded, and where 255 x is exactly k + 0.5.
+  std::vector<float> values{-1e30f, -0.0f, 1e-40f, INFINITY, -INFINITY, NAN, std::nextafter(1.0f, 0.0f), 1.5f};
+  for (int k = 0; k < 256; ++k) {
+    float value = (static_cast<float>(k) + 0.5f) / 255.0f;
+    for (int step = 0; step < 4; ++step) value = std::nextafter(value, 0.0f);
+    for (int step = 0; step < 9; ++step, value = std::nextafter(value, 2.0f)) values.push_back(value);
+    values.push_back(static_cast<float>(k) / 255.0f);
+  }
+  values.resize(values.size() / 12 * 12);
+  std::vector<std::uint8_t> expected;
+  bool has_half = false;
+  for (const float value : values) {
+    const float scaled = value > 0.0f ? 255.0f * std::min(value, 1.0f) : 0.0f;
+    has_half = has_half || scaled - std::floor(scaled) == 0.5f;
+    expected.push_back(static_cast<std::uint8_t>(std::lround(scaled)));
+  }
+  EXPECT_TRUE(has_half);
+  const torch::Tensor image = torch::tensor(values).view({-1, 4, 3});
+  EXPECT_EQ(to_image8(image).pixels, expected);
+  const torch::Tensor bytes = to_bytes(image);
+  EXPECT_EQ(bytes.sizes(), image.sizes());
+  EXPECT_EQ(std::vector<std::uint8_t>(bytes.data_ptr<std::uint8_t>(), bytes.data_ptr<std::uint8_t>() + bytes.numel()),
+            expected)
+      << "as on a GPU";
+  EXPECT_TRUE(image.view({-1}).slice(0, 0, 5).equal(torch::tensor(values).slice(0, 0, 5))) << "the image is unchanged";
+  const torch::Tensor transposed = image.select(2, 0).t();
+  EXPECT_EQ(to_image8(transposed).pixels, to_image8(transposed.contiguous()).pixels);
+}
+
 TEST(GaussianModel, StartsFromPointsAsTheOriginalDoes) {
   PointCloud points;
   points.positions = {0, 0, 0, 1, 0, 0, 0, 2, 0, 0, 0, 3};

@@ -1,0 +1,43 @@
+// Work for other threads, with a bound on how much of it waits: files are written while the next ones are computed.
+#pragma once
+
+#include <condition_variable>
+#include <cstddef>
+#include <deque>
+#include <exception>
+#include <functional>
+#include <mutex>
+#include <thread>
+#include <vector>
+
+namespace b3dgs {
+
+class TaskQueue {
+ public:
+  /// At most `capacity` tasks wait. One thread does them in the order in which they were pushed.
+  TaskQueue(int threads, std::size_t capacity);
+  /// Waits for the tasks that have begun; drops the others.
+  ~TaskQueue();
+  TaskQueue(const TaskQueue&) = delete;
+  TaskQueue& operator=(const TaskQueue&) = delete;
+
+  /// Waits for room. @throws what a task has thrown, after which no task begins
+  void push(std::function<void()> task);
+
+  /// Waits until all tasks have ended. @throws as push()
+  void finish();
+
+ private:
+  void run();
+
+  const std::size_t capacity_;
+  std::mutex mutex_;
+  std::condition_variable changed_;
+  std::deque<std::function<void()>> waiting_;
+  std::size_t n_running_ = 0;
+  std::exception_ptr error_;  // the first one
+  bool is_ending_ = false;
+  std::vector<std::thread> threads_;
+};
+
+}  // namespace b3dgs
