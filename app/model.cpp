@@ -292,7 +292,7 @@ ModelRenderer::ModelRenderer(const LoadedModel& model, const torch::Device& devi
       settings(image_settings(model)),
       rasterizer(device) {}
 
-RenderedView ModelRenderer::render(const PinholeView& view) {
+RenderedView ModelRenderer::render(const CameraView& view) {
   return rasterizer.forward(gaussians, view, settings);
 }
 

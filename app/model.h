@@ -90,7 +90,7 @@ struct ModelRenderer {
   ModelRenderer(const LoadedModel& model, const torch::Device& device);
 
   /// The result is valid until the next call.
-  RenderedView render(const PinholeView& view);
+  RenderedView render(const CameraView& view);
 
   GaussianTensors gaussians;
   RenderSettings settings;

@@ -28,7 +28,7 @@ Image8 render_truth(const SplatCloud& truth, const Camera& camera) {
 
   const std::size_t n_pixels = static_cast<std::size_t>(camera.width) * camera.height;
   std::vector<float> color(3 * n_pixels), depth(n_pixels), alpha(n_pixels);
-  cpu::make_rasterizer()->forward(to_gaussian_arrays(truth), to_pinhole_view(camera), settings,
+  cpu::make_rasterizer()->forward(to_gaussian_arrays(truth), to_camera_view(camera), settings,
                                   {color.data(), depth.data(), alpha.data()});
 
   Image8 image(camera.width, camera.height, 3);

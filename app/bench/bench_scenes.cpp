@@ -29,7 +29,7 @@ BenchScene make_street_bench(const BenchConfig& config) {
   synth.width = config.width;
   synth.height = config.height;
   const SynthScene street = make_scene(with_scene_defaults(synth));
-  return {"street", splats_from_points(street.points, 3), to_pinhole_view(street.cameras.front())};
+  return {"street", splats_from_points(street.points, 3), to_camera_view(street.cameras.front())};
 }
 
 /// Density of Gaussians as a function of the distance from the image centre, in units of half the image size. Constant
@@ -140,7 +140,7 @@ BenchScene read_bench_scene(const BenchConfig& config) {
   scene.name = config.ply.empty() ? config.scene : config.ply;
   scene.cloud = config.ply.empty() ? std::move(content.cloud) : read_splats(config.ply);
   if (!config.cameras.empty()) content.cameras = read_cameras_json(config.cameras);
-  scene.view = to_pinhole_view(change_frame({}, scene.cloud.frame, choose_view(content.cameras, config.view)));
+  scene.view = to_camera_view(change_frame({}, scene.cloud.frame, choose_view(content.cameras, config.view)));
   if (scene.cloud.size() == 0)
     input_error(scene.name, ": no points to initialize Gaussians from; give a model with --ply");
   return scene;
@@ -193,7 +193,7 @@ BenchScene make_spread_scene(const SpreadConfig& spread, const BenchRun& run) {
   camera.fx = camera.fy = kFocal;
   camera.cx = 0.5 * run.width;
   camera.cy = 0.5 * run.height;
-  scene.view = to_pinhole_view(camera);
+  scene.view = to_camera_view(camera);
   return scene;
 }
 

@@ -36,7 +36,7 @@ std::vector<double> blend_weight_sums(const LoadedModel& model, const std::vecto
   torch::Tensor sums = torch::zeros({model.splats.size()}, options.dtype(torch::kFloat64));
   const ProgressFn progress = show_loading(status);
   for (std::size_t i = 0; i < views.size(); ++i) {
-    const RenderedView rendered = renderer.render(to_pinhole_view(views[i].camera));
+    const RenderedView rendered = renderer.render(to_camera_view(views[i].camera));
     const GaussianScores scores{zeros(), zeros(), zeros(), zeros()};
     renderer.rasterizer.score(torch::zeros_like(rendered.alpha), scores);
     sums += scores.weight_sum;
@@ -89,7 +89,7 @@ ExportQuality compare_export(const LoadedModel& model, SplatCloud exported, cons
   const ProgressFn progress = show_loading(status);
   for (std::size_t i = 0; i < views.size() && stop_signal() == 0; ++i) {
     const View& view = views[i];
-    const PinholeView pinhole = to_pinhole_view(view.camera);
+    const CameraView pinhole = to_camera_view(view.camera);
     const std::shared_ptr<const Image8> photograph = view.image->read();
     const torch::Tensor before = before_renderer.render(pinhole).color, rendered = after_renderer.render(pinhole).color;
     progress("measuring PSNR, view", i + 1, views.size());

@@ -260,7 +260,7 @@ int run_render(const std::vector<std::string>& words) {
   const ProgressFn progress = show_loading(status);
   const double start_s = steady_seconds();
   for (std::size_t i = 0; i < choice.cameras.size(); ++i) {
-    output.write(i, renderer.render(to_pinhole_view(choice.cameras[i])));
+    output.write(i, renderer.render(to_camera_view(choice.cameras[i])));
     progress("rendering", i + 1, choice.cameras.size());
   }
   output.wait();

@@ -82,7 +82,7 @@ void paint_load(const ViewLoad& load, const TileShape& tile, Frame& frame) {
 Frame FramePainter::paint(const FrameRequest& request, const GaussianTensors& gaussians, RenderSettings settings) {
   const double start_ms = now_ms();
   settings.keep_for_backward = false;
-  const PinholeView view = to_pinhole_view(request.camera);
+  const CameraView view = to_camera_view(request.camera);
   const RenderedView rendered = rasterizer_.forward(gaussians, view, settings);
   Frame frame;
   frame.n_gaussians = gaussians.size();

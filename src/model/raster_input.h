@@ -8,8 +8,8 @@
 namespace b3dgs {
 
 /// The camera in single precision, with its centre.
-inline PinholeView to_pinhole_view(const Camera& camera) {
-  PinholeView view{};
+inline CameraView to_camera_view(const Camera& camera) {
+  CameraView view{};
   for (std::size_t i = 0; i < 9; ++i) view.rotation.m[i] = static_cast<float>(camera.cam_from_world.rotation[i]);
   const auto to_float = [](const std::array<double, 3>& v) {
     return Vec3f{static_cast<float>(v[0]), static_cast<float>(v[1]), static_cast<float>(v[2])};

@@ -32,7 +32,7 @@ struct StepRecord {
 struct RenderRequest {
   enum Kind : std::int32_t { kDone, kRender, kRemove, kFailed };
   std::int64_t row = 0;  // to remove
-  PinholeView view{};
+  CameraView view{};
   RenderSettings settings{};
   Kind kind = kDone;
   bool can_save = false;  // after a failure: whether the model is undamaged

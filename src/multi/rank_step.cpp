@@ -20,7 +20,7 @@ struct RankStepper::Part {
   struct View {
     ViewOfStep id;
     DensityPlan plan;
-    PinholeView camera;
+    CameraView camera;
     RenderSettings settings;
     ViewSplats own;             // of the Gaussians of this rank
     std::int64_t n_splats = 0;  // on all ranks
@@ -72,7 +72,7 @@ void RankStepper::learn_part(int from, const std::vector<ViewOfStep>& views, int
 }
 
 void RankStepper::project_own_gaussians(Part& part, bool is_filter_due, StepRecord& record) {
-  std::vector<PinholeView> cameras;
+  std::vector<CameraView> cameras;
   std::vector<RenderSettings> settings;
   update_filters(is_filter_due);
   try {

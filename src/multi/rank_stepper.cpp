@@ -56,7 +56,7 @@ void RankStepper::serve_renders() {
   }
 }
 
-RenderedView RankStepper::render(const PinholeView& view, const RenderSettings& settings) {
+RenderedView RankStepper::render(const CameraView& view, const RenderSettings& settings) {
   B3DGS_CHECK(renders_on_first_, "render() outside on_first()");
   RenderRequest request;
   request.kind = RenderRequest::kRender;
@@ -67,7 +67,7 @@ RenderedView RankStepper::render(const PinholeView& view, const RenderSettings& 
   return project_and_render(view, settings);
 }
 
-RenderedView RankStepper::project_and_render(const PinholeView& view, const RenderSettings& settings) {
+RenderedView RankStepper::project_and_render(const CameraView& view, const RenderSettings& settings) {
   ProjectRecord record;
   ViewSplats own;
   try {

@@ -43,7 +43,7 @@ class RankStepper final : public Stepper {
   // The model.
   torch::Device load_device() const override { return torch::kCPU; }  // no GPU has room for all of it
   void adopt_model() override;
-  RenderedView render(const PinholeView& view, const RenderSettings& settings) override;
+  RenderedView render(const CameraView& view, const RenderSettings& settings) override;
   GaussianTensors whole_gaussians() override;
   void write_checkpoint(const nlohmann::ordered_json& scene_fingerprint) override;
 
@@ -133,7 +133,7 @@ class RankStepper final : public Stepper {
 
   // rank_stepper.cpp
   void serve_renders();
-  RenderedView project_and_render(const PinholeView& view, const RenderSettings& settings);
+  RenderedView project_and_render(const CameraView& view, const RenderSettings& settings);
 
   Communicator& ranks_;
   const std::int64_t splats_at_a_time_;

@@ -9,6 +9,7 @@
 #include "raster/constants.h"
 #include "raster/kernels.h"
 #include "raster/stages.h"
+#include "raster/view_lens.h"
 
 namespace b3dgs {
 
@@ -23,6 +24,13 @@ struct PinholeView {
   Vec3f center;                // camera centre in world space
   float fx, fy, cx, cy;        // px
   std::int32_t width, height;  // px
+};
+
+/// One view, of any lens.
+struct CameraView : PinholeView {
+  CameraView() = default;
+  CameraView(const PinholeView& pinhole, const ViewLens& with = {}) : PinholeView(pinhole), lens(with) {}
+  ViewLens lens{};
 };
 
 /// Parameters of all Gaussians as stored, before activation.
@@ -65,7 +73,7 @@ struct TileShape {
 struct RenderSettings {
   Vec3f background{0, 0, 0};      // RGB, multiplied by the final transmittance
   int sh_degree = 0;              // degree to render, at most sh_degree_max
-  float near_plane = kNearPlane;  // world units; Gaussians nearer than this are culled
+  float near_plane = kNearPlane;  // world units; Gaussians of a smaller depth are culled
   Culling culling = Culling::kEllipse;
   TileShape tile{};
   ForwardKernel kernel = ForwardKernel::kSharedMemory;
@@ -86,7 +94,7 @@ inline constexpr int kCameraGradients = 6;
 /// The rendered view.
 struct ImageArrays {
   float* color = nullptr;  // [H, W, 3] RGB, not clamped
-  float* depth = nullptr;  // [H, W] sum of weight times camera-space z (world units), not divided by alpha; or
+  float* depth = nullptr;  // [H, W] sum of weight times depth (world units), not divided by alpha; or
                            // RenderSettings::inverse_depth
   float* alpha = nullptr;  // [H, W] 1 - final transmittance
 };
@@ -103,7 +111,7 @@ struct ImageGradArrays {
 struct alignas(16) Splat {
   float mean_x, mean_y;                // px
   float log2_opacity;                  // <= 0
-  float depth;                         // camera-space z, world units
+  float depth;                         // world units: camera-space z, or distance (has_radial_depth())
   float conic_xx, conic_xy, conic_yy;  // inverse 2D covariance (1/px^2), times kConicScale
   std::int32_t gaussian;               // index of the Gaussian, < N
   float red, green, blue;              // clamped at 0
@@ -135,13 +143,15 @@ struct TileGrid {
 /// Projection: Gaussians to the splats of one view, in the order of the Gaussians (CPU).
 struct ProjectArgs {
   GaussianArrays gaussians{};
-  PinholeView view{};
+  CameraView view{};
   int sh_degree = 0;
   float near_plane = kNearPlane;  // world units
   Culling culling = Culling::kEllipse;
   TileGrid grid{};
-  Splat* splats = nullptr;        // [N] out; the first M are written
-  Vec2f* extents = nullptr;       // [N] out, the first M: half size of the box around alpha >= 1/255, px
+  // [N] out, or [2 N] for a panorama, whose splats across the seam follow those of their Gaussians; the first M are
+  // written.
+  Splat* splats = nullptr;
+  Vec2f* extents = nullptr;       // the same: half size of the box around alpha >= 1/255, px
   std::int32_t* radii = nullptr;  // [N] out: 3 standard deviations in px, rounded up; 0 if the Gaussian is not seen
   bool antialiasing = false;
 };
@@ -244,7 +254,7 @@ struct AddScoresArgs {
 /// Backward projection: from gradients with respect to splats to those with respect to the stored parameters (CPU).
 struct ProjectBackwardArgs {
   GaussianArrays gaussians{};
-  PinholeView view{};
+  CameraView view{};
   int sh_degree = 0;
   const Splat* splats = nullptr;  // [M]
   std::int64_t n_splats = 0;

@@ -17,7 +17,7 @@ struct ProjectBackwardCudaArgs;  // cuda/passes.h
 
 /// What a backend knows of the view of its last forward pass.
 struct ViewState {
-  PinholeView view{};
+  CameraView view{};
   int sh_degree = 0;
   bool antialiasing = false;
   bool camera_gradient = false, has_camera_gradient = false;
@@ -32,7 +32,7 @@ struct ViewState {
 
   void forget_view() { n_gaussians = n_rows = -1; }
   /// Before projection. Until all passes have succeeded, there is no view.
-  void begin_view(const PinholeView& next_view, const TileGrid& next_grid, const RenderSettings& settings) {
+  void begin_view(const CameraView& next_view, const TileGrid& next_grid, const RenderSettings& settings) {
     forget_view();
     view = next_view;
     grid = next_grid;
@@ -71,7 +71,7 @@ class RasterizerBackend {
   virtual ~RasterizerBackend() = default;
 
   /// Renders one view into `out` and, with settings.keep_for_backward, keeps what backward() needs.
-  virtual void forward(const GaussianArrays& gaussians, const PinholeView& view, const RenderSettings& settings,
+  virtual void forward(const GaussianArrays& gaussians, const CameraView& view, const RenderSettings& settings,
                        const ImageArrays& out) = 0;
 
   /// Gradients of the last forward(). `gaussians` and the images that forward() wrote must be unchanged.
@@ -90,12 +90,12 @@ class RasterizerBackend {
 
   /// The first pass of forward() alone: writes the splats of the Gaussians that the view sees, in the order of the
   /// Gaussians, to the memory that `allocate` returns. There is no last forward() after it.
-  virtual void project(const GaussianArrays& gaussians, const PinholeView& view, const RenderSettings& settings,
+  virtual void project(const GaussianArrays& gaussians, const CameraView& view, const RenderSettings& settings,
                        const SplatAllocator& allocate) = 0;
 
   /// project() for view number `index` of several, on a GPU, without waiting: writes at most `capacity` splats to
   /// `out`. Then the next one, or wait_for_projections().
-  virtual void queue_projection(std::size_t index, const GaussianArrays& gaussians, const PinholeView& view,
+  virtual void queue_projection(std::size_t index, const GaussianArrays& gaussians, const CameraView& view,
                                 const RenderSettings& settings, const SplatRowArrays& out, std::int64_t capacity);
   /// Numbers of splats of the views that were queued, in their order, all of them also if they exceed the capacity.
   /// @throws InvalidGaussianError naming the first invalid Gaussian of the first view that has one
@@ -104,7 +104,7 @@ class RasterizerBackend {
   /// The other passes of forward(), with the same view, culling and tiles as in project(). Splat::gaussian is ignored.
   /// A forward() for the functions below, except for those that need Gaussians: backward(), backward_blend(),
   /// backward_to_splats(), camera_gradient() and score(). @throws LogicError if settings.camera_gradient
-  virtual void forward_splats(const SplatRows& rows, const PinholeView& view, const RenderSettings& settings,
+  virtual void forward_splats(const SplatRows& rows, const CameraView& view, const RenderSettings& settings,
                               const ImageArrays& out) = 0;
 
   /// The backward blend of the last forward_splats(): sums of each row, [M] out.
@@ -167,7 +167,7 @@ inline void RasterizerBackend::backward_blend(const GaussianArrays&, const Image
                                               cuda::ProjectBackwardCudaArgs&) {
   needs_gpu("backward_blend()");
 }
-inline void RasterizerBackend::queue_projection(std::size_t, const GaussianArrays&, const PinholeView&,
+inline void RasterizerBackend::queue_projection(std::size_t, const GaussianArrays&, const CameraView&,
                                                 const RenderSettings&, const SplatRowArrays&, std::int64_t) {
   needs_gpu("queue_projection()");
 }

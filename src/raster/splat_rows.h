@@ -53,7 +53,7 @@ static_assert(sizeof(SplatGradSum) == 48, "three 16-byte words");
 /// What the gradient with respect to the camera's pose depends on besides splats.
 struct CameraPartsView {
   GaussianArrays gaussians{};
-  PinholeView view{};
+  CameraView view{};
   int sh_degree = 0;
   bool antialiasing = false;
 };

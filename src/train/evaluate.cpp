@@ -70,7 +70,7 @@ void add_to_mean(const std::optional<double>& value, std::size_t n_views, std::o
 Evaluation evaluate_views(Rasterizer& rasterizer, const GaussianTensors& gaussians, const std::vector<View>& views,
                           const RenderSettings& settings, const RenderedFn& on_rendered, const LpipsNetwork* lpips,
                           const ColorEvaluation& colors) {
-  const RenderFn render = [&](const PinholeView& view, const RenderSettings& with) {
+  const RenderFn render = [&](const CameraView& view, const RenderSettings& with) {
     return rasterizer.forward(gaussians, view, with);
   };
   return evaluate_views(render, gaussians.means.device(), views, settings, on_rendered, lpips, colors);
@@ -96,7 +96,7 @@ Evaluation evaluate_views(const RenderFn& render, torch::Device device, const st
     truth.width = view.camera.width;
     truth.height = view.camera.height;
     truth.pixels.assign(rgb, rgb + view.image->n_bytes());
-    RenderedView rendered = render(to_pinhole_view(view.camera), forward_only);
+    RenderedView rendered = render(to_camera_view(view.camera), forward_only);
     const std::optional<ImageQuality> quality = compare_view(view, truth, colors, rendered, lpips);
     if (quality) {
       evaluation.views.push_back({view.name, *quality});

@@ -40,7 +40,7 @@ using RenderedFn =
     std::function<void(std::size_t index, const View&, const RenderedView&, const std::optional<ImageQuality>&)>;
 
 /// Renders one view.
-using RenderFn = std::function<RenderedView(const PinholeView&, const RenderSettings&)>;
+using RenderFn = std::function<RenderedView(const CameraView&, const RenderSettings&)>;
 
 /// Renders each view with `settings` and compares it with its photograph. Views keep their order; those without a valid
 /// pixel are left out of the mean. `lpips`: may be null.

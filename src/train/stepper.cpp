@@ -28,9 +28,9 @@ Stepper::Stepper(Training& training)
       config_(training.config),
       optimizer_(training.rasterizer),
       row_editor_([this](auto sizes, const auto& options) { return training_.memory->allocate(sizes, options); }) {
-  std::vector<PinholeView> views;
-  for (const View& view : training.scene.train) views.push_back(to_pinhole_view(view.camera));
-  largest_view_ = *std::max_element(views.begin(), views.end(), [](const PinholeView& a, const PinholeView& b) {
+  std::vector<CameraView> views;
+  for (const View& view : training.scene.train) views.push_back(to_camera_view(view.camera));
+  largest_view_ = *std::max_element(views.begin(), views.end(), [](const CameraView& a, const CameraView& b) {
     return std::int64_t{a.width} * a.height < std::int64_t{b.width} * b.height;
   });
   if (!config_.antialiasing) return;

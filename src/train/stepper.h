@@ -75,7 +75,7 @@ class Stepper {
     return state_;
   }
   /// Renders the model. Of several processes, within on_first(). @throws InvalidGaussianError
-  virtual RenderedView render(const PinholeView& view, const RenderSettings& settings) {
+  virtual RenderedView render(const CameraView& view, const RenderSettings& settings) {
     return training_.rasterizer.forward(flushed_state().gaussians, view, settings);
   }
   /// Repeats `work` without the Gaussians that it cannot render.
@@ -203,7 +203,7 @@ class Stepper {
   TrainState& state_;  // training_.state
   const TrainConfig& config_;
   GaussianOptimizer optimizer_;
-  PinholeView largest_view_{};
+  CameraView largest_view_{};
   std::optional<SmoothingFilter> smoothing_filter_;  // with --antialiasing
   RowEditor row_editor_;
   std::vector<ViewOfStep> learned_views_, unread_losses_;  // of the last step

@@ -99,7 +99,7 @@ BlendInput Trainer::kernel_check_input() {
                    stepper_->flushed_state().gaussians,
                    evaluation_settings(config, training_->state.sh_degree),
                    {}};
-  input.render = [this](const PinholeView& view, const RenderSettings& settings) {
+  input.render = [this](const CameraView& view, const RenderSettings& settings) {
     return stepper_->render(view, settings);
   };
   input.remedies = training_->remedies();
@@ -133,9 +133,9 @@ void Trainer::log_floaters() {
   const Scene& scene = training_->scene;
   TrainRecorder& recorder = training_->recorder;
   recorder.report_progress("counting floaters");
-  std::vector<PinholeView> views;
+  std::vector<CameraView> views;
   for (const View& view : with_refined_poses(scene.train, scene.train, training_->state.poses)) {
-    views.push_back(to_pinhole_view(view.camera));
+    views.push_back(to_camera_view(view.camera));
   }
   try {
     const FloaterCount count = with_remedies({training_->wait_for_files(), training_->free_scratch()}, [&] {

@@ -9,9 +9,9 @@
 
 namespace b3dgs {
 
-PinholeView reduced_camera(const PinholeView& camera, int scale) {
+CameraView reduced_camera(const CameraView& camera, int scale) {
   const auto divisor = static_cast<float>(scale);
-  PinholeView reduced = camera;
+  CameraView reduced = camera;
   reduced.fx /= divisor;
   reduced.fy /= divisor;
   reduced.cx /= divisor;
@@ -73,7 +73,7 @@ TrainView ViewReducer::reduce(const TrainView& view, const Image8* mask, int sca
   return reduced;
 }
 
-int TrainingViews::scale_at(int iteration, const PinholeView& camera) const {
+int TrainingViews::scale_at(int iteration, const CameraView& camera) const {
   return coarse_scale_of(coarse_scale_at(config_, iteration), camera.width, camera.height);
 }
 
@@ -84,8 +84,8 @@ TrainView TrainingViews::take(std::int32_t view, int iteration, const std::vecto
   return reducer_.reduce(taken, mask, scale_at(iteration, taken.camera));
 }
 
-PinholeView TrainingViews::camera(std::int32_t view, int iteration) {
-  const PinholeView camera = poses.camera(view, iteration);
+CameraView TrainingViews::camera(std::int32_t view, int iteration) {
+  const CameraView camera = poses.camera(view, iteration);
   const int scale = scale_at(iteration, camera);
   return scale == 1 ? camera : reduced_camera(camera, scale);
 }

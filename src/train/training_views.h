@@ -20,7 +20,7 @@ namespace b3dgs {
 /// The view at 1 / scale of its size. A point that projects to (x, y) then projects to (x / scale, y / scale); pixel
 /// (i, j) covers the scale x scale pixels whose mean reduce_pixel() takes. Pixels left over at the right and at the
 /// bottom are outside.
-PinholeView reduced_camera(const PinholeView& camera, int scale);
+CameraView reduced_camera(const CameraView& camera, int scale);
 
 /// Reuses its buffers from step to step.
 class ViewReducer {
@@ -67,13 +67,13 @@ class TrainingViews {
   TrainView take(std::int32_t view, int iteration, const std::vector<std::int32_t>& next);
 
   /// The camera that take() would return.
-  PinholeView camera(std::int32_t view, int iteration);
+  CameraView camera(std::int32_t view, int iteration);
 
   PoseRefiner poses;
   ImageStore images;
 
  private:
-  int scale_at(int iteration, const PinholeView& camera) const;
+  int scale_at(int iteration, const CameraView& camera) const;
 
   const TrainConfig& config_;
   const Scene& scene_;

@@ -78,7 +78,7 @@ double log_factor(const std::vector<double>& spread) {
 TEST(Antialiasing, BlurRatioAndItsGradientAgreeWithTheDefinition) {
   const auto view = make_view_transform<double>(plain_view());
   const Shape<double> shape = make_shape<double>({-5.5, -4.8, -6.0}, {0.5, -0.8, 0.3, 0.4});
-  const Projection<double> p = project_gaussian<double>(view, {0.1, -0.05, 1.7}, shape.factor);
+  const Projection<double> p = project_gaussian<double>(view, Pinhole{}, {0.1, -0.05, 1.7}, shape.factor);
   const std::vector<double> spread{p.spread_x.x, p.spread_x.y, p.spread_x.z, p.spread_y.x, p.spread_y.y, p.spread_y.z};
   EXPECT_NEAR(std::log(blur_ratio(p)) / 2, log_factor(spread), 1e-10);
   ASSERT_LT(blur_ratio(p), 0.9) << "the blur hardly matters here";
@@ -92,7 +92,7 @@ TEST(Antialiasing, BlurRatioAndItsGradientAgreeWithTheDefinition) {
 TEST(Antialiasing, NeedlesHaveTheSmallestFactorAndNoGradient) {
   const auto view = make_view_transform<double>(plain_view());
   const Shape<double> shape = make_shape<double>({-20, -20, -3}, {0, 0.7, 0.7, 0});
-  const Projection<double> p = project_gaussian<double>(view, {0, 0, 2}, shape.factor);
+  const Projection<double> p = project_gaussian<double>(view, Pinhole{}, {0, 0, 2}, shape.factor);
   EXPECT_EQ(blur_ratio(p), double{kMinBlurRatio});
   const SpreadGrad<double> grad = blur_ratio_backward(p, 3.0);
   EXPECT_EQ(grad.x.x, 0);

@@ -54,8 +54,8 @@ TEST(Projection, ProjectsOnTheAxisAsByHand) {
   view.cy = 3;
   view.width = 8;
   view.height = 6;
-  const auto p =
-      project_gaussian<double>(make_view_transform<double>(view), {0, 0, 2}, {{0.4, 0, 0, 0, 0.3, 0, 0, 0, 9}});
+  const auto p = project_gaussian<double>(make_view_transform<double>(view), Pinhole{}, {0, 0, 2},
+                                          {{0.4, 0, 0, 0, 0.3, 0, 0, 0, 9}});
   EXPECT_EQ(p.mean2d.x, 4);
   EXPECT_EQ(p.mean2d.y, 3);
   EXPECT_NEAR(p.cov.xx, 4 + 0.3, 1e-7);  // (10 / 2 * 0.4)^2, and the blur
@@ -72,7 +72,7 @@ TEST(Projection, ClampsTheSlopeAtTheExtendedImage) {
   EXPECT_NEAR(view.y_min, -33.25 / 37 - 0.3 * 23 / 37, 1e-7);
   EXPECT_NEAR(view.y_max, 12.75 / 37 + 0.3 * 23 / 37, 1e-7);
   for (const Place& place : kPlaces) {
-    const auto p = project_gaussian(view, place.point, kFactor);
+    const auto p = project_gaussian(view, Pinhole{}, place.point, kFactor);
     EXPECT_EQ(p.slope_x_clamped, place.x_clamped) << place.name;
     EXPECT_EQ(p.slope_y_clamped, place.y_clamped) << place.name;
     EXPECT_NEAR(p.mean2d.x, 41 * place.point.x / place.point.z + 9.5, 1e-12) << "the centre itself is not clamped";
@@ -83,7 +83,7 @@ TEST(Projection, CovarianceIsThatOfTheJacobianTimesTheRotatedShape) {
   const PinholeView camera = turned_view();
   const auto view = make_view_transform<double>(camera);
   for (const Place& place : kPlaces) {
-    const auto p = project_gaussian(view, place.point, kFactor);
+    const auto p = project_gaussian(view, Pinhole{}, place.point, kFactor);
     const double z = place.point.z;
     const double u = std::min(std::max(place.point.x / z, view.x_min), view.x_max);
     const double v = std::min(std::max(place.point.y / z, view.y_min), view.y_max);
@@ -119,7 +119,8 @@ TEST(Projection, KeepsTheDeterminantOfANeedleInSinglePrecision) {
   view.cx = view.cy = 500;
   view.width = view.height = 1000;
   const float a = 3 * std::sqrt(0.5f);
-  const auto p = project_gaussian<float>(make_view_transform<float>(view), {0, 0, 1}, {{a, 0, 0, a, 0, 0, 0, 0, 0}});
+  const auto p =
+      project_gaussian<float>(make_view_transform<float>(view), Pinhole{}, {0, 0, 1}, {{a, 0, 0, a, 0, 0, 0, 0, 0}});
   EXPECT_NEAR(p.det / (0.3 * (9e6 + 0.3)), 1, 1e-5);
 }
 
@@ -143,7 +144,7 @@ struct Loss {
   }
   ProjectionGrad<double> gradient(const ViewTransform<double>& view, Vec3<double> point,
                                   const Mat3<double>& factor) const {
-    const Projection<double> p = project_gaussian(view, point, factor);
+    const Projection<double> p = project_gaussian(view, Pinhole{}, point, factor);
     Vec2<double> grad_mean{0, 0};
     Sym2<double> grad_cov{0, 0, 0};
     for (const Vec3<double>& pixel : pixels) {
@@ -153,7 +154,7 @@ struct Loss {
       grad_mean = {grad_mean.x + pixel.z * x, grad_mean.y + pixel.z * y};
       grad_cov = {grad_cov.xx + pixel.z * x * x, grad_cov.xy + pixel.z * x * y, grad_cov.yy + pixel.z * y * y};
     }
-    return project_backward(view, point, factor, p, grad_mean, spread_grad(p, grad_cov), depth_weight);
+    return project_backward(view, Pinhole{}, point, factor, p, grad_mean, spread_grad(p, grad_cov), depth_weight);
   }
 };
 
@@ -161,12 +162,12 @@ TEST(Projection, GradientAgreesWithFiniteDifferences) {
   const auto view = make_view_transform<double>(turned_view());
   for (const Place& place : kPlaces) {
     SCOPED_TRACE(place.name);
-    const Projection<double> p = project_gaussian(view, place.point, kFactor);
+    const Projection<double> p = project_gaussian(view, Pinhole{}, place.point, kFactor);
     const Loss loss = Loss::around(p.mean2d, largest_sigma(p.cov));
     const ProjectionGrad<double> grad = loss.gradient(view, place.point, kFactor);
 
     const auto of_point = [&](const std::vector<double>& x) {
-      return loss(project_gaussian(view, {x[0], x[1], x[2]}, kFactor), x[2]);
+      return loss(project_gaussian(view, Pinhole{}, {x[0], x[1], x[2]}, kFactor), x[2]);
     };
     EXPECT_TRUE(gradients_agree({grad.point.x, grad.point.y, grad.point.z},
                                 numeric_gradient(of_point, {place.point.x, place.point.y, place.point.z})));
@@ -174,7 +175,7 @@ TEST(Projection, GradientAgreesWithFiniteDifferences) {
     const auto of_factor = [&](const std::vector<double>& m) {
       Mat3<double> factor;
       for (int i = 0; i < 9; ++i) factor.m[i] = m[static_cast<std::size_t>(i)];
-      return loss(project_gaussian(view, place.point, factor), place.point.z);
+      return loss(project_gaussian(view, Pinhole{}, place.point, factor), place.point.z);
     };
     EXPECT_TRUE(
         gradients_agree({grad.factor.m, grad.factor.m + 9}, numeric_gradient(of_factor, {kFactor.m, kFactor.m + 9})));
@@ -195,7 +196,7 @@ TEST(Projection, GradientByWorldParametersAgreesWithFiniteDifferences) {
   const auto projected = [&](const std::vector<double>& at, Vec3<double>* point, Shape<double>* shape) {
     *point = to_camera<double>(view, {at[0], at[1], at[2]});
     *shape = make_shape<double>({at[3], at[4], at[5]}, {at[6], at[7], at[8], at[9]});
-    return project_gaussian(view, *point, shape->factor);
+    return project_gaussian(view, Pinhole{}, *point, shape->factor);
   };
   Vec3<double> point;
   Shape<double> shape;

@@ -15,7 +15,7 @@ namespace {
 /// The torch layer on the CPU, for expect_same_through_splats().
 class CpuSplit {
  public:
-  std::optional<ViewSplats> project(const GaussianTensors& gaussians, const PinholeView& view,
+  std::optional<ViewSplats> project(const GaussianTensors& gaussians, const CameraView& view,
                                     const RenderSettings& settings) {
     try {
       return rasterizer_.project(gaussians, view, settings);
@@ -40,7 +40,7 @@ class CpuSplit {
     return view;
   }
 
-  RenderedView forward_splats(const ViewSplats& splats, const PinholeView& view, const RenderSettings& settings) {
+  RenderedView forward_splats(const ViewSplats& splats, const CameraView& view, const RenderSettings& settings) {
     return rasterizer_.forward_splats(splats, view, settings);
   }
   torch::Tensor backward_splats(const RenderedViewGrad& grad) { return rasterizer_.backward_splats(grad); }

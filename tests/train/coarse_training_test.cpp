@@ -43,7 +43,7 @@ TrainView make_view(const Photograph& photograph, bool is_masked) {
     return torch::from_blob(const_cast<std::uint8_t*>(image.pixels.data()), sizes, torch::kUInt8);
   };
   TrainView view;
-  view.camera = to_pinhole_view(test::look_at_origin(2, -1, 3, photograph.rgb.width, photograph.rgb.height));
+  view.camera = to_camera_view(test::look_at_origin(2, -1, 3, photograph.rgb.width, photograph.rgb.height));
   view.truth = tensor(photograph.rgb, {height, width, 3});
   view.n_valid = width * height;
   if (is_masked) view.valid = tensor(photograph.mask, {height, width});
@@ -90,7 +90,7 @@ TEST(ViewReducer, PhotographAndMaskAreThoseOfADoubleReference) {
 
 TEST(ViewReducer, APointProjectsToTheReducedPlace) {
   const Camera camera = test::look_at_origin(2, -1, 3, 1600, 1063);
-  PinholeView view = to_pinhole_view(camera);
+  PinholeView view = to_camera_view(camera);
   view.cx += 12.25f;
   for (const int scale : {1, 2, 3, 4, 7, 8}) {
     const PinholeView reduced = reduced_camera(view, scale);
@@ -130,7 +130,7 @@ TEST(ViewReducer, ARenderedReducedViewIsTheReducedRender) {
   }
   const GaussianTensors gaussians = to_tensors(cloud, 0, torch::kCPU);
   Rasterizer rasterizer(torch::kCPU);
-  const PinholeView view = to_pinhole_view(scene.test[0].camera);
+  const PinholeView view = to_camera_view(scene.test[0].camera);
   const torch::Tensor full = rasterizer.forward(gaussians, view, {}).color.clone();
   const torch::Tensor small = rasterizer.forward(gaussians, reduced_camera(view, 2), {}).color.clone();
   const torch::Tensor mean = full.view({80, 2, 100, 2, 3}).mean({1, 3});

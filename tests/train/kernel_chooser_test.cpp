@@ -43,7 +43,7 @@ class InventedTimer final : public KernelTimer {
 class WrongBlend final : public BlendPass {
  public:
   explicit WrongBlend(std::set<std::string> wrong) : wrong_(std::move(wrong)) {}
-  void prepare(const PinholeView&) override {}
+  void prepare(const CameraView&) override {}
   void run(const std::string& kernel) override { image_ = wrong_.count(kernel) > 0 ? kernel : ""; }
   void keep() override { kept_ = image_; }
   std::string fault() const override { return image_ == kept_ ? "" : "its image differs"; }
@@ -61,7 +61,7 @@ CheckMoment at(int iteration, double step_ms = 0) {
 class KernelChooserTest : public testing::Test {
  protected:
   void SetUp() override {
-    for (const View& view : scene.train) cameras.push_back(to_pinhole_view(view.camera));
+    for (const View& view : scene.train) cameras.push_back(to_camera_view(view.camera));
     ASSERT_GE(cameras.size(), 5u);
     cameras.resize(5);
   }
@@ -80,7 +80,7 @@ class KernelChooserTest : public testing::Test {
   const GaussianTensors gaussians = to_tensors(splats_from_points(scene.points, 0), 0, torch::kCPU);
   TrainConfig config;
   Rasterizer rasterizer{torch::kCPU};
-  std::vector<PinholeView> cameras;
+  std::vector<CameraView> cameras;
 };
 
 TEST(KernelTimer, GivesATimeForEachPieceOfWorkOnce) {
@@ -144,7 +144,7 @@ TEST_F(KernelChooserTest, RendersViewsAsItIsTold) {
   KernelChooser own = chooser(1.0, 2.0);
   std::vector<ForwardKernel> rendered;
   BlendInput by_others = input();
-  by_others.render = [&](const PinholeView& view, const RenderSettings& settings) {
+  by_others.render = [&](const CameraView& view, const RenderSettings& settings) {
     rendered.push_back(settings.kernel);
     return rasterizer.forward(gaussians, view, settings);
   };

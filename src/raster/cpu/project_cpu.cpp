@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <array>
+#include <type_traits>
 #include <vector>
 
 #include "core/parallel.h"
@@ -15,13 +16,14 @@ namespace {
 
 constexpr std::int64_t kGrain = 1024;  // Gaussians or splats per chunk
 
-/// Projects Gaussian i. `splat` and `extent` are written only if it is seen.
-template <bool kAntialiasing>
-Outcome project_one(const ProjectArgs& args, const ViewTransform<float>& view, std::int64_t i, Splat& splat,
-                    Vec2f& extent) {
+/// Projects Gaussian i. `splat` and `extent` are written only if it is seen: one of each or, across the seam of a
+/// panorama, two. Adds their number to n_splats.
+template <bool kAntialiasing, class Lens>
+Outcome project_one(const ProjectArgs& args, const ViewTransform<float>& view, const Lens& lens, std::int64_t i,
+                    Splat* splats, Vec2f* extents, std::int64_t& n_splats) {
   const GaussianArrays& g = args.gaussians;
   const ProjectedGaussian projected =
-      project_splat<TileCount::kAny, kAntialiasing>(g, i, view, args.near_plane, args.culling, args.grid);
+      project_splat<TileCount::kAny, kAntialiasing>(g, i, view, lens, args.near_plane, args.culling, args.grid);
   args.radii[i] = 0;
   if (projected.outcome != Outcome::kSeen) return projected.outcome;
 
@@ -29,13 +31,33 @@ Outcome project_one(const ProjectArgs& args, const ViewTransform<float>& view, s
                                         g.shN + rest_floats(g.sh_degree_max) * i);
   if (!is_usable_color(color.color.x, color.color.y, color.color.z)) return Outcome::kInvalid;
   args.radii[i] = projected.radius;
-  extent = projected.extent;
-  splat = projected.splat;
-  splat.red = color.color.x;
-  splat.green = color.color.y;
-  splat.blue = color.color.z;
-  splat.clamped = color.clamped;
+  const auto write = [&](const ProjectedGaussian& found) {
+    extents[n_splats] = found.extent;
+    Splat& splat = splats[n_splats++];
+    splat = found.splat;
+    splat.red = color.color.x;
+    splat.green = color.color.y;
+    splat.blue = color.color.z;
+    splat.clamped = color.clamped;
+  };
+  write(projected);
+  if (splats_per_gaussian(args.view.lens) == 2) {
+    const ProjectedGaussian second = across_the_seam<TileCount::kAny>(projected, args.culling, args.grid);
+    if (second.n_tiles > 0) write(second);
+  }
   return Outcome::kSeen;
+}
+
+/// Whether splat m is the second one of its Gaussian.
+bool is_across_the_seam(const Splat* splats, std::int64_t m) {
+  return m > 0 && splats[m - 1].gaussian == splats[m].gaussian;
+}
+
+/// The sums of splat m, the first of its Gaussian, and of the second, whose slots follow.
+SplatGrad sum_of_gaussian(const Splat* splats, std::int64_t n_splats, const std::int64_t* slot_offsets,
+                          const SplatGrad* pair_grads, std::int64_t m) {
+  const std::int64_t last = m + 1 < n_splats && is_across_the_seam(splats, m + 1) ? m + 2 : m + 1;
+  return sum_slots(pair_grads + slot_offsets[m], pair_grads + slot_offsets[last]);
 }
 
 [[noreturn]] void fail_invalid(const GaussianArrays& g, std::int64_t i) {
@@ -53,6 +75,7 @@ Outcome project_one(const ProjectArgs& args, const ViewTransform<float>& view, s
 std::int64_t project(const ProjectArgs& args) {
   const std::int64_t n = args.gaussians.n_gaussians;
   const ViewTransform<float> view = make_view_transform<float>(args.view);
+  const std::int64_t n_each = splats_per_gaussian(args.view.lens);
 
   // Each chunk packs its splats at its chunk_packed beginning; afterwards the chunks are moved together.
   struct Packed {
@@ -64,11 +87,13 @@ std::int64_t project(const ProjectArgs& args) {
     Packed& chunk_packed = packed[static_cast<std::size_t>(chunk)];
     chunk_packed = {0, n};
     for (std::int64_t i = chunks.begin(chunk); i < chunks.end(chunk); ++i) {
-      const std::int64_t slot = chunks.begin(chunk) + chunk_packed.n_splats;
-      const Outcome outcome = args.antialiasing
-                                  ? project_one<true>(args, view, i, args.splats[slot], args.extents[slot])
-                                  : project_one<false>(args, view, i, args.splats[slot], args.extents[slot]);
-      if (outcome == Outcome::kSeen) ++chunk_packed.n_splats;
+      const std::int64_t begin = n_each * chunks.begin(chunk);
+      Splat* const splats = args.splats + begin;
+      Vec2f* const extents = args.extents + begin;
+      const Outcome outcome = with_lens(args.view.lens, [&](const auto& lens) {
+        return args.antialiasing ? project_one<true>(args, view, lens, i, splats, extents, chunk_packed.n_splats)
+                                 : project_one<false>(args, view, lens, i, splats, extents, chunk_packed.n_splats);
+      });
       if (outcome == Outcome::kInvalid) {
         chunk_packed.invalid = i;
         break;
@@ -80,7 +105,7 @@ std::int64_t project(const ProjectArgs& args) {
   for (std::int64_t chunk = 0; chunk < chunks.count; ++chunk) {
     const Packed& chunk_packed = packed[static_cast<std::size_t>(chunk)];
     if (chunk_packed.invalid < n) fail_invalid(args.gaussians, chunk_packed.invalid);
-    const std::int64_t begin = chunks.begin(chunk);
+    const std::int64_t begin = n_each * chunks.begin(chunk);
     if (n_splats != begin) {
       std::copy_n(args.splats + begin, chunk_packed.n_splats, args.splats + n_splats);
       std::copy_n(args.extents + begin, chunk_packed.n_splats, args.extents + n_splats);
@@ -95,11 +120,12 @@ void project_backward(const ProjectBackwardArgs& args) {
   const ViewTransform<float> view = make_view_transform<float>(args.view);
   const std::int64_t rest = rest_floats(g.sh_degree_max);
 
-  const auto backward_one = [&](std::int64_t i, const Splat& splat, std::int64_t first, std::int64_t last) {
-    const SplatGrad sum = sum_slots(args.pair_grads + first, args.pair_grads + last);
-    const GaussianGrad grad =
-        args.antialiasing ? gaussian_grad<true>(g, i, view, args.view.center, args.sh_degree, sum, splat.clamped)
-                          : gaussian_grad<false>(g, i, view, args.view.center, args.sh_degree, sum, splat.clamped);
+  const auto backward_one = [&](std::int64_t i, const Splat& splat, const SplatGrad& sum) {
+    const GaussianGrad grad = with_lens(args.view.lens, [&](const auto& lens) {
+      const auto grad_of = args.antialiasing ? gaussian_grad<true, std::decay_t<decltype(lens)>>
+                                             : gaussian_grad<false, std::decay_t<decltype(lens)>>;
+      return grad_of(g, i, view, lens, args.view.center, args.sh_degree, sum, splat.clamped);
+    });
     store3(args.grad.means, i, grad.mean);
     store3(args.grad.log_scales, i, grad.log_scales);
     store4(args.grad.quats, i, grad.quat);
@@ -129,8 +155,10 @@ void project_backward(const ProjectBackwardArgs& args) {
                                           [](const Splat& s, std::int64_t i) { return s.gaussian < i; });
     for (; splat != args.splats + args.n_splats && splat->gaussian < end; ++splat) {
       const std::int64_t m = splat - args.splats;
+      if (is_across_the_seam(args.splats, m)) continue;
       write_zeros(begin, splat->gaussian);
-      backward_one(splat->gaussian, *splat, args.slot_offsets[m], args.slot_offsets[m + 1]);
+      backward_one(splat->gaussian, *splat,
+                   sum_of_gaussian(args.splats, args.n_splats, args.slot_offsets, args.pair_grads, m));
       begin = splat->gaussian + 1;
     }
     write_zeros(begin, end);
@@ -147,9 +175,12 @@ using Part = std::array<float, kCameraGradients>;
 /// What a splat adds, given its sums over pixels.
 Part part_of(const CameraPartsView& view, const ViewTransform<float>& transform, const Splat& splat,
              const SplatGrad& sum) {
-  const auto grad = view.antialiasing ? camera_grad<true> : camera_grad<false>;
-  const CameraGrad part =
-      grad(view.gaussians, splat.gaussian, transform, view.view.center, view.sh_degree, sum, splat.clamped);
+  const CameraGrad part = with_lens(view.view.lens, [&](const auto& lens) {
+    using Lens = std::decay_t<decltype(lens)>;
+    const auto grad_of = view.antialiasing ? camera_grad<true, Lens> : camera_grad<false, Lens>;
+    return grad_of(view.gaussians, splat.gaussian, transform, lens, view.view.center, view.sh_degree, sum,
+                   splat.clamped);
+  });
   return {part.rotation.x,    part.rotation.y,    part.rotation.z,
           part.translation.x, part.translation.y, part.translation.z};
 }
@@ -218,8 +249,8 @@ void keep_splat_records(const SplatRecordArgs& args) {
   write_unseen(args.out, args.n_gaussians);
   parallel_chunks(args.n_splats, kGrain, [&](std::int64_t begin, std::int64_t end) {
     for (std::int64_t m = begin; m < end; ++m) {
-      const SplatGrad sum =
-          sum_slots(args.pair_grads + args.slot_offsets[m], args.pair_grads + args.slot_offsets[m + 1]);
+      if (is_across_the_seam(args.splats, m)) continue;
+      const SplatGrad sum = sum_of_gaussian(args.splats, args.n_splats, args.slot_offsets, args.pair_grads, m);
       keep_splat(args.out, m, args.splats[m].gaussian, sum, args.splats[m].clamped);
     }
   });

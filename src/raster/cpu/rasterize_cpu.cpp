@@ -46,7 +46,7 @@ void invert_depth_gradients(const Splat* splats, std::int64_t n_splats, const st
   });
 }
 
-TileGrid checked_grid(const PinholeView& view, const TileShape& tile) {
+TileGrid checked_grid(const CameraView& view, const TileShape& tile) {
   B3DGS_CHECK(tile.width > 0 && tile.width <= kMaxTileSide && tile.height > 0 && tile.height <= kMaxTileSide,
               "tile is ", tile.width, " x ", tile.height, " px, expected sides of 1 to ", kMaxTileSide);
   return make_tile_grid(view.width, view.height, tile);
@@ -54,7 +54,7 @@ TileGrid checked_grid(const PinholeView& view, const TileShape& tile) {
 
 class CpuBackend final : public RasterizerBackend {
  public:
-  void forward(const GaussianArrays& gaussians, const PinholeView& view, const RenderSettings& settings,
+  void forward(const GaussianArrays& gaussians, const CameraView& view, const RenderSettings& settings,
                const ImageArrays& out) override {
     project_gaussians(gaussians, view, settings);
     draw(settings, out);
@@ -82,7 +82,7 @@ class CpuBackend final : public RasterizerBackend {
     end_stage(state_.stages);
   }
 
-  void project(const GaussianArrays& gaussians, const PinholeView& view, const RenderSettings& settings,
+  void project(const GaussianArrays& gaussians, const CameraView& view, const RenderSettings& settings,
                const SplatAllocator& allocate) override {
     project_gaussians(gaussians, view, settings);
     const SplatRowArrays out = allocate(state_.n_splats);
@@ -94,7 +94,7 @@ class CpuBackend final : public RasterizerBackend {
     end_stage(state_.stages);
   }
 
-  void forward_splats(const SplatRows& rows, const PinholeView& view, const RenderSettings& settings,
+  void forward_splats(const SplatRows& rows, const CameraView& view, const RenderSettings& settings,
                       const ImageArrays& out) override {
     const std::int64_t n = rows.n_splats;
     check_splat_args(n, view, settings);
@@ -157,14 +157,14 @@ class CpuBackend final : public RasterizerBackend {
   BinnedSplats bins() const override { return bins_; }
 
  private:
-  void project_gaussians(const GaussianArrays& gaussians, const PinholeView& view, const RenderSettings& settings) {
+  void project_gaussians(const GaussianArrays& gaussians, const CameraView& view, const RenderSettings& settings) {
     check_render_args(gaussians, view, settings);
     B3DGS_CHECK(settings.color_pass == nullptr, "a ColorPass needs a GPU");
     state_.begin_view(view, checked_grid(view, settings.tile), settings);
     begin_stage(state_.stages, Stage::kProject);
     const std::int64_t n = gaussians.n_gaussians;
-    splats_.resize(n);
-    extents_.resize(n);
+    splats_.resize(splats_per_gaussian(view.lens) * n);
+    extents_.resize(splats_per_gaussian(view.lens) * n);
     radii_.resize(n);
     state_.n_splats =
         cpu::project({gaussians, view, settings.sh_degree, settings.near_plane, settings.culling, state_.grid,

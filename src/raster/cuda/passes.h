@@ -60,7 +60,7 @@ class ColorPass {
 
 struct ProjectCudaArgs {
   GaussianArrays gaussians{};
-  PinholeView view{};
+  CameraView view{};
   int sh_degree = 0;
   float near_plane = kNearPlane;
   Culling culling = Culling::kEllipse;
@@ -265,7 +265,7 @@ void invert_depth_gradients(const InvertDepthsArgs& args, const LaunchContext& c
 
 struct ProjectBackwardCudaArgs {
   GaussianArrays gaussians{};
-  PinholeView view{};
+  CameraView view{};
   int sh_degree = 0;
   const std::int32_t* radii = nullptr;        // [N] 0 if not seen
   const Splat* splats = nullptr;              // [N]

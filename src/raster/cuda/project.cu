@@ -21,12 +21,12 @@ constexpr int kThreads = 256;
 constexpr int kNoColors = -1;
 
 /// Projects Gaussian i and writes its row. Returns the rows of tiles that its splat touches, none if it is not seen.
-template <int kShDegree, bool kAntialiasing>
+template <int kShDegree, bool kAntialiasing, class Lens>
 __device__ __forceinline__ TileRows project_one(const ProjectCudaArgs& args, std::int64_t i) {
   const GaussianArrays& g = args.gaussians;
   const ViewTransform<float> view = make_view_transform<float>(args.view);
-  const ProjectedGaussian projected =
-      project_splat<TileCount::kAny, kAntialiasing>(g, i, view, args.near_plane, args.culling, args.grid);
+  const ProjectedGaussian projected = project_splat<TileCount::kAny, kAntialiasing>(
+      g, i, view, lens_of<Lens>(args.view), args.near_plane, args.culling, args.grid);
   const bool is_seen = projected.outcome == Outcome::kSeen;
   bool is_valid = projected.outcome != Outcome::kInvalid;
   if (is_seen) {
@@ -46,12 +46,12 @@ __device__ __forceinline__ TileRows project_one(const ProjectCudaArgs& args, std
   return tile_rows(args.grid, args.culling, projected.splat, projected.extent, projected.radius);
 }
 
-template <int kShDegree, bool kAntialiasing>
+template <int kShDegree, bool kAntialiasing, class Lens>
 __global__ void __launch_bounds__(kThreads) project_kernel(const ProjectCudaArgs args) {
   __shared__ SpanTasks<kThreads> tasks;
   const std::int64_t i = spread_row<kThreads>();
-  const TileRows rows =
-      i < args.gaussians.n_gaussians ? project_one<kShDegree, kAntialiasing>(args, i) : no_tile_rows(args.culling);
+  const TileRows rows = i < args.gaussians.n_gaussians ? project_one<kShDegree, kAntialiasing, Lens>(args, i)
+                                                       : no_tile_rows(args.culling);
   if (args.out.list_growth != nullptr) count_spans(tasks, args.grid, rows, args.out.list_growth);
   count_splats(rows.begin < rows.end, args.out.counts);
 }
@@ -63,15 +63,15 @@ __global__ void __launch_bounds__(kThreads)
   if (tile <= n_tiles && out.list_growth != nullptr) out.list_growth[kCounterStride * tile] = 0;
 }
 
-template <bool kAntialiasing>
+template <bool kAntialiasing, class Lens>
 void launch(const ProjectCudaArgs& args, const LaunchContext& context) {
   const auto blocks = static_cast<unsigned>((args.gaussians.n_gaussians + kThreads - 1) / kThreads);
   if (args.with_colors) {
     with_sh_degree(args.sh_degree, [&](auto degree) {
-      project_kernel<degree.value, kAntialiasing><<<blocks, kThreads, 0, context.stream>>>(args);
+      project_kernel<degree.value, kAntialiasing, Lens><<<blocks, kThreads, 0, context.stream>>>(args);
     });
   } else {
-    project_kernel<kNoColors, kAntialiasing><<<blocks, kThreads, 0, context.stream>>>(args);
+    project_kernel<kNoColors, kAntialiasing, Lens><<<blocks, kThreads, 0, context.stream>>>(args);
   }
   B3DGS_CUDA_CHECK_LAUNCH();
 }
@@ -89,11 +89,14 @@ void project(const ProjectCudaArgs& args, const LaunchContext& context) {
   const std::int64_t n = args.gaussians.n_gaussians;
   reset_counts(args.out, n, args.grid, context);
   if (n == 0) return;
-  if (args.antialiasing) {
-    launch<true>(args, context);
-  } else {
-    launch<false>(args, context);
-  }
+  with_lens(args.view.lens, [&](const auto& lens) {
+    using Lens = std::decay_t<decltype(lens)>;
+    if (args.antialiasing) {
+      launch<true, Lens>(args, context);
+    } else {
+      launch<false, Lens>(args, context);
+    }
+  });
 }
 
 }  // namespace b3dgs::cuda

@@ -2,6 +2,8 @@
 // training's kernel that passes gradients to the optimizer without storing them.
 #pragma once
 
+#include <type_traits>
+
 #include "raster/cuda/passes.h"
 #include "raster/cuda/warp.cuh"
 #include "raster/math/array_rows.h"
@@ -34,14 +36,24 @@ __device__ __forceinline__ void count_splats(bool has_splat, ViewCounts* counts)
   }
 }
 
+/// What the instance of a kernel for `Lens` takes from the view: a Pinhole, or its ViewLens.
+template <class Lens>
+__device__ __forceinline__ Lens lens_of(const CameraView& view) {
+  if constexpr (std::is_same_v<Lens, Pinhole>) {
+    return {};
+  } else {
+    return view.lens;
+  }
+}
+
 /// Gradient by Gaussian i, which the view sees. kShDegree must equal args.sh_degree, kAntialiasing
 /// args.antialiasing.
-template <int kShDegree, bool kAntialiasing>
+template <int kShDegree, bool kAntialiasing, class Lens>
 __device__ __forceinline__ GaussianGrad gaussian_grad(const ProjectBackwardCudaArgs& args, std::int64_t i) {
   const SplatGrad sum = args.splat_grads[i].sum;
   const unsigned clamped = args.splats[i].clamped;
-  return b3dgs::gaussian_grad<kAntialiasing>(args.gaussians, i, make_view_transform<float>(args.view), args.view.center,
-                                             kShDegree, sum, clamped);
+  return b3dgs::gaussian_grad<kAntialiasing>(args.gaussians, i, make_view_transform<float>(args.view),
+                                             lens_of<Lens>(args.view), args.view.center, kShDegree, sum, clamped);
 }
 
 }  // namespace b3dgs::cuda

@@ -43,6 +43,11 @@ void check_valid(const ViewCounts& counts, std::int64_t n_gaussians) {
   throw InvalidGaussianError(counts.first_invalid, detail::concat("Gaussian ", counts.first_invalid, kInvalidText));
 }
 
+void check_lens(const CameraView& view) {
+  if (splats_per_gaussian(view.lens) == 1) return;
+  throw InputError("panoramas are not supported on a GPU yet: use --device cpu");
+}
+
 void check_kernels(const RenderSettings& settings) {
   B3DGS_CHECK(
       !settings.deterministic || !settings.keep_for_backward || settings.backward_kernel == BackwardKernel::kPerBucket,
@@ -72,7 +77,7 @@ class CudaBackend final : public RasterizerBackend {
  public:
   explicit CudaBackend(std::function<LaunchContext()> context) : context_(std::move(context)) {}
 
-  void forward(const GaussianArrays& gaussians, const PinholeView& view, const RenderSettings& settings,
+  void forward(const GaussianArrays& gaussians, const CameraView& view, const RenderSettings& settings,
                const ImageArrays& out) override {
     check_render_args(gaussians, view, settings);
     check_kernels(settings);
@@ -116,7 +121,7 @@ class CudaBackend final : public RasterizerBackend {
     end_stage(state_.stages);
   }
 
-  void project(const GaussianArrays& gaussians, const PinholeView& view, const RenderSettings& settings,
+  void project(const GaussianArrays& gaussians, const CameraView& view, const RenderSettings& settings,
                const SplatAllocator& allocate) override {
     check_render_args(gaussians, view, settings);
     const LaunchContext context = context_();
@@ -129,7 +134,7 @@ class CudaBackend final : public RasterizerBackend {
     end_stage(state_.stages);
   }
 
-  void queue_projection(std::size_t index, const GaussianArrays& gaussians, const PinholeView& view,
+  void queue_projection(std::size_t index, const GaussianArrays& gaussians, const CameraView& view,
                         const RenderSettings& settings, const SplatRowArrays& out, std::int64_t capacity) override {
     check_render_args(gaussians, view, settings);
     const LaunchContext context = context_();
@@ -158,7 +163,7 @@ class CudaBackend final : public RasterizerBackend {
     return n_splats;
   }
 
-  void forward_splats(const SplatRows& rows, const PinholeView& view, const RenderSettings& settings,
+  void forward_splats(const SplatRows& rows, const CameraView& view, const RenderSettings& settings,
                       const ImageArrays& out) override {
     const std::int64_t n = rows.n_splats;
     check_splat_args(n, view, settings);
@@ -232,8 +237,9 @@ class CudaBackend final : public RasterizerBackend {
 
  private:
   /// Returns buffers for n rows.
-  ProjectOutputs begin(std::int64_t n, const PinholeView& view, const RenderSettings& settings,
+  ProjectOutputs begin(std::int64_t n, const CameraView& view, const RenderSettings& settings,
                        const LaunchContext& context, bool is_drawn) {
+    check_lens(view);
     state_.begin_view(view, make_tile_grid(view.width, view.height, settings.tile), settings);
     begin_stage(state_.stages, Stage::kProject);
     return {splats_.resize(n, context), extents_.resize(n, context), radii_.resize(n, context),
@@ -242,7 +248,7 @@ class CudaBackend final : public RasterizerBackend {
   }
 
   /// Without the colours if a ColorPass computes them: color_splats() must follow.
-  ProjectOutputs project_gaussians(const GaussianArrays& gaussians, const PinholeView& view,
+  ProjectOutputs project_gaussians(const GaussianArrays& gaussians, const CameraView& view,
                                    const RenderSettings& settings, const LaunchContext& context, bool is_drawn) {
     const ProjectOutputs projected = begin(gaussians.n_gaussians, view, settings, context, is_drawn);
     cuda::project({gaussians, view, settings.sh_degree, settings.near_plane, settings.culling, state_.grid, projected,
@@ -251,7 +257,7 @@ class CudaBackend final : public RasterizerBackend {
     return projected;
   }
 
-  void color_splats(const GaussianArrays& gaussians, const PinholeView& view, const RenderSettings& settings,
+  void color_splats(const GaussianArrays& gaussians, const CameraView& view, const RenderSettings& settings,
                     const ProjectOutputs& projected, const LaunchContext& context) {
     if (settings.color_pass == nullptr || gaussians.n_gaussians == 0) return;
     settings.color_pass->color({gaussians, view.center, settings.sh_degree, projected}, context);

@@ -29,10 +29,11 @@ struct GaussianGrad {
 };
 
 /// Gradient by Gaussian i, which the view sees. `sum` holds its splat's sums; bit c of `clamped` is set if colour
-/// channel c was clamped at 0, which stops that channel's gradient.
-template <bool kAntialiasing>
+/// channel c was clamped at 0, which stops that channel's gradient. `lens`: Pinhole or ViewLens.
+template <bool kAntialiasing, class Lens>
 B3DGS_HD GaussianGrad gaussian_grad(const GaussianArrays& g, std::int64_t i, const ViewTransform<float>& view,
-                                    const Vec3f& camera_center, int sh_degree, const SplatGrad& sum, unsigned clamped) {
+                                    const Lens& lens, const Vec3f& camera_center, int sh_degree, const SplatGrad& sum,
+                                    unsigned clamped) {
   const Vec3f mean = load3(g.means, i);
   const Vec3f point = to_camera(view, mean);
   const Vec3f log_scales = load3(g.log_scales, i);
@@ -41,14 +42,14 @@ B3DGS_HD GaussianGrad gaussian_grad(const GaussianArrays& g, std::int64_t i, con
     if (g.filters != nullptr) smoothed = smooth(log_scales, g.filters[i]);
   }
   const Shape<float> shape = make_shape(smoothed.log_scales, load4(g.quats, i));
-  const Projection<float> p = project_gaussian(view, point, shape.factor);
+  const Projection<float> p = project_gaussian(view, lens, point, shape.factor);
   SpreadGrad<float> grad_spread = spread_grad(p, Sym2f{sum.cov_xx, sum.cov_xy, sum.cov_yy});
   if constexpr (kAntialiasing) {
     const SpreadGrad<float> through_blur = blur_ratio_backward(p, sum.log_alpha);
     grad_spread = {grad_spread.x + through_blur.x, grad_spread.y + through_blur.y};
   }
   const ProjectionGrad<float> grad =
-      project_backward(view, point, shape.factor, p, Vec2f{sum.mean_x, sum.mean_y}, grad_spread, sum.depth);
+      project_backward(view, lens, point, shape.factor, p, Vec2f{sum.mean_x, sum.mean_y}, grad_spread, sum.depth);
   ShapeGrad<float> grad_shape = shape_backward(shape, grad.factor);
   if constexpr (kAntialiasing) {
     // d(smoothed log scale) / d(log scale) is the share, and d(ln of the opacity's factor) is 1 - share.
@@ -102,10 +103,11 @@ struct CameraGrad {
 /// directions stay: with x the offset of the mean from the camera's centre, F the gradient with respect to the mean
 /// through the projection alone and g the one with respect to the quaternion q, and everything in world space,
 ///   dL/dw = x x F + (q.w g.xyz - g.w q.xyz + q.xyz x g.xyz) / 2,   since dq = (0, w) q / 2
-template <bool kAntialiasing>
+template <bool kAntialiasing, class Lens>
 B3DGS_HD CameraGrad camera_grad(const GaussianArrays& g, std::int64_t i, const ViewTransform<float>& view,
-                                const Vec3f& camera_center, int sh_degree, const SplatGrad& sum, unsigned clamped) {
-  const GaussianGrad grad = gaussian_grad<kAntialiasing>(g, i, view, camera_center, sh_degree, sum, clamped);
+                                const Lens& lens, const Vec3f& camera_center, int sh_degree, const SplatGrad& sum,
+                                unsigned clamped) {
+  const GaussianGrad grad = gaussian_grad<kAntialiasing>(g, i, view, lens, camera_center, sh_degree, sum, clamped);
   const Vec3f offset = load3(g.means, i) - camera_center;
   const Vec3f through_color =
       sh_offset_grad(sh_degree, offset, g.shN + rest_floats(g.sh_degree_max) * i, grad.color).offset;

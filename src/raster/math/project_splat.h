@@ -4,6 +4,7 @@
 
 #include <cmath>
 #include <cstdint>
+#include <type_traits>
 
 #include "raster/args.h"
 #include "raster/math/antialiasing.h"
@@ -47,17 +48,19 @@ struct ProjectedGaussian {
 };
 
 /// Projects Gaussian i. With TileCount::kAny `n_tiles` is a lower bound, which is 0 only if the splat touches no tile.
-template <TileCount kCount, bool kAntialiasing>
+/// `lens`: Pinhole or ViewLens.
+template <TileCount kCount, bool kAntialiasing, class Lens>
 B3DGS_HD ProjectedGaussian project_splat(const GaussianArrays& gaussians, std::int64_t i,
-                                         const ViewTransform<float>& view, float near_plane, Culling culling,
-                                         const TileGrid& grid) {
+                                         const ViewTransform<float>& view, const Lens& lens, float near_plane,
+                                         Culling culling, const TileGrid& grid) {
   ProjectedGaussian result;
   const Vec3f point = to_camera(view, load3(gaussians.means, i));
-  if (!detail::is_finite(point.x + point.y + point.z) || point.z > kDepthMax) {
+  const float depth = lens_depth(lens, point);
+  if (!detail::is_finite(point.x + point.y + point.z) || depth > kDepthMax) {
     result.outcome = Outcome::kInvalid;
     return result;
   }
-  if (point.z < near_plane) return result;
+  if (depth < near_plane) return result;
 
   const Vec3f log_scales = load3(gaussians.log_scales, i);
   const Vec4f quat = load4(gaussians.quats, i);
@@ -74,7 +77,11 @@ B3DGS_HD ProjectedGaussian project_splat(const GaussianArrays& gaussians, std::i
     if (gaussians.filters != nullptr) smoothed = smooth(log_scales, gaussians.filters[i]);
   }
   const Shape<float> shape = make_shape(smoothed.log_scales, quat);
-  const Projection<float> p = project_gaussian(view, point, shape.factor);
+  if constexpr (!std::is_same_v<Lens, Pinhole>) {
+    const float longest = std::fmax(std::fmax(smoothed.log_scales.x, smoothed.log_scales.y), smoothed.log_scales.z);
+    if (is_out_of_lens(lens, point, std::exp(longest))) return result;
+  }
+  const Projection<float> p = project_gaussian(view, lens, point, shape.factor);
   if constexpr (kAntialiasing) {
     log2_opacity += kLog2e * (smoothed.log_opacity_ratio + std::log(blur_ratio(p)) / 2);
     if (culling == Culling::kEllipse && log2_opacity < kLog2AlphaMin) return result;
@@ -90,7 +97,7 @@ B3DGS_HD ProjectedGaussian project_splat(const GaussianArrays& gaussians, std::i
   result.splat = {p.mean2d.x,
                   p.mean2d.y,
                   log2_opacity,
-                  point.z,
+                  depth,
                   kConicScale * p.conic.xx,
                   kConicScale * p.conic.xy,
                   kConicScale * p.conic.yy,
@@ -104,7 +111,25 @@ B3DGS_HD ProjectedGaussian project_splat(const GaussianArrays& gaussians, std::i
   return result;
 }
 
-// Rendering inverse depth, the sum of weight over camera-space z (RenderSettings::inverse_depth). Binning orders splats
+// The seam of a panorama: a splat that crosses it is drawn twice, a width apart, with sums of its own; those of the
+// second are added to those of the first before the backward projection.
+
+/// How many splats a Gaussian can have in a view with this lens.
+B3DGS_HD int splats_per_gaussian(const ViewLens& lens) {
+  return lens.kind == LensKind::kEquirectangular ? 2 : 1;
+}
+
+/// The second splat of a Gaussian that the view sees; its n_tiles is 0 if there is none.
+template <TileCount kCount>
+B3DGS_HD ProjectedGaussian across_the_seam(const ProjectedGaussian& first, Culling culling, const TileGrid& grid) {
+  ProjectedGaussian second = first;
+  const auto width = static_cast<float>(grid.image_width);
+  second.splat.mean_x += first.splat.mean_x < width / 2 ? width : -width;
+  second.n_tiles = tiles_touched<kCount>(grid, culling, second.splat, second.extent, second.radius);
+  return second;
+}
+
+// Rendering inverse depth, the sum of weight over depth (RenderSettings::inverse_depth). Binning orders splats
 // by their depth; after it, the depth of each splat is replaced by its inverse, which the blend sums like a depth. The
 // backward blend then gives the gradient with respect to the inverse. So every kernel renders inverse depth, and none
 // has code for it.
@@ -113,7 +138,7 @@ B3DGS_HD void invert_depth(Splat& splat) {
   splat.depth = 1.0f / splat.depth;
 }
 
-/// Gradient with respect to the depth z of a splat whose `depth` is 1 / z, from that with respect to 1 / z.
+/// Gradient with respect to the depth of a splat whose `depth` is now its inverse, from that with respect to this.
 B3DGS_HD float depth_gradient(const Splat& splat, float grad_inverse) {
   return -(splat.depth * splat.depth) * grad_inverse;
 }

@@ -8,6 +8,7 @@
 #include "raster/args.h"
 #include "raster/constants.h"
 #include "raster/math/covariance.h"
+#include "raster/math/lens.h"
 
 namespace b3dgs {
 
@@ -57,12 +58,29 @@ struct Projection {
   Vec3<Real> spread_x, spread_y;  // M^T axis: cov.xy = spread_x . spread_y
   Real slope_x, slope_y;          // x/z and y/z at which J is evaluated
   bool slope_x_clamped, slope_y_clamped;
+  LensPlace<Real> place;  // of lenses instead of the slopes: where J is evaluated
 };
 
-/// `point` is the centre in camera coordinates, `factor` the M of make_shape. The determinant is a sum of positive
-/// terms (Lagrange's identity), so thin splats keep an invertible covariance in single precision.
+/// From the axes to the ellipse. The determinant is a sum of positive terms (Lagrange's identity), so thin splats keep
+/// an invertible covariance in single precision.
 template <class Real>
-B3DGS_HD Projection<Real> project_gaussian(const ViewTransform<Real>& view, Vec3<Real> point,
+B3DGS_HD void set_ellipse(Projection<Real>& p, const Mat3<Real>& factor) {
+  p.spread_x = transpose_times(factor, p.axis_x);
+  p.spread_y = transpose_times(factor, p.axis_y);
+
+  const Real blur = Real(kCovarianceBlur);
+  const Real xx = dot(p.spread_x, p.spread_x), yy = dot(p.spread_y, p.spread_y);
+  const Vec3<Real> normal = cross(p.spread_x, p.spread_y);
+  p.cov = {xx + blur, dot(p.spread_x, p.spread_y), yy + blur};
+  p.sharp_det = dot(normal, normal);
+  p.det = p.sharp_det + blur * (xx + yy) + blur * blur;
+  const Real inverse_det = 1 / p.det;
+  p.conic = {p.cov.yy * inverse_det, -p.cov.xy * inverse_det, p.cov.xx * inverse_det};
+}
+
+/// `point` is the centre in camera coordinates, `factor` the M of make_shape.
+template <class Real>
+B3DGS_HD Projection<Real> project_gaussian(const ViewTransform<Real>& view, const Pinhole&, Vec3<Real> point,
                                            const Mat3<Real>& factor) {
   Projection<Real> p;
   const Real inverse_z = 1 / point.z;
@@ -78,18 +96,33 @@ B3DGS_HD Projection<Real> project_gaussian(const ViewTransform<Real>& view, Vec3
   const Vec3<Real> row_z{view.rotation(2, 0), view.rotation(2, 1), view.rotation(2, 2)};
   p.axis_x = (view.fx * inverse_z) * (row_x - p.slope_x * row_z);
   p.axis_y = (view.fy * inverse_z) * (row_y - p.slope_y * row_z);
-  p.spread_x = transpose_times(factor, p.axis_x);
-  p.spread_y = transpose_times(factor, p.axis_y);
-
-  const Real blur = Real(kCovarianceBlur);
-  const Real xx = dot(p.spread_x, p.spread_x), yy = dot(p.spread_y, p.spread_y);
-  const Vec3<Real> normal = cross(p.spread_x, p.spread_y);
-  p.cov = {xx + blur, dot(p.spread_x, p.spread_y), yy + blur};
-  p.sharp_det = dot(normal, normal);
-  p.det = p.sharp_det + blur * (xx + yy) + blur * blur;
-  const Real inverse_det = 1 / p.det;
-  p.conic = {p.cov.yy * inverse_det, -p.cov.xy * inverse_det, p.cov.xx * inverse_det};
+  set_ellipse(p, factor);
   return p;
+}
+
+template <class Real>
+B3DGS_HD LensScale<Real> lens_scale(const ViewTransform<Real>& view) {
+  return {view.fx, view.fy, view.cx, view.cy};
+}
+
+/// By the affine approximation at place.at, which is the centre unless that is clamped.
+template <class Real>
+B3DGS_HD Projection<Real> project_gaussian(const ViewTransform<Real>& view, const LensParams<Real>& lens,
+                                           Vec3<Real> point, const Mat3<Real>& factor) {
+  Projection<Real> p;
+  p.place = lens_place(lens, point);
+  const LensPoint<Real> seen = lens_point(lens, lens_scale(view), p.place.at);
+  const Vec3<Real> beyond = point - p.place.at;
+  p.mean2d = {seen.pixel.x + dot(seen.row_x, beyond), seen.pixel.y + dot(seen.row_y, beyond)};
+  p.axis_x = transpose_times(view.rotation, seen.row_x);
+  p.axis_y = transpose_times(view.rotation, seen.row_y);
+  set_ellipse(p, factor);
+  return p;
+}
+
+template <class Real>
+B3DGS_HD Real lens_depth(const Pinhole&, const Vec3<Real>& point) {
+  return point.z;
 }
 
 /// Larger standard deviation of the ellipse, px.
@@ -134,13 +167,10 @@ B3DGS_HD SpreadGrad<Real> spread_grad(const Projection<Real>& p, Sym2<Real> grad
   return {twice.xx * p.spread_x + twice.xy * p.spread_y, twice.xy * p.spread_x + twice.yy * p.spread_y};
 }
 
-/// `grad_mean`: SplatGrad::mean, the sum over pixels of g p.
+/// Sets the gradients that do not depend on the lens.
 template <class Real>
-B3DGS_HD ProjectionGrad<Real> project_backward(const ViewTransform<Real>& view, Vec3<Real> point,
-                                               const Mat3<Real>& factor, const Projection<Real>& p,
-                                               Vec2<Real> grad_mean, const SpreadGrad<Real>& grad_spread,
-                                               Real grad_depth) {
-  ProjectionGrad<Real> grad;
+B3DGS_HD void set_mean_and_factor(const Projection<Real>& p, Vec2<Real> grad_mean, const SpreadGrad<Real>& grad_spread,
+                                  ProjectionGrad<Real>& grad) {
   grad.mean2d = centre_gradient(grad_mean);
   const Vec3<Real> grad_a = grad_spread.x, grad_b = grad_spread.y;
   const Real axis_x[3] = {p.axis_x.x, p.axis_x.y, p.axis_x.z}, axis_y[3] = {p.axis_y.x, p.axis_y.y, p.axis_y.z};
@@ -149,7 +179,17 @@ B3DGS_HD ProjectionGrad<Real> project_backward(const ViewTransform<Real>& view, 
     grad.factor(row, 1) = axis_x[row] * grad_a.y + axis_y[row] * grad_b.y;
     grad.factor(row, 2) = axis_x[row] * grad_a.z + axis_y[row] * grad_b.z;
   }
-  const Vec3<Real> grad_axis_x = factor * grad_a, grad_axis_y = factor * grad_b;
+}
+
+/// `grad_mean`: SplatGrad::mean, the sum over pixels of g p.
+template <class Real>
+B3DGS_HD ProjectionGrad<Real> project_backward(const ViewTransform<Real>& view, const Pinhole&, Vec3<Real> point,
+                                               const Mat3<Real>& factor, const Projection<Real>& p,
+                                               Vec2<Real> grad_mean, const SpreadGrad<Real>& grad_spread,
+                                               Real grad_depth) {
+  ProjectionGrad<Real> grad;
+  set_mean_and_factor(p, grad_mean, grad_spread, grad);
+  const Vec3<Real> grad_axis_x = factor * grad_spread.x, grad_axis_y = factor * grad_spread.y;
 
   // axis = f / z (row - slope row_z), with slope = x / z unless it is clamped.
   const Real inverse_z = 1 / point.z;
@@ -162,6 +202,29 @@ B3DGS_HD ProjectionGrad<Real> project_backward(const ViewTransform<Real>& view, 
   const Real through_axes = dot(p.axis_x, grad_axis_x) + dot(p.axis_y, grad_axis_y);
   grad.point = {grad_u * inverse_z, grad_v * inverse_z,
                 grad_depth - inverse_z * (through_axes + (grad_u * point.x + grad_v * point.y) * inverse_z)};
+  return grad;
+}
+
+/// Nothing passes through the place of a clamped linearisation: there J does not move with the Gaussian.
+template <class Real>
+B3DGS_HD ProjectionGrad<Real> project_backward(const ViewTransform<Real>& view, const LensParams<Real>& lens,
+                                               Vec3<Real> point, const Mat3<Real>& factor, const Projection<Real>& p,
+                                               Vec2<Real> grad_mean, const SpreadGrad<Real>& grad_spread,
+                                               Real grad_depth) {
+  ProjectionGrad<Real> grad;
+  set_mean_and_factor(p, grad_mean, grad_spread, grad);
+  // The rows of J, from those of J W.
+  const Vec3<Real> row_x = view.rotation * p.axis_x, row_y = view.rotation * p.axis_y;
+  grad.point = grad.mean2d.x * row_x + grad.mean2d.y * row_y;
+  if (!p.place.is_clamped) {
+    grad.point = grad.point + lens_hessian(lens, lens_scale(view), p.place.at, view.rotation * (factor * grad_spread.x),
+                                           view.rotation * (factor * grad_spread.y));
+  }
+  if (has_radial_depth(lens.kind)) {
+    grad.point = grad.point + (grad_depth / lens_depth(lens, point)) * point;
+  } else {
+    grad.point.z += grad_depth;
+  }
   return grad;
 }
 

@@ -79,7 +79,7 @@ struct Rasterizer::Impl {
   }
 
   /// Images for a view, whose rendering must follow.
-  ImageArrays begin_view(const PinholeView& view, const RenderSettings& settings, const torch::TensorOptions& options) {
+  ImageArrays begin_view(const CameraView& view, const RenderSettings& settings, const torch::TensorOptions& options) {
     place_tensor(rendered.color, color_storage, {view.height, view.width, 3}, options);
     place_tensor(rendered.depth, depth_storage, {view.height, view.width}, options);
     place_tensor(rendered.alpha, alpha_storage, {view.height, view.width}, options);
@@ -142,7 +142,7 @@ Rasterizer::~Rasterizer() = default;
 Rasterizer::Rasterizer(Rasterizer&&) noexcept = default;
 Rasterizer& Rasterizer::operator=(Rasterizer&&) noexcept = default;
 
-RenderedView Rasterizer::forward(const GaussianTensors& gaussians, const PinholeView& view,
+RenderedView Rasterizer::forward(const GaussianTensors& gaussians, const CameraView& view,
                                  const RenderSettings& settings) {
   const GaussianArrays arrays = arrays_of(gaussians, impl_->device);
   const ImageArrays out = impl_->begin_view(view, settings, gaussians.means.options());
@@ -189,7 +189,7 @@ ViewStatistics Rasterizer::backward_to_splats(const GaussianTensors& gaussians, 
   return impl_->finish_statistics();
 }
 
-ViewSplats Rasterizer::project(const GaussianTensors& gaussians, const PinholeView& view,
+ViewSplats Rasterizer::project(const GaussianTensors& gaussians, const CameraView& view,
                                const RenderSettings& settings) {
   const GaussianArrays arrays = arrays_of(gaussians, impl_->device);
   impl_->n_gaussians = impl_->n_rows = -1;
@@ -202,7 +202,7 @@ ViewSplats Rasterizer::project(const GaussianTensors& gaussians, const PinholeVi
 }
 
 std::vector<ViewSplats> Rasterizer::project_views(const GaussianTensors& gaussians,
-                                                  const std::vector<PinholeView>& views,
+                                                  const std::vector<CameraView>& views,
                                                   const std::vector<RenderSettings>& settings) {
   B3DGS_CHECK(settings.size() == views.size(), "settings for ", settings.size(), " views of ", views.size());
   std::vector<ViewSplats> all;
@@ -238,7 +238,7 @@ std::vector<ViewSplats> Rasterizer::project_views(const GaussianTensors& gaussia
   return all;
 }
 
-RenderedView Rasterizer::forward_splats(const ViewSplats& splats, const PinholeView& view,
+RenderedView Rasterizer::forward_splats(const ViewSplats& splats, const CameraView& view,
                                         const RenderSettings& settings) {
   TensorCheck check(impl_->device);
   const SplatRows rows = rows_of(splats, check);

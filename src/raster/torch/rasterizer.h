@@ -120,7 +120,7 @@ class Rasterizer {
   /// Renders one view and, with settings.keep_for_backward, keeps what backward() needs. Parameters must be contiguous
   /// float tensors on the rasterizer's device.
   /// @throws LogicError naming a tensor that does not fit; InvalidGaussianError naming the first invalid Gaussian
-  RenderedView forward(const GaussianTensors& gaussians, const PinholeView& view, const RenderSettings& settings);
+  RenderedView forward(const GaussianTensors& gaussians, const CameraView& view, const RenderSettings& settings);
 
   /// Gradients of the last forward(); `gaussians` must be unchanged. `grads` is overwritten; tensors that are undefined
   /// or of another shape are allocated.
@@ -140,18 +140,18 @@ class Rasterizer {
   /// The first pass of forward() alone: the splats of the Gaussians that the view sees, in the order of the Gaussians,
   /// in new tensors. Waits once for a GPU, for their number. The view of the last forward() is lost.
   /// @throws LogicError and InvalidGaussianError as forward()
-  ViewSplats project(const GaussianTensors& gaussians, const PinholeView& view, const RenderSettings& settings);
+  ViewSplats project(const GaussianTensors& gaussians, const CameraView& view, const RenderSettings& settings);
 
   /// project() for each of several views. Waits once for a GPU, for all of them, unless a view sees more of the
   /// Gaussians than those before; tensors may be parts of larger ones.
-  std::vector<ViewSplats> project_views(const GaussianTensors& gaussians, const std::vector<PinholeView>& views,
+  std::vector<ViewSplats> project_views(const GaussianTensors& gaussians, const std::vector<CameraView>& views,
                                         const std::vector<RenderSettings>& settings);
 
   /// The other passes of forward(): the same image if `splats` is from project() with this view and these settings, or
   /// from several of them, put into one order: that of the rows decides between equal depths. Splat::gaussian is
   /// ignored. Then backward_splats(), score_splats(), reblend(), view_size() and count_load() may follow.
   /// @throws LogicError naming a tensor that does not fit, or for settings.camera_gradient
-  RenderedView forward_splats(const ViewSplats& splats, const PinholeView& view, const RenderSettings& settings);
+  RenderedView forward_splats(const ViewSplats& splats, const CameraView& view, const RenderSettings& settings);
 
   /// The backward pass of the last forward_splats() up to the splats: a new tensor [M, 12] with a SplatGradSum for each
   /// row.

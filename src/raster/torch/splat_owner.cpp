@@ -51,7 +51,7 @@ void add_splat_scores(const ViewSplats& splats, const torch::Tensor& scores, con
 }
 
 torch::Tensor camera_parts(const GaussianTensors& gaussians, const ViewSplats& splats, const torch::Tensor& sums,
-                           const PinholeView& view, const RenderSettings& settings) {
+                           const CameraView& view, const RenderSettings& settings) {
   B3DGS_CHECK(splats.splats.defined(), "splats is undefined");
   const torch::Device device = splats.splats.device();
   TensorCheck check(device);

@@ -28,7 +28,7 @@ void add_splat_scores(const ViewSplats& splats, const torch::Tensor& scores, con
 /// [M, 6]. `splats` is from Rasterizer::project() of these Gaussians, view and settings, `sums` [M, 12] from
 /// Rasterizer::backward_splats(), rows in the same order. @throws LogicError naming a tensor that does not fit
 torch::Tensor camera_parts(const GaussianTensors& gaussians, const ViewSplats& splats, const torch::Tensor& sums,
-                           const PinholeView& view, const RenderSettings& settings);
+                           const CameraView& view, const RenderSettings& settings);
 
 /// Their sum over all splats of a view, a new tensor [6] double: exactly what Rasterizer::backward() would have
 /// computed if rows are in the order of Rasterizer::project(). @throws LogicError naming a tensor that does not fit

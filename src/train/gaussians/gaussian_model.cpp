@@ -140,14 +140,14 @@ torch::Tensor median_depth(const RenderedView& rendered) {
 }  // namespace
 
 FloaterCount count_floaters(Rasterizer& rasterizer, const GaussianTensors& gaussians,
-                            const std::vector<PinholeView>& views, const RenderSettings& settings) {
+                            const std::vector<CameraView>& views, const RenderSettings& settings) {
   RenderSettings forward_only = settings;
   forward_only.keep_for_backward = false;
   const torch::TensorOptions floats = gaussians.means.options();
   torch::Tensor n_views = torch::zeros({gaussians.size()}, floats.dtype(torch::kInt32));
   torch::Tensor is_close = torch::zeros({gaussians.size()}, floats.dtype(torch::kBool));
   torch::Tensor is_large = torch::zeros_like(is_close);
-  for (const PinholeView& view : views) {
+  for (const CameraView& view : views) {
     const ViewSplats splats = rasterizer.project(gaussians, view, forward_only);
     if (splats.size() == 0) continue;
     const torch::Tensor near_depth = kCloseShare * median_depth(rasterizer.forward_splats(splats, view, forward_only));

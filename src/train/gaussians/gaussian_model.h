@@ -50,6 +50,6 @@ struct FloaterCount {
 
 /// Renders every view; on a GPU, waits for each. @throws what Rasterizer::project() and forward_splats() throw
 FloaterCount count_floaters(Rasterizer& rasterizer, const GaussianTensors& gaussians,
-                            const std::vector<PinholeView>& views, const RenderSettings& settings);
+                            const std::vector<CameraView>& views, const RenderSettings& settings);
 
 }  // namespace b3dgs

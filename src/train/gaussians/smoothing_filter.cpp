@@ -9,12 +9,12 @@
 
 namespace b3dgs {
 
-SmoothingFilter::SmoothingFilter(const std::vector<PinholeView>& views, float near_plane, torch::Device device)
+SmoothingFilter::SmoothingFilter(const std::vector<CameraView>& views, float near_plane, torch::Device device)
     : near_plane_(near_plane), n_views_(static_cast<std::int32_t>(views.size())) {
   const auto bytes = torch::TensorOptions(torch::kUInt8);
   views_ = torch::empty({static_cast<std::int64_t>(views.size() * sizeof(FilterView))}, bytes);
   auto* const rows = reinterpret_cast<FilterView*>(views_.data_ptr<std::uint8_t>());
-  std::transform(views.begin(), views.end(), rows, [](const PinholeView& view) {
+  std::transform(views.begin(), views.end(), rows, [](const CameraView& view) {
     return FilterView{make_view_transform<float>(view), static_cast<float>(view.width),
                       static_cast<float>(view.height)};
   });

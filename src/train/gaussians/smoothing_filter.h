@@ -14,7 +14,7 @@ namespace b3dgs {
 class SmoothingFilter {
  public:
   /// `near_plane`: world units.
-  SmoothingFilter(const std::vector<PinholeView>& views, float near_plane, torch::Device device);
+  SmoothingFilter(const std::vector<CameraView>& views, float near_plane, torch::Device device);
 
   /// Replaces [1] float, not negative, by its maximum over all ranks.
   using FindLargest = std::function<void(torch::Tensor& largest)>;

@@ -39,7 +39,7 @@ TrainView make_train_view(const View& view) {
               view.name, " has no RGB image of the size of its camera, ", width, " x ", height);
   TrainView train_view;
   train_view.name = view.name;
-  train_view.camera = to_pinhole_view(view.camera);
+  train_view.camera = to_camera_view(view.camera);
   train_view.n_valid = static_cast<std::int64_t>(width) * height;
   if (view.valid) {
     B3DGS_CHECK(view.valid->width == width && view.valid->height == height, "the mask of view ", view.name,

@@ -22,7 +22,7 @@ namespace b3dgs {
 struct TrainView {
   std::string name;
   std::int32_t index = 0;  // in Scene::train
-  PinholeView camera{};
+  CameraView camera{};
   torch::Tensor truth;       // [H, W, 3] uint8
   torch::Tensor valid;       // [H, W] uint8, 0 = pixel is ignored; undefined = all pixels count
   torch::Tensor empty;       // [H, W] uint8, 255 = nothing may be there (View::empty); undefined = no such pixel

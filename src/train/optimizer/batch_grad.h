@@ -4,6 +4,7 @@
 #pragma once
 
 #include <cstdint>
+#include <type_traits>
 
 #include "config/batch_steps.h"
 #include "raster/math/gaussian_grad.h"
@@ -26,6 +27,7 @@ struct BatchGradArgs {
   int sh_degree = 0;  // that was rendered
   bool antialiasing = false;
   std::int32_t n_views = 0;
+  const ViewLens* lenses = nullptr;  // [n_views]; null: all are pinholes
   BatchView views[kMaxBatch]{};
 };
 
@@ -51,8 +53,8 @@ B3DGS_HD void add_sh_rest_grad(int degree, const Vec3f& dir, const Vec3f& grad_c
 
 /// Of Gaussian i, multiplied by `scale`: with 1 / n_views, the gradient of the mean. `rest` [rest_floats(sh_degree)]
 /// must be 0 and receives the *sum* with respect to the SH coefficients above degree 0. `sh_degree` must be that of
-/// `args`, kAntialiasing args.antialiasing.
-template <bool kAntialiasing>
+/// `args`, kAntialiasing args.antialiasing, Lens ViewLens or, if all views are pinholes, Pinhole.
+template <bool kAntialiasing, class Lens>
 B3DGS_HD BatchGrad batch_grad(const BatchGradArgs& args, std::int64_t i, int sh_degree, float scale, float* rest) {
   BatchGrad sum;
   for (std::int32_t v = 0; v < args.n_views; ++v) {
@@ -60,8 +62,16 @@ B3DGS_HD BatchGrad batch_grad(const BatchGradArgs& args, std::int64_t i, int sh_
     const std::int32_t index = view.record_of_gaussian[i];
     if (index < 0) continue;
     const SplatRecord record = view.records[index];
-    GaussianGrad grad = gaussian_grad<kAntialiasing>(args.gaussians, i, make_view_transform<float>(view.view),
-                                                     view.view.center, sh_degree, record.sum, record.clamped);
+    const auto through = [&](const auto& lens) {
+      return gaussian_grad<kAntialiasing>(args.gaussians, i, make_view_transform<float>(view.view), lens,
+                                          view.view.center, sh_degree, record.sum, record.clamped);
+    };
+    GaussianGrad grad;
+    if constexpr (std::is_same_v<Lens, Pinhole>) {
+      grad = through(Pinhole{});
+    } else {
+      grad = args.lenses[v].kind == LensKind::kPinhole ? through(Pinhole{}) : through(args.lenses[v]);
+    }
     if (!view.regularization.is_zero()) {
       add_regularization(view.regularization, args.gaussians.logit_opacities[i], load3(args.gaussians.log_scales, i),
                          grad.logit_opacity, grad.log_scales);

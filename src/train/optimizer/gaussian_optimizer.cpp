@@ -66,7 +66,7 @@ struct GaussianOptimizer::Impl {
   GaussianTensors grads;  // on the CPU
   ViewBatch batch;
   SplatOwner owner;
-  PinholeView view{};  // of the last forward()
+  CameraView view{};  // of the last forward()
   RenderSettings settings{};
 #if B3DGS_TORCH_CUDA
   cuda::DeferredSh deferred_sh;
@@ -76,7 +76,7 @@ struct GaussianOptimizer::Impl {
 GaussianOptimizer::GaussianOptimizer(Rasterizer& rasterizer) : impl_(std::make_unique<Impl>(rasterizer)) {}
 GaussianOptimizer::~GaussianOptimizer() = default;
 
-RenderedView GaussianOptimizer::forward(GaussianTensors& gaussians, AdamState& state, const PinholeView& view,
+RenderedView GaussianOptimizer::forward(GaussianTensors& gaussians, AdamState& state, const CameraView& view,
                                         RenderSettings settings) {
   impl_->view = view;
   impl_->settings = settings;
@@ -143,7 +143,7 @@ ViewStatistics GaussianOptimizer::keep_view(const RenderedViewGrad& view_grad, c
 }
 
 std::vector<ViewSplats> GaussianOptimizer::project_views(GaussianTensors& gaussians, AdamState& state,
-                                                         const std::vector<PinholeView>& views,
+                                                         const std::vector<CameraView>& views,
                                                          const std::vector<RenderSettings>& settings) {
   if (views.empty()) return {};
 #if B3DGS_TORCH_CUDA
@@ -162,7 +162,7 @@ std::vector<ViewSplats> GaussianOptimizer::project_views(GaussianTensors& gaussi
   return impl_->rasterizer.project_views(gaussians, views, settings);
 }
 
-ViewStatistics GaussianOptimizer::keep_splats(const ViewSplats& own, const torch::Tensor& sums, const PinholeView& view,
+ViewStatistics GaussianOptimizer::keep_splats(const ViewSplats& own, const torch::Tensor& sums, const CameraView& view,
                                               const RenderSettings& settings, const GaussianTensors& gaussians,
                                               std::int64_t n_splats, const RegularizationWeights& regularization) {
   make_room(gaussians, own.size());
@@ -187,6 +187,13 @@ void GaussianOptimizer::step_views(const AdamRates& rates, GaussianTensors& gaus
   if (!gaussians.means.is_cpu()) {
     cuda::BatchStepArgs args;
     args.grad = grad_args;
+    torch::Tensor lenses;  // freed in the order of the stream
+    if (grad_args.lenses != nullptr) {
+      constexpr std::int64_t kWords = sizeof(ViewLens) / sizeof(float);
+      lenses = torch::from_blob(const_cast<ViewLens*>(grad_args.lenses), {n_views, kWords}, torch::kFloat32)
+                   .to(gaussians.means.device());
+      args.grad.lenses = reinterpret_cast<const ViewLens*>(lenses.data_ptr<float>());
+    }
     args.adam = begin_adam_step(scaled, gaussians, state, n_views);
     args.rule = adam_rule(n_views);
     args.updates = impl_->deferred_sh.updates();

@@ -22,7 +22,7 @@ class GaussianOptimizer {
   ~GaussianOptimizer();
 
   /// Rasterizer::forward() for a training step.
-  RenderedView forward(GaussianTensors& gaussians, AdamState& state, const PinholeView& view, RenderSettings settings);
+  RenderedView forward(GaussianTensors& gaussians, AdamState& state, const CameraView& view, RenderSettings settings);
 
   /// Gradients of that view and of the regularisation, and one step along them. `stages` (may be null) records the
   /// optimizer stage, which on a GPU includes the projection's backward pass. Asynchronous on a GPU.
@@ -39,9 +39,9 @@ class GaussianOptimizer {
   /// keeps the sums of its splats: project_views() instead of forward(), keep_splats() instead of keep_view().
   /// `n_splats`: of the view, on all ranks. keep_splats() allocates; project_views() throws as forward() does.
   std::vector<ViewSplats> project_views(GaussianTensors& gaussians, AdamState& state,
-                                        const std::vector<PinholeView>& views,
+                                        const std::vector<CameraView>& views,
                                         const std::vector<RenderSettings>& settings);
-  ViewStatistics keep_splats(const ViewSplats& own, const torch::Tensor& sums, const PinholeView& view,
+  ViewStatistics keep_splats(const ViewSplats& own, const torch::Tensor& sums, const CameraView& view,
                              const RenderSettings& settings, const GaussianTensors& gaussians, std::int64_t n_splats,
                              const RegularizationWeights& regularization = {});
 

@@ -28,13 +28,13 @@ __device__ __forceinline__ void step_four(const AdamArgs& args, std::int64_t row
   v_at = v;
 }
 
-template <int kShDegree, bool kAntialiasing, bool kRegularized>
+template <int kShDegree, bool kAntialiasing, bool kRegularized, class Lens>
 __global__ void __launch_bounds__(kThreads) step_gaussians_kernel(const __grid_constant__ GaussianStepArgs args) {
   const std::int64_t i = static_cast<std::int64_t>(blockIdx.x) * kThreads + threadIdx.x;
   if (i >= args.backward.gaussians.n_gaussians) return;
   GaussianGrad grad{};
   if (args.backward.radii[i] > 0) {
-    grad = gaussian_grad<kShDegree, kAntialiasing>(args.backward, i);
+    grad = gaussian_grad<kShDegree, kAntialiasing, Lens>(args.backward, i);
     if (rest_floats(kShDegree) > 0) {
       float4* const update = reinterpret_cast<float4*>(args.updates + i);
       update[0] = make_float4(grad.color.x, grad.color.y, grad.color.z, __int_as_float(args.n_deferred));
@@ -94,7 +94,7 @@ __device__ __forceinline__ void step_rests(const BatchStepArgs& args, std::int64
   }
 }
 
-template <int kShDegree, bool kAntialiasing>
+template <int kShDegree, bool kAntialiasing, class Lens>
 __global__ void __launch_bounds__(kThreads) step_batch_kernel(const __grid_constant__ BatchStepArgs args) {
   constexpr int kActive = rest_floats(kShDegree);
   __shared__ float rests[kThreads * kActive + 1];
@@ -105,7 +105,7 @@ __global__ void __launch_bounds__(kThreads) step_batch_kernel(const __grid_const
   for (int k = 0; k < kActive; ++k) own_rest[k] = 0;
   is_seen[threadIdx.x] = false;
   if (i < args.grad.gaussians.n_gaussians) {
-    const BatchGrad grad = batch_grad<kAntialiasing>(args.grad, i, kShDegree, scale, own_rest);
+    const BatchGrad grad = batch_grad<kAntialiasing, Lens>(args.grad, i, kShDegree, scale, own_rest);
     is_seen[threadIdx.x] = grad.is_seen;
     if (kActive > 0 && grad.is_seen) {
       reinterpret_cast<float4*>(args.updates + i)[0] = make_float4(0, 0, 0, __int_as_float(args.n_deferred + 1));
@@ -133,13 +133,16 @@ void step_gaussians(const GaussianStepArgs& args, const LaunchContext& context) 
   if (n == 0) return;
   with_sh_degree(args.backward.sh_degree, [&](auto degree) {
     const auto launch = [&](auto kernel) { kernel<<<blocks_of(n), kThreads, 0, context.stream>>>(args); };
-    if (args.regularization.is_zero()) {
-      launch(args.backward.antialiasing ? step_gaussians_kernel<degree.value, true, false>
-                                        : step_gaussians_kernel<degree.value, false, false>);
-    } else {
-      launch(args.backward.antialiasing ? step_gaussians_kernel<degree.value, true, true>
-                                        : step_gaussians_kernel<degree.value, false, true>);
-    }
+    with_lens(args.backward.view.lens, [&](const auto& lens) {
+      using Lens = std::decay_t<decltype(lens)>;
+      if (args.regularization.is_zero()) {
+        launch(args.backward.antialiasing ? step_gaussians_kernel<degree.value, true, false, Lens>
+                                          : step_gaussians_kernel<degree.value, false, false, Lens>);
+      } else {
+        launch(args.backward.antialiasing ? step_gaussians_kernel<degree.value, true, true, Lens>
+                                          : step_gaussians_kernel<degree.value, false, true, Lens>);
+      }
+    });
   });
   B3DGS_CUDA_CHECK_LAUNCH();
 }
@@ -148,9 +151,17 @@ void step_batch(const BatchStepArgs& args, const LaunchContext& context) {
   const std::int64_t n = args.grad.gaussians.n_gaussians;
   if (n == 0) return;
   with_sh_degree(args.grad.sh_degree, [&](auto degree) {
-    const auto kernel =
-        args.grad.antialiasing ? step_batch_kernel<degree.value, true> : step_batch_kernel<degree.value, false>;
-    kernel<<<blocks_of(n), kThreads, 0, context.stream>>>(args);
+    const auto launch = [&](auto lens) {
+      using Lens = decltype(lens);
+      const auto kernel = args.grad.antialiasing ? step_batch_kernel<degree.value, true, Lens>
+                                                 : step_batch_kernel<degree.value, false, Lens>;
+      kernel<<<blocks_of(n), kThreads, 0, context.stream>>>(args);
+    };
+    if (args.grad.lenses == nullptr) {
+      launch(Pinhole{});
+    } else {
+      launch(ViewLens{});
+    }
   });
   B3DGS_CUDA_CHECK_LAUNCH();
 }

@@ -19,8 +19,10 @@ void ViewBatch::make_room(std::int64_t n_gaussians, std::int64_t n_splats, torch
   place_tensor(slot.splats.record_of_gaussian, slot.index_room, {n_gaussians}, floats.dtype(torch::kInt32), kSpare);
 }
 
-void ViewBatch::add(const PinholeView& view, const RenderSettings& settings, const RegularizationGrad& regularization) {
+void ViewBatch::add(const CameraView& view, const RenderSettings& settings, const RegularizationGrad& regularization) {
   if (n_views_ == 0) {
+    lenses_.clear();
+    has_lenses_ = false;
     sh_degree_ = settings.sh_degree;
     antialiasing_ = settings.antialiasing;
   }
@@ -29,6 +31,8 @@ void ViewBatch::add(const PinholeView& view, const RenderSettings& settings, con
   Slot& slot = slots_[static_cast<std::size_t>(n_views_++)];
   slot.view = view;
   slot.regularization = regularization;
+  lenses_.push_back(view.lens);
+  has_lenses_ = has_lenses_ || view.lens.kind != LensKind::kPinhole;
 }
 
 BatchGradArgs ViewBatch::grad_args(const GaussianArrays& gaussians) const {
@@ -37,6 +41,7 @@ BatchGradArgs ViewBatch::grad_args(const GaussianArrays& gaussians) const {
   args.sh_degree = sh_degree_;
   args.antialiasing = antialiasing_;
   args.n_views = n_views_;
+  args.lenses = has_lenses_ ? lenses_.data() : nullptr;
   for (std::size_t v = 0; v < static_cast<std::size_t>(n_views_); ++v) {
     const Slot& slot = slots_[v];
     B3DGS_CHECK(slot.splats.record_of_gaussian.numel() == gaussians.n_gaussians, "a view of ",
@@ -65,12 +70,14 @@ void batch_gradients(const BatchGradArgs& args, const GaussianGradArrays& out) {
   constexpr std::int64_t kGrain = 1024;
   const std::int64_t rest = rest_floats(args.gaussians.sh_degree_max);
   const float scale = 1.0f / static_cast<float>(args.n_views);
+  const auto grad_of = args.lenses == nullptr
+                           ? (args.antialiasing ? batch_grad<true, Pinhole> : batch_grad<false, Pinhole>)
+                           : (args.antialiasing ? batch_grad<true, ViewLens> : batch_grad<false, ViewLens>);
   parallel_chunks(args.gaussians.n_gaussians, kGrain, [&](std::int64_t begin, std::int64_t end) {
     std::fill(out.shN + rest * begin, out.shN + rest * end, 0.0f);
     for (std::int64_t i = begin; i < end; ++i) {
       float* const own_rest = out.shN + rest * i;
-      const BatchGrad grad = args.antialiasing ? batch_grad<true>(args, i, args.sh_degree, scale, own_rest)
-                                               : batch_grad<false>(args, i, args.sh_degree, scale, own_rest);
+      const BatchGrad grad = grad_of(args, i, args.sh_degree, scale, own_rest);
       store3(out.means, i, grad.mean);
       store3(out.log_scales, i, grad.log_scales);
       store4(out.quats, i, grad.quat);

@@ -22,9 +22,9 @@ class ViewBatch {
   const SplatRecordTensors& room() const { return slots_[static_cast<std::size_t>(n_views_)].splats; }
 
   /// The splats of this view have been written to room().
-  void add(const PinholeView& view, const RenderSettings& settings, const RegularizationGrad& regularization);
+  void add(const CameraView& view, const RenderSettings& settings, const RegularizationGrad& regularization);
 
-  /// Arguments for these Gaussians, which must not have changed since the views were rendered.
+  /// Arguments for these Gaussians, which must not have changed since the views were rendered. `lenses` is on the host.
   BatchGradArgs grad_args(const GaussianArrays& gaussians) const;
 
   /// Removes all views.
@@ -41,6 +41,8 @@ class ViewBatch {
     RegularizationGrad regularization{};
   };
   std::vector<Slot> slots_;
+  std::vector<ViewLens> lenses_;  // of the views
+  bool has_lenses_ = false;       // some are no pinholes
   int n_views_ = 0;
   int sh_degree_ = 0;
   bool antialiasing_ = false;

@@ -49,7 +49,7 @@ bool PoseRefiner::refines(std::int32_t view, int iteration) const {
   return config_.pose_opt && iteration > config_.densify_from_iter && view > 0 && view < last;
 }
 
-PinholeView PoseRefiner::camera(std::int32_t view, int iteration) {
+CameraView PoseRefiner::camera(std::int32_t view, int iteration) {
   if (refines(view, iteration)) make_room();
   const auto is_of_view = [&](const Unfinished& step) { return step.view == view; };
   if (std::any_of(unfinished_.begin(), unfinished_.end(), is_of_view)) finish_step();
@@ -57,7 +57,7 @@ PinholeView PoseRefiner::camera(std::int32_t view, int iteration) {
   if (state_.is_defined()) {
     camera.cam_from_world = corrected(camera.cam_from_world, state_.correction(static_cast<std::size_t>(view)));
   }
-  return to_pinhole_view(camera);
+  return to_camera_view(camera);
 }
 
 void PoseRefiner::make_room() {

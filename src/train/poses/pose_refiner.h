@@ -30,7 +30,7 @@ class PoseRefiner {
 
   /// The camera with its corrected pose, for an iteration. If its last step has begun and is unfinished, waits for the
   /// GPU. Allocates what the iteration's step needs.
-  PinholeView camera(std::int32_t view, int iteration);
+  CameraView camera(std::int32_t view, int iteration);
 
   /// Takes the gradient of an iteration (ViewStatistics::camera_grad), one or several for each step; those of the last
   /// step must be finished. Asynchronous on a GPU.

@@ -16,7 +16,7 @@ class ForwardBlend final : public BlendPass {
  public:
   explicit ForwardBlend(const BlendInput& input) : input_(input) {}
 
-  void prepare(const PinholeView& view) override { input_.forward(view); }
+  void prepare(const CameraView& view) override { input_.forward(view); }
   void run(const std::string& kernel) override { image_ = input_.rasterizer.reblend(forward_kernel(kernel)); }
   void keep() override { kept_ = {image_.color.clone(), {}, image_.alpha.clone()}; }
   std::string fault() const override { return image_fault(image_, kept_); }
@@ -30,7 +30,7 @@ class BackwardBlend final : public BlendPass {
  public:
   explicit BackwardBlend(const BlendInput& input) : input_(input) {}
 
-  void prepare(const PinholeView& view) override {
+  void prepare(const CameraView& view) override {
     const torch::Tensor color = input_.forward(view).color;
     // The amount of work does not depend on the gradient's values; this one is nonzero at every pixel.
     grad_.color = torch::full_like(color, 1.0 / static_cast<double>(color.numel()));
@@ -279,8 +279,7 @@ KernelCheck KernelChooser::check_pass(const char* pass, const CheckMoment& now, 
 
 std::vector<KernelMeasurement> KernelChooser::measure(const std::vector<std::string>& kernels,
                                                       const std::string& reference, BlendPass& blend,
-                                                      const std::vector<PinholeView>& views,
-                                                      const IsEnough& is_enough) {
+                                                      const std::vector<CameraView>& views, const IsEnough& is_enough) {
   std::vector<KernelMeasurement> found;
   found.reserve(kernels.size());
   for (const std::string& name : kernels) found.push_back({name, {}, {}});

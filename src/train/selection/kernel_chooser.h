@@ -32,13 +32,13 @@ std::string gradient_fault(const torch::Tensor& sums, const torch::Tensor& refer
 struct BlendInput {
   Rasterizer& rasterizer;
   const GaussianTensors& gaussians;
-  RenderSettings settings;         // of training steps
-  std::vector<PinholeView> views;  // the next views of the training
+  RenderSettings settings;        // of training steps
+  std::vector<CameraView> views;  // the next views of the training
   // Renders a view and leaves it in `rasterizer`. Empty: rasterizer.forward(gaussians, view, settings).
-  std::function<RenderedView(const PinholeView&, const RenderSettings&)> render{};
+  std::function<RenderedView(const CameraView&, const RenderSettings&)> render{};
   std::vector<MemoryRemedy> remedies{};  // with_remedies()
 
-  RenderedView forward(const PinholeView& view) const {
+  RenderedView forward(const CameraView& view) const {
     return render ? render(view, settings) : rasterizer.forward(gaussians, view, settings);
   }
 };
@@ -47,7 +47,7 @@ class BlendPass {
  public:
   virtual ~BlendPass() = default;
   /// Everything before blending, and a first blend. @throws NumericError
-  virtual void prepare(const PinholeView& view) = 0;
+  virtual void prepare(const CameraView& view) = 0;
   virtual void run(const std::string& kernel) = 0;
   /// Keeps the result of the last run().
   virtual void keep() = 0;
@@ -138,7 +138,7 @@ class KernelChooser {
                          const BlendInput& input);
   /// Times kernels on the views. A kernel that disagrees with `reference` gets a fault and no times.
   std::vector<KernelMeasurement> measure(const std::vector<std::string>& kernels, const std::string& reference,
-                                         BlendPass& blend, const std::vector<PinholeView>& views,
+                                         BlendPass& blend, const std::vector<CameraView>& views,
                                          const IsEnough& is_enough);
   KernelTimer& timer();
 

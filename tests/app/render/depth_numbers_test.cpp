@@ -46,7 +46,7 @@ TEST(RenderedDepth, IsTheSameInFilesOfNumbers) {
   const double scale = nlohmann::json::parse(test::read_bytes(folder / "png16/depth.json")).at("scale");
   ::setenv("OPENCV_IO_ENABLE_OPENEXR", "1", 0);
   for (const std::size_t i : {0, 1}) {
-    const RenderedView rendered = renderer.render(to_pinhole_view(cameras[i].camera));
+    const RenderedView rendered = renderer.render(to_camera_view(cameras[i].camera));
     const std::vector<float> expected = mean_depths(rendered.depth, rendered.alpha);
     ASSERT_GT(*std::max_element(expected.begin(), expected.end()), 4);
     ASSERT_EQ(*std::min_element(expected.begin(), expected.end()), 0) << "nothing is seen in the corners";

@@ -98,7 +98,7 @@ struct DeviceOwned {
 /// The CUDA rasterizer on tensors in host memory, for expect_same_through_splats().
 class CudaSplit {
  public:
-  std::optional<ViewSplats> project(const GaussianTensors& gaussians, const PinholeView& view,
+  std::optional<ViewSplats> project(const GaussianTensors& gaussians, const CameraView& view,
                                     const RenderSettings& settings) {
     const DeviceGaussians device(gaussians);
     std::optional<DeviceSplats> splats;
@@ -113,7 +113,7 @@ class CudaSplit {
 
   /// The same for several views at once, each with room for `capacity` splats; and how many it sees.
   std::vector<std::pair<ViewSplats, std::int64_t>> project_views(const GaussianTensors& gaussians,
-                                                                 const std::vector<PinholeView>& views,
+                                                                 const std::vector<CameraView>& views,
                                                                  const RenderSettings& settings,
                                                                  std::int64_t capacity) {
     const DeviceGaussians device(gaussians);
@@ -150,7 +150,7 @@ class CudaSplit {
     return view;
   }
 
-  RenderedView forward_splats(const ViewSplats& splats, const PinholeView& view, const RenderSettings& settings) {
+  RenderedView forward_splats(const ViewSplats& splats, const CameraView& view, const RenderSettings& settings) {
     images_.emplace(view);
     const DeviceSplats device(splats);
     rasterizer_->forward_splats(device.rows(), view, settings, images_->arrays());
@@ -189,7 +189,7 @@ class CudaSplit {
  private:
   /// Images in device memory.
   struct Images {
-    explicit Images(const PinholeView& view)
+    explicit Images(const CameraView& view)
         : h(view.height), w(view.width), color(3 * h * w), depth(h * w), alpha(h * w) {}
     ImageArrays arrays() const { return {color.data(), depth.data(), alpha.data()}; }
     RenderedView to_host() const {
@@ -259,12 +259,12 @@ TEST(SplitViewCuda, ProjectsSeveralViewsWithOneWait) {
   B3DGS_NEEDS_GPU();
   const TestScene scene = large_cloud();
   const RenderSettings settings = settings_of(scene);
-  PinholeView other = scene.view;
+  CameraView other = scene.view;
   other.width /= 2;  // sees fewer
-  const std::vector<PinholeView> views{scene.view, other, scene.view};
+  const std::vector<CameraView> views{scene.view, other, scene.view};
   CudaSplit split;
   std::vector<ViewSplats> expected;
-  for (const PinholeView& view : views) expected.push_back(*split.project(scene.gaussians, view, settings));
+  for (const CameraView& view : views) expected.push_back(*split.project(scene.gaussians, view, settings));
   ASSERT_LT(expected[1].size(), expected[0].size());
   ASSERT_GT(expected[1].size(), 100);
   const std::int64_t all = scene.gaussians.size();

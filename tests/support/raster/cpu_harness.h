@@ -117,13 +117,8 @@ class CpuView {
     return copy;
   }
 
-  /// [H, W] int64, index of the last Gaussian blended, -1 if none; from last_ids and the tiles' lists. Splats are the
-  /// seen Gaussians in their order.
+  /// [H, W] int64, index of the last Gaussian blended, -1 if none; from last_ids and the tiles' lists.
   torch::Tensor last_gaussians() const {
-    std::vector<std::int64_t> gaussian_of_splat;
-    for (std::int64_t i = 0; i < scene_.gaussians.size(); ++i) {
-      if (rasterizer_->radii()[i] > 0) gaussian_of_splat.push_back(i);
-    }
     const TileGrid grid = rasterizer_->grid();
     const BinnedSplats bins = rasterizer_->bins();
     torch::Tensor last = torch::full({grid.image_height, grid.image_width}, -1, torch::kInt64);
@@ -133,7 +128,7 @@ class CpuView {
         const std::int32_t id = rasterizer_->last_ids()[y * grid.image_width + x];
         if (id < 0) continue;
         const std::int32_t tile = y / grid.tile.height * grid.columns + x / grid.tile.width;
-        places[y][x] = gaussian_of_splat.at(static_cast<std::size_t>(bins.splat_ids[bins.tile_offsets[tile] + id]));
+        places[y][x] = std::int64_t{rasterizer_->splats()[bins.splat_ids[bins.tile_offsets[tile] + id]].gaussian};
       }
     }
     return last;

@@ -49,7 +49,7 @@ torch::Tensor rotations(const torch::Tensor& quats) {
 struct DensePose {
   torch::Tensor rotation, translation, center;  // [3, 3], [3], [3]
 
-  DensePose(const PinholeView& view, const torch::Tensor& motion)
+  DensePose(const CameraView& view, const torch::Tensor& motion)
       : rotation(matrix3(view.rotation)), translation(vector3(view.translation)), center(vector3(view.center)) {
     if (!motion.defined()) return;
     const torch::Tensor zero = torch::zeros({}, torch::kFloat64), x = motion[0], y = motion[1], z = motion[2];
@@ -80,10 +80,93 @@ torch::Tensor sh_colors(const GaussianTensors& gaussians, const torch::Tensor& m
   return (basis.unsqueeze(2) * coefficients).sum(1) + 0.5;
 }
 
+/// [N, 3] standard deviations, of the 3D filter if there is one.
+torch::Tensor filtered(const GaussianTensors& leaves, const RenderSettings& settings) {
+  const torch::Tensor scales = leaves.log_scales.exp();
+  if (!settings.antialiasing || !leaves.filters.defined()) return scales;
+  return (scales.square() + leaves.filters.square().unsqueeze(1)).sqrt();
+}
+
 /// x / z or y / z, clamped to the extended image, for the Jacobian of the projection.
 torch::Tensor clamp_slope(const torch::Tensor& slope, double focal, double center, double size) {
   const double margin = kMargin * 0.5 * size / focal;
   return slope.clamp(-center / focal - margin, (size - center) / focal + margin);
+}
+
+// Lenses: the base projection and the distortion as torch operations, and autograd for the Jacobian.
+
+constexpr double kMaxLatitude = 86 * kPi / 180;
+constexpr double kAngleMargin = 0.35, kMaxSpread = 0.5;
+
+bool sees_all_around(const CameraView& view) {
+  return view.lens.kind == LensKind::kFisheye || view.lens.kind == LensKind::kEquirectangular;
+}
+
+/// [N] angles to the axis of points [N, 3].
+torch::Tensor angles_to_axis(const torch::Tensor& points) {
+  return torch::atan2(points.slice(1, 0, 2).norm(2, 1), column(points, 2));
+}
+
+/// [N, 2] px
+torch::Tensor lens_pixels(const CameraView& view, const torch::Tensor& points) {
+  const torch::Tensor x = column(points, 0), y = column(points, 1), z = column(points, 2);
+  const auto k = [&](int i) { return double{view.lens.k[i]}; };
+  torch::Tensor a = x / z, b = y / z;
+  if (view.lens.kind == LensKind::kEquirectangular) {
+    return torch::stack({view.fx * torch::atan2(x, z) + double{view.cx},
+                         view.fy * torch::atan2(y, (x * x + z * z).sqrt()) + double{view.cy}},
+                        1);
+  }
+  if (view.lens.kind == LensKind::kFisheye) {
+    const torch::Tensor rho = (x * x + y * y).sqrt(), scale = torch::atan2(rho, z) / rho;
+    a = scale * x;
+    b = scale * y;
+  }
+  const torch::Tensor s = a * a + b * b, r = s.sqrt();
+  torch::Tensor factor = (1 + k(0) * s + k(1) * s.pow(2) + k(2) * s.pow(3) + k(3) * s.pow(4)) /
+                         (1 + k(4) * s + k(5) * s.pow(2) + k(6) * s.pow(3));
+  if (view.lens.kind == LensKind::kFov) factor = torch::atan(2 * std::tan(k(0) / 2) * r) / (k(0) * r);
+  if (view.lens.kind == LensKind::kDivision) factor = 2 / (1 + (1 - 4 * k(0) * s).sqrt());
+  if (view.lens.kind == LensKind::kEucm) factor = 1 / (k(0) * (k(1) * s + 1).sqrt() + 1 - k(0));
+  const torch::Tensor u = a * factor + 2 * k(7) * a * b + k(8) * (s + 2 * a * a) + k(9) * s;
+  const torch::Tensor v = b * factor + k(7) * (s + 2 * b * b) + 2 * k(8) * a * b + k(10) * s;
+  return torch::stack({view.fx * u + double{view.cx}, view.fy * v + double{view.cy}}, 1);
+}
+
+/// The nearest points that the lens is linearised at, without graph, and which [N] differ from the points.
+std::pair<torch::Tensor, torch::Tensor> limited_points(const CameraView& view, const torch::Tensor& points) {
+  const torch::Tensor x = column(points, 0), y = column(points, 1), z = column(points, 2);
+  const torch::Tensor t = points.norm(2, 1);
+  if (view.lens.kind == LensKind::kEquirectangular) {
+    const torch::Tensor h = (x * x + z * z).sqrt(), latitude = torch::atan2(y, h);
+    const torch::Tensor scale = t * std::cos(kMaxLatitude) / h;
+    return {torch::stack({scale * x, t * latitude.sign() * std::sin(kMaxLatitude), scale * z}, 1).detach(),
+            latitude.abs() > kMaxLatitude};
+  }
+  const double limit = double{view.lens.max_angle};
+  const torch::Tensor rho = (x * x + y * y).sqrt(), is_limited = angles_to_axis(points) > limit;
+  if (view.lens.kind == LensKind::kFisheye) {
+    const torch::Tensor scale = t * std::sin(limit) / rho;
+    return {torch::stack({scale * x, scale * y, t * std::cos(limit)}, 1).detach(), is_limited};
+  }
+  const torch::Tensor scale = z * std::tan(limit) / rho;
+  return {torch::stack({scale * x, scale * y, z}, 1).detach(), is_limited};
+}
+
+/// Projected centres [N, 2] and Jacobians [N, 2, 3] of points [N, 3].
+std::pair<torch::Tensor, torch::Tensor> project_through_lens(const CameraView& view, const torch::Tensor& given) {
+  const torch::AutoGradMode with_graph(true);
+  const torch::Tensor points = given.requires_grad() ? given : given.detach().requires_grad_(true);
+  const auto [limited, is_limited] = limited_points(view, points);
+  const torch::Tensor at = torch::where(is_limited.unsqueeze(1), limited, points);
+  const torch::Tensor pixels = lens_pixels(view, at);
+  std::vector<torch::Tensor> rows;
+  for (int i = 0; i < 2; ++i) {
+    rows.push_back(torch::autograd::grad({column(pixels, i).sum()}, {at}, {}, /*retain_graph=*/true,
+                                         /*create_graph=*/true)[0]);
+  }
+  const torch::Tensor jacobian = torch::stack(rows, 1);
+  return {pixels + torch::matmul(jacobian, (points - at).unsqueeze(2)).squeeze(2), jacobian};
 }
 
 class HazardList {
@@ -197,7 +280,7 @@ GaussianTensors to_dense_leaves(const GaussianTensors& gaussians) {
   return leaves;
 }
 
-DenseView dense_render(const GaussianTensors& leaves, const PinholeView& view, const RenderSettings& settings,
+DenseView dense_render(const GaussianTensors& leaves, const CameraView& view, const RenderSettings& settings,
                        const torch::Tensor& motion) {
   const std::int64_t width = view.width, height = view.height;
   HazardList hazards;
@@ -206,10 +289,22 @@ DenseView dense_render(const GaussianTensors& leaves, const PinholeView& view, c
   // Centres, and the rows that are seen, nearest first.
   const DensePose pose(view, motion);
   const torch::Tensor all_centers = torch::matmul(leaves.means, pose.rotation.t()) + pose.translation;
-  const torch::Tensor all_depths = column(all_centers, 2).detach();
+  const bool is_pinhole = view.lens.kind == LensKind::kPinhole, is_radial = sees_all_around(view);
+  const torch::Tensor all_depths = (is_radial ? all_centers.norm(2, 1) : column(all_centers, 2)).detach();
   const torch::Tensor all_rows = torch::arange(leaves.size(), torch::kInt64);
   hazards.add("near plane", is_near(all_depths, settings.near_plane), all_rows);
-  const torch::Tensor seen = all_rows.masked_select(all_depths >= double{settings.near_plane});
+  torch::Tensor is_before = all_depths >= double{settings.near_plane};
+  if (is_radial) {
+    const torch::Tensor spread = filtered(leaves, settings).detach().amax(1) / all_depths;
+    hazards.add("largest spread", is_near(spread, kMaxSpread), all_rows);
+    is_before = is_before & (spread <= kMaxSpread);
+  }
+  if (view.lens.kind == LensKind::kFisheye) {
+    const torch::Tensor angles = angles_to_axis(all_centers.detach());
+    hazards.add("largest angle", is_near(angles, view.lens.max_angle + kAngleMargin), all_rows);
+    is_before = is_before & (angles <= view.lens.max_angle + kAngleMargin);
+  }
+  const torch::Tensor seen = all_rows.masked_select(is_before);
   const torch::Tensor order =
       std::get<1>(torch::sort(all_depths.index_select(0, seen), /*stable=*/true, /*dim=*/0, /*descending=*/false));
   const torch::Tensor rows = seen.index_select(0, order);
@@ -218,31 +313,44 @@ DenseView dense_render(const GaussianTensors& leaves, const PinholeView& view, c
   const torch::Tensor means = leaves.means.index_select(0, rows);
   const torch::Tensor centers = all_centers.index_select(0, rows);
   const torch::Tensor x = column(centers, 0), y = column(centers, 1), z = column(centers, 2);
+  const torch::Tensor depth = is_radial ? centers.norm(2, 1) : z;
   if (n_seen > 1) {
-    const torch::Tensor gap = z.detach().diff();
-    hazards.add("order", (gap > 0) & (gap < kDecisionBand * z.detach().slice(0, 1)), rows.slice(0, 1));
+    const torch::Tensor gap = depth.detach().diff();
+    hazards.add("order", (gap > 0) & (gap < kDecisionBand * depth.detach().slice(0, 1)), rows.slice(0, 1));
   }
 
   // Projection. means2d is a separate tensor, so that autograd gives a gradient with respect to it.
-  const torch::Tensor projected =
-      torch::stack({view.fx * x / z + double{view.cx}, view.fy * y / z + double{view.cy}}, 1);
+  torch::Tensor projected = torch::stack({view.fx * x / z + double{view.cx}, view.fy * y / z + double{view.cy}}, 1);
+  torch::Tensor jacobian;
+  if (!is_pinhole) {
+    std::tie(projected, jacobian) = project_through_lens(view, centers);
+    const torch::Tensor latitude = torch::atan2(y, (x * x + z * z).sqrt()).detach().abs();
+    hazards.add("lens limit",
+                view.lens.kind == LensKind::kEquirectangular
+                    ? is_near(latitude, kMaxLatitude)
+                    : is_near(angles_to_axis(centers.detach()), view.lens.max_angle),
+                rows);
+  }
   out.means2d = torch::zeros({leaves.size(), 2}, torch::kFloat64).index_copy(0, rows, projected);
   const torch::Tensor means2d = out.means2d.index_select(0, rows);
 
-  const torch::Tensor slope_x = x / z, slope_y = y / z;
-  const torch::Tensor clamped_x = clamp_slope(slope_x, view.fx, view.cx, width);
-  const torch::Tensor clamped_y = clamp_slope(slope_y, view.fy, view.cy, height);
-  for (const auto& [slope, focal, center, size] :
-       {std::tuple(slope_x, view.fx, view.cx, width), std::tuple(slope_y, view.fy, view.cy, height)}) {
-    const double margin = kMargin * 0.5 * static_cast<double>(size) / focal;
-    hazards.add("frustum clamp", is_near(slope.detach(), -double{center} / focal - margin), rows);
-    hazards.add("frustum clamp", is_near(slope.detach(), (static_cast<double>(size) - center) / focal + margin), rows);
+  if (is_pinhole) {
+    const torch::Tensor slope_x = x / z, slope_y = y / z;
+    const torch::Tensor clamped_x = clamp_slope(slope_x, view.fx, view.cx, width);
+    const torch::Tensor clamped_y = clamp_slope(slope_y, view.fy, view.cy, height);
+    for (const auto& [slope, focal, center, size] :
+         {std::tuple(slope_x, view.fx, view.cx, width), std::tuple(slope_y, view.fy, view.cy, height)}) {
+      const double margin = kMargin * 0.5 * static_cast<double>(size) / focal;
+      hazards.add("frustum clamp", is_near(slope.detach(), -double{center} / focal - margin), rows);
+      hazards.add("frustum clamp", is_near(slope.detach(), (static_cast<double>(size) - center) / focal + margin),
+                  rows);
+    }
+    const torch::Tensor zero = torch::zeros_like(z);
+    jacobian = torch::stack({view.fx / z, zero, -view.fx * (clamped_x * z) / (z * z),  //
+                             zero, view.fy / z, -view.fy * (clamped_y * z) / (z * z)},
+                            1)
+                   .view({-1, 2, 3});
   }
-  const torch::Tensor zero = torch::zeros_like(z);
-  const torch::Tensor jacobian = torch::stack({view.fx / z, zero, -view.fx * (clamped_x * z) / (z * z),  //
-                                               zero, view.fy / z, -view.fy * (clamped_y * z) / (z * z)},
-                                              1)
-                                     .view({-1, 2, 3});
   const torch::Tensor scales = leaves.log_scales.index_select(0, rows).exp();
   torch::Tensor filtered_scales = scales;
   torch::Tensor opacity = torch::sigmoid(leaves.logit_opacities.index_select(0, rows));
@@ -296,7 +404,8 @@ DenseView dense_render(const GaussianTensors& leaves, const PinholeView& view, c
   // Every pixel against every Gaussian: [n_pixels, n_seen].
   const torch::Tensor pixel_x = torch::arange(width, torch::kFloat64).repeat({height});
   const torch::Tensor pixel_y = torch::arange(height, torch::kFloat64).repeat_interleave(width);
-  const torch::Tensor dx = pixel_x.unsqueeze(1) + 0.5 - column(means2d, 0);
+  torch::Tensor dx = pixel_x.unsqueeze(1) + 0.5 - column(means2d, 0);
+  if (view.lens.kind == LensKind::kEquirectangular) dx = dx - width * (dx.detach() / width).round();  // nearest copy
   const torch::Tensor dy = pixel_y.unsqueeze(1) + 0.5 - column(means2d, 1);
   const torch::Tensor sigma =
       0.5 * (yy / determinant * dx * dx - 2.0 * xy / determinant * dx * dy + xx / determinant * dy * dy);
@@ -325,7 +434,7 @@ DenseView dense_render(const GaussianTensors& leaves, const PinholeView& view, c
 
   out.color =
       (torch::matmul(weights, colors) + remaining.unsqueeze(1) * vector3(settings.background)).view({height, width, 3});
-  out.depth = torch::mv(weights, settings.inverse_depth ? 1 / z : z).view({height, width});
+  out.depth = torch::mv(weights, settings.inverse_depth ? 1 / depth : depth).view({height, width});
   out.alpha = (1.0 - remaining).view({height, width});
 
   out.weights = weights.detach();

@@ -5,6 +5,11 @@
 //
 // What it computes, per pixel with centre p = (column + 0.5, row + 0.5):
 //   camera frame    c = R mean + t, +x right, +y down, +z forward; seen if c.z >= near plane (equality is seen)
+//   lens            of other lenses than the pinhole, by its formula (raster/view_lens.h): J and the centre are those
+//   of
+//                   the nearest point within the lens's limit, without gradient through that choice; fisheyes and
+//                   panoramas have |c| in place of c.z, and do not see Gaussians whose largest standard deviation is
+//                   above half of it
 //   order           by c.z, equal depths by index
 //   covariance      Q S S Q^T with Q of the normalised quaternion (w x y z) and S = diag(exp(log_scales))
 //   projection      J R cov R^T J^T + 0.3 px^2 on the diagonal; J is evaluated at the centre, with x/z and y/z clamped
@@ -71,7 +76,7 @@ GaussianTensors to_dense_leaves(const GaussianTensors& gaussians);
 /// matters only for `seen` and for Culling::kSquare, where a Gaussian reaches only the pixels of the tiles
 /// [floor((mean - radius) / tile), ceil((mean + radius) / tile)), per axis and within the image. `motion`: [6] double,
 /// w (rad) and v (world units); undefined: none.
-DenseView dense_render(const GaussianTensors& leaves, const PinholeView& view, const RenderSettings& settings,
+DenseView dense_render(const GaussianTensors& leaves, const CameraView& view, const RenderSettings& settings,
                        const torch::Tensor& motion = {});
 
 /// Gradients of sum(color * grad.color) + sum(depth * grad.depth) + sum(alpha * grad.alpha); an undefined tensor means

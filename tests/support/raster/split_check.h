@@ -82,10 +82,10 @@ inline void expect_rows_of_view(const OwnedView& found, const OwnedView& all, co
 
 /// The Gaussians of a scene, in shards that are dealt out one by one and projected by different objects of type Split,
 /// and rendered by another. Split has the passes of Rasterizer and SplatOwner on host tensors:
-///   std::optional<ViewSplats> project(GaussianTensors, PinholeView, RenderSettings), without a value for an invalid
+///   std::optional<ViewSplats> project(GaussianTensors, CameraView, RenderSettings), without a value for an invalid
 ///     Gaussian;
 ///   std::optional<WholeView> whole(scene, settings, grad, error) and
-///   RenderedView forward_splats(ViewSplats, PinholeView, RenderSettings), backward_splats(grad), score_splats(error);
+///   RenderedView forward_splats(ViewSplats, CameraView, RenderSettings), backward_splats(grad), score_splats(error);
 ///   OwnedView keep(ViewSplats, sums, scores, n_gaussians).
 /// Returns whether the scene can be rendered.
 template <class Split>

@@ -69,9 +69,18 @@ struct Splat2D {
   std::array<double, 3> color{0.5, 0.5, 0.5};  // degree 0
 };
 
+/// The same, described in space.
+struct SphereSplat {
+  std::array<double, 3> camera{0, 0, 1};  // camera coordinates
+  std::array<double, 3> size{1, 1, 1};    // standard deviations, world units
+  Quat quat{1, 0, 0, 0};
+  double opacity = 0.5;
+  std::array<double, 3> color{0.5, 0.5, 0.5};
+};
+
 class SceneBuilder {
  public:
-  SceneBuilder(const PinholeView& view, int sh_degree_max) : sh_degree_max_(sh_degree_max) {
+  SceneBuilder(const CameraView& view, int sh_degree_max) : sh_degree_max_(sh_degree_max) {
     scene_.view = view;
     scene_.sh_degree = sh_degree_max;
   }
@@ -79,16 +88,25 @@ class SceneBuilder {
   /// Adds a Gaussian; `sh_amplitude` bounds its coefficients above degree 0.
   void add(const Splat2D& splat, Random& random, double sh_amplitude = 0.0) {
     const PinholeView& view = scene_.view;
-    const std::array<double, 3> camera{(splat.x - view.cx) * splat.depth / view.fx - view.translation.x,
-                                       (splat.y - view.cy) * splat.depth / view.fy - view.translation.y,
-                                       splat.depth - view.translation.z};
+    SphereSplat sphere{
+        {(splat.x - view.cx) * splat.depth / view.fx, (splat.y - view.cy) * splat.depth / view.fy, splat.depth},
+        splat.size,
+        splat.quat,
+        splat.opacity,
+        splat.color};
+    for (double& size : sphere.size) size = size * std::abs(splat.depth) / view.fx;
+    add_in_space(sphere, random, sh_amplitude);
+  }
+
+  void add_in_space(const SphereSplat& splat, Random& random, double sh_amplitude = 0.0) {
+    const PinholeView& view = scene_.view;
+    const std::array<double, 3> camera{splat.camera[0] - view.translation.x, splat.camera[1] - view.translation.y,
+                                       splat.camera[2] - view.translation.z};
     const float* r = view.rotation.m;
     for (int i = 0; i < 3; ++i) {
       means_.push_back(static_cast<float>(r[i] * camera[0] + r[3 + i] * camera[1] + r[6 + i] * camera[2]));
     }
-    for (double size : splat.size) {
-      log_scales_.push_back(static_cast<float>(std::log(size * std::abs(splat.depth) / view.fx)));
-    }
+    for (double size : splat.size) log_scales_.push_back(static_cast<float>(std::log(size)));
     for (double c : splat.quat) quats_.push_back(static_cast<float>(c));
     logit_opacities_.push_back(static_cast<float>(std::log(splat.opacity / (1 - splat.opacity))));
     for (double c : splat.color) sh0_.push_back(static_cast<float>((c - 0.5) / kShDegree0));
@@ -453,6 +471,101 @@ TestScene smooth_scene() {
   return cloud_scene(view, 3, cloud, 23);
 }
 
+namespace {
+
+/// Gaussians in all directions of the camera up to `max_angle` (degrees).
+TestScene lens_scene(const CameraView& view, double max_angle, std::uint64_t seed) {
+  constexpr int kCount = 260;
+  SceneBuilder builder(view, 2);
+  Random random(seed);
+  std::vector<int> order(kCount);
+  for (int i = 0; i < kCount; ++i) order[i] = i;
+  for (int i = kCount - 1; i > 0; --i) std::swap(order[i], order[static_cast<int>(random.uniform(0, i + 1))]);
+  for (int i = 0; i < kCount; ++i) {
+    const double angle = max_angle * M_PI / 180 * std::sqrt(random.uniform(0.001, 1));
+    const double azimuth = random.uniform(0, 2 * M_PI);
+    const double distance = 1 + 6 * (order[i] + random.uniform(0.2, 0.8)) / kCount;
+    SphereSplat splat;
+    splat.camera = {distance * std::sin(angle) * std::cos(azimuth), distance * std::sin(angle) * std::sin(azimuth),
+                    distance * std::cos(angle)};
+    if (!has_radial_depth(view.lens.kind)) {
+      for (double& value : splat.camera) value /= std::cos(angle);
+    }
+    for (double& size : splat.size) size = distance * random.log_uniform(0.01, i % 20 == 0 ? 0.6 : 0.1);
+    for (double& c : splat.quat) c = random.uniform(-1, 1);
+    splat.opacity = random.uniform(0.1, 0.8);
+    splat.color = random.uniform3(0.2, 0.9);
+    builder.add_in_space(splat, random, 0.05);
+  }
+  return builder.build();
+}
+
+CameraView lens_view(LensKind kind, double focal, double max_angle, std::initializer_list<float> coefficients) {
+  CameraView view = make_view(56, 48, focal);
+  view.fy *= 1.06f;
+  view.cx += 1.3f;
+  view.lens.kind = kind;
+  view.lens.max_angle = static_cast<float>(max_angle * M_PI / 180);
+  std::copy(coefficients.begin(), coefficients.end(), view.lens.k);
+  set_pose(view, {0.7, -0.4, 0.2, 0.5}, {0.2, -0.3, 0.4});
+  return view;
+}
+
+}  // namespace
+
+TestScene distorted_lens() {
+  return lens_scene(lens_view(LensKind::kDistorted, 30, 48,
+                              {-0.12f, 0.04f, -0.005f, 0, 0.02f, 0.01f, 0.002f, 0.01f, -0.015f, 0.006f, -0.004f}),
+                    65, 31);
+}
+
+TestScene fov_lens() {
+  return lens_scene(lens_view(LensKind::kFov, 25, 60, {1.1f}), 70, 32);
+}
+
+TestScene division_lens() {
+  return lens_scene(lens_view(LensKind::kDivision, 25, 50, {-0.25f}), 65, 33);
+}
+
+TestScene eucm_lens() {
+  return lens_scene(lens_view(LensKind::kEucm, 25, 62, {0.6f, 1.1f}), 72, 34);
+}
+
+TestScene fisheye_lens() {
+  return lens_scene(lens_view(LensKind::kFisheye, 15, 110, {0.03f, -0.012f, 0.002f, -0.0002f}), 175, 35);
+}
+
+TestScene prism_fisheye_lens() {
+  return lens_scene(lens_view(LensKind::kFisheye, 25, 66,
+                              {-0.04f, 0.01f, 0.003f, -0.001f, 0, 0, 0, 0.006f, -0.008f, 0.003f, -0.002f}),
+                    90, 36);
+}
+
+TestScene panorama() {
+  CameraView view = make_view(96, 48, 1);
+  view.fx = static_cast<float>(96 / (2 * M_PI));
+  view.fy = static_cast<float>(48 / M_PI);
+  view.lens.kind = LensKind::kEquirectangular;
+  set_pose(view, {0.7, -0.4, 0.2, 0.5}, {0.2, -0.3, 0.4});
+  constexpr int kCount = 220;
+  SceneBuilder builder(view, 1);
+  Random random(37);
+  for (int i = 0; i < kCount; ++i) {
+    const double longitude = (i % 4 == 0 ? M_PI + random.uniform(-0.2, 0.2) : random.uniform(-M_PI, M_PI));
+    const double latitude = i < 4 ? (i % 2 == 0 ? 1.52 : -1.52) : random.uniform(-1.2, 1.2);
+    const double distance = 1 + 5 * (i * 37 % kCount + random.uniform(0.2, 0.8)) / kCount;
+    SphereSplat splat;
+    splat.camera = {distance * std::cos(latitude) * std::sin(longitude), distance * std::sin(latitude),
+                    distance * std::cos(latitude) * std::cos(longitude)};
+    for (double& size : splat.size) size = distance * std::cos(latitude) * random.log_uniform(0.02, 0.2);
+    for (double& c : splat.quat) c = random.uniform(-1, 1);
+    splat.opacity = random.uniform(0.1, 0.8);
+    splat.color = random.uniform3(0.2, 0.9);
+    builder.add_in_space(splat, random, 0.05);
+  }
+  return builder.build();
+}
+
 TestScene large_cloud() {
   PinholeView view = make_view(80, 72, 70);
   set_pose(view, {0.9, -0.2, 0.1, 0.3}, {0.3, 1.1, -0.6});
@@ -495,6 +608,12 @@ const std::vector<TestSceneRow>& test_scenes() {
       {"near_the_cutoff", near_the_cutoff},
       {"degree_below_maximum", degree_below_maximum},
       {"no_higher_degrees", no_higher_degrees},
+      {"distorted_lens", distorted_lens},
+      {"fov_lens", fov_lens},
+      {"division_lens", division_lens},
+      {"eucm_lens", eucm_lens},
+      {"fisheye_lens", fisheye_lens},
+      {"prism_fisheye_lens", prism_fisheye_lens},
       {"smooth", smooth_scene},
   };
   return rows;

@@ -14,7 +14,7 @@ namespace b3dgs::test {
 /// Gaussians and one view of them. Depths are either exactly equal or differ enough to have the same order in float.
 struct TestScene {
   GaussianTensors gaussians;  // float, CPU
-  PinholeView view{};
+  CameraView view{};
   Vec3f background{0.1f, 0.3f, 0.6f};
   int sh_degree = 0;  // rendered; shN may be allocated for a higher degree
 };
@@ -43,6 +43,16 @@ TestScene at_the_cap();                     // alpha 0.99 inside, less outside
 TestScene near_the_cutoff();                // opacities just above 1/255, and below
 TestScene degree_below_maximum();           // SH degree 1 of 3
 TestScene no_higher_degrees();              // shN has no rows
+TestScene distorted_lens();                 // FULL_OPENCV, with tangential and thin-prism terms
+TestScene fov_lens();                       // the three perspective lenses with a radial law of their own
+TestScene division_lens();                  //
+TestScene eucm_lens();                      //
+TestScene fisheye_lens();                   // 200 degrees; Gaussians all around the camera, some surround it
+TestScene prism_fisheye_lens();             // 120 degrees, all terms
+
+/// A panorama, with Gaussians across its seam and beyond the latitude of linearisation; none is wider than half the
+/// image. Not in test_scenes(): views that are split at the splats do not support it.
+TestScene panorama();
 
 /// All pixels far from all thresholds: alphas from 0.02 to 0.7, no stop, no clamp. For finite differences.
 TestScene smooth_scene();

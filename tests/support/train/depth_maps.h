@@ -17,7 +17,7 @@ inline torch::Tensor inverse_depth(const GaussianTensors& gaussians, const Camer
   Rasterizer rasterizer(torch::kCPU);
   RenderSettings settings;
   settings.inverse_depth = true;
-  return rasterizer.forward(gaussians, to_pinhole_view(camera), settings).depth;
+  return rasterizer.forward(gaussians, to_camera_view(camera), settings).depth;
 }
 
 inline void write_depth_png(const std::filesystem::path& path, int width, int height,

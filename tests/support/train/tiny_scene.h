@@ -81,7 +81,7 @@ inline Scene make_tiny_scene(const TinySceneOptions& options = {}, GaussianTenso
     view.name = "view" + std::to_string(i) + ".png";
     view.camera = look_at_origin(3 * std::cos(angle), i % 2 == 0 ? -1.0 : 0.7, 3 * std::sin(angle), options.width,
                                  options.height);
-    const RenderedView rendered = rasterizer.forward(gaussians, to_pinhole_view(view.camera), {});
+    const RenderedView rendered = rasterizer.forward(gaussians, to_camera_view(view.camera), {});
     Image8 image = to_image8(rendered.color);
     if (options.masked) {
       auto valid = std::make_shared<Image8>(options.width, options.height, 1);

@@ -35,7 +35,7 @@ struct BatchView3 {
 std::vector<BatchView3> some_views() {
   std::vector<BatchView3> views;
   for (const auto& [x, z] : {std::pair(0.0, -6.0), {0.3, -5.0}, {-0.2, -5.5}, {9.0, -3.0}}) {
-    views.push_back({to_pinhole_view(test::look_at_origin(x, 0.1, z, 50, 40)), torch::randn({40, 50, 3}) * 1e-2});
+    views.push_back({to_camera_view(test::look_at_origin(x, 0.1, z, 50, 40)), torch::randn({40, 50, 3}) * 1e-2});
   }
   return views;
 }

@@ -115,7 +115,7 @@ TEST(BatchTraining, RollsBackAStepWhoseSecondViewFails) {
   ViewOrder order = read.state.view_order;
   order.next(config.seed, static_cast<std::int32_t>(scene.train.size()));
   const auto second = static_cast<std::size_t>(order.next(config.seed, static_cast<std::int32_t>(scene.train.size())));
-  const PinholeView view = to_pinhole_view(scene.train[second].camera);
+  const PinholeView view = to_camera_view(scene.train[second].camera);
   // 0.3 in front of its camera, and 1e9 px large there; behind the others, or too far away to be as large.
   const Vec3f forward{view.rotation(2, 0), view.rotation(2, 1), view.rotation(2, 2)};
   read.state.gaussians.means[7] = torch::tensor(

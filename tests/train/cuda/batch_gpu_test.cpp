@@ -33,7 +33,7 @@ GaussianTensors some_gaussians() {
 }
 
 PinholeView view_from(double x, double z) {
-  return to_pinhole_view(test::look_at_origin(x, 0, z, 90, 70));
+  return to_camera_view(test::look_at_origin(x, 0, z, 90, 70));
 }
 
 RenderSettings settings_of(int sh_degree) {
@@ -45,10 +45,10 @@ RenderSettings settings_of(int sh_degree) {
 }
 
 /// Takes a step along `views`.
-void step_along(const std::vector<PinholeView>& views, const RenderSettings& settings, const torch::Tensor& image_grad,
+void step_along(const std::vector<CameraView>& views, const RenderSettings& settings, const torch::Tensor& image_grad,
                 GaussianOptimizer& optimizer, GaussianTensors& gaussians, AdamState& state,
                 const RegularizationWeights& weights = {}) {
-  for (const PinholeView& view : views) {
+  for (const CameraView& view : views) {
     optimizer.forward(gaussians, state, view, settings);
     optimizer.make_room_for_view(gaussians);
     optimizer.keep_view({image_grad, {}, {}}, gaussians, weights);
@@ -61,7 +61,7 @@ TEST(BatchOnGpu, EqualsTheCpu) {
   torch::manual_seed(5);
   const GaussianTensors start = some_gaussians();
   const torch::Tensor image_grad = torch::randn({70, 90, 3}) * 1e-3;
-  const std::vector<PinholeView> views{view_from(0, -6), view_from(2, -1.5), view_from(-3, -2)};
+  const std::vector<CameraView> views{view_from(0, -6), view_from(2, -1.5), view_from(-3, -2)};
   for (const bool antialiasing : {false, true}) {
     for (const int sh_degree : {0, 1, 2, 3}) {
       SCOPED_TRACE(testing::Message() << "degree " << sh_degree << ", antialiasing " << antialiasing);
@@ -97,7 +97,7 @@ TEST(BatchOnGpu, UpdatesGiveTheSameBitsWheneverTheyAreFlushed) {
   GaussianOptimizer often_optimizer(rasterizer), late_optimizer(rasterizer);
   const torch::Tensor image_grad = torch::randn({70, 90, 3}).to(kGpu) * 1e-3;
   for (int k = 0; k < kSteps; ++k) {
-    std::vector<PinholeView> views;
+    std::vector<CameraView> views;
     for (int v = 0; v <= k % 3; ++v) views.push_back(view_from(0.7 * ((k * k + v) % 7 - 3), k % 5 == 0 ? -2.5 : -1.2));
     const RenderSettings settings = settings_of(std::min(k / 20, 3));
     step_along(views, settings, image_grad, late_optimizer, late, late_state);

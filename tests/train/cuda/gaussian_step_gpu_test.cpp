@@ -46,7 +46,7 @@ GaussianTensors some_gaussians(int sh_degree_max) {
 }
 
 PinholeView view_from(double x, double z) {
-  return to_pinhole_view(test::look_at_origin(x, 0, z, 90, 70));
+  return to_camera_view(test::look_at_origin(x, 0, z, 90, 70));
 }
 
 RenderSettings settings_of(int sh_degree) {

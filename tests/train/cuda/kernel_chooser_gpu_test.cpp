@@ -53,8 +53,8 @@ TEST(KernelChooserOnGpu, EveryKernelAgreesWithTheReferenceAndIsTimed) {
   options.height = 300;
   const Scene scene = test::make_tiny_scene(options);
   const GaussianTensors gaussians = to_tensors(splats_from_points(scene.points, 0), 0, device);
-  std::vector<PinholeView> cameras;
-  for (const View& view : scene.train) cameras.push_back(to_pinhole_view(view.camera));
+  std::vector<CameraView> cameras;
+  for (const View& view : scene.train) cameras.push_back(to_camera_view(view.camera));
   Rasterizer rasterizer(device);
   KernelChooser chooser(measured_config(), device);
   const std::vector<KernelCheck> done = chooser.check({1, 0}, {rasterizer, gaussians, {}, cameras});
@@ -76,7 +76,7 @@ TEST(RasterizerOnGpu, ReblendBackwardRejectsAGradientOfAnotherShapeAsBackwardDoe
   const Scene scene = test::make_tiny_scene();
   const GaussianTensors gaussians = to_tensors(splats_from_points(scene.points, 0), 0, device);
   Rasterizer rasterizer(device);
-  const torch::Tensor color = rasterizer.forward(gaussians, to_pinhole_view(scene.train[0].camera), {}).color;
+  const torch::Tensor color = rasterizer.forward(gaussians, to_camera_view(scene.train[0].camera), {}).color;
   RenderedViewGrad grad;
   grad.color = torch::zeros_like(color).narrow(0, 0, 1);
   EXPECT_THROW(rasterizer.reblend_backward(BackwardKernel::kPerBucket, grad), LogicError);

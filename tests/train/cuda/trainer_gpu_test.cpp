@@ -55,8 +55,8 @@ TEST(FloatersOnGpu, AreThoseOfTheCpu) {
   const Scene scene = test::make_tiny_scene();
   GaussianTensors gaussians = to_tensors(splats_from_points(scene.points, 0), 0, torch::kCPU);
   gaussians.means[0] = torch::tensor({1000.0f, 0.0f, 0.0f});  // seen by no view
-  std::vector<PinholeView> views;
-  for (const View& view : scene.train) views.push_back(to_pinhole_view(view.camera));
+  std::vector<CameraView> views;
+  for (const View& view : scene.train) views.push_back(to_camera_view(view.camera));
   Rasterizer on_cpu(torch::kCPU), on_gpu(torch::Device(torch::kCUDA, 0));
   const FloaterCount expected = count_floaters(on_cpu, gaussians, views, RenderSettings{});
   for (torch::Tensor* tensor : gaussians.all()) *tensor = tensor->cuda();

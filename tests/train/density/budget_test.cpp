@@ -316,7 +316,7 @@ TEST(BudgetStrategy, AccumulatesScoresOfItsSteps) {
   Rasterizer rasterizer(torch::kCPU);
   const RenderSettings settings;
   const Camera& camera = scene.train[0].camera;
-  const RenderedView view = rasterizer.forward(gaussians, to_pinhole_view(camera), settings);
+  const RenderedView view = rasterizer.forward(gaussians, to_camera_view(camera), settings);
   const torch::Tensor grad = torch::sin(torch::arange(view.color.numel(), torch::kFloat32)).view(view.color.sizes());
   GaussianTensors grads;
   const ViewStatistics statistics = rasterizer.backward(gaussians, {grad, {}, {}}, grads);

@@ -25,7 +25,7 @@ GaussianTensors some_gaussians() {
 }
 
 PinholeView tiny_view() {
-  return to_pinhole_view(test::look_at_origin(0, 0, -3, 40, 30));
+  return to_camera_view(test::look_at_origin(0, 0, -3, 40, 30));
 }
 
 /// The regularisation of the Gaussians with a positive radius, in double, of logits [N] and log scales [N, 3] in one

@@ -127,13 +127,9 @@ TEST(DepthPriors, GradientIsThatOfTheMeanAbsoluteDifference) {
     };
     for (const int reduction : {1, 2}) {
       SCOPED_TRACE(reduction);
-      TrainView full{view.name,
-                     1,
-                     to_pinhole_view(view.camera),
-                     torch::zeros({height, width, 3}, torch::kUInt8),
-                     mask_tensor(mask),
-                     {},
-                     0};
+      TrainView full{
+          view.name, 1, to_camera_view(view.camera), torch::zeros({height, width, 3}, torch::kUInt8), mask_tensor(mask),
+          {},        0};
       full.n_valid = full.valid.defined() ? (full.valid != 0).sum().item<std::int64_t>() : std::int64_t{width} * height;
       ViewReducer reducer(torch::kCPU);
       const TrainView reduced = reducer.reduce(full, mask, reduction);

@@ -19,15 +19,15 @@ using test::eventful_config;
 using test::train;
 using test::Trained;
 
-std::vector<PinholeView> views_of(const Scene& scene) {
-  std::vector<PinholeView> views;
-  for (const View& view : scene.train) views.push_back(to_pinhole_view(view.camera));
+std::vector<CameraView> views_of(const Scene& scene) {
+  std::vector<CameraView> views;
+  for (const View& view : scene.train) views.push_back(to_camera_view(view.camera));
   return views;
 }
 
 TEST(SmoothingFilter, IsAShareOfTheFinestPixelOfAllViewsThatSeeTheGaussian) {
   const Scene scene = test::make_tiny_scene();
-  const std::vector<PinholeView> views = views_of(scene);
+  const std::vector<CameraView> views = views_of(scene);
   GaussianTensors gaussians = to_tensors(splats_from_points(scene.points, 0), 0, torch::kCPU);
   gaussians.means[0] = torch::tensor({1000.0f, 0.0f, 0.0f});  // seen by no view
   SmoothingFilter(views, 0.2f, torch::kCPU).compute(gaussians);
@@ -36,7 +36,7 @@ TEST(SmoothingFilter, IsAShareOfTheFinestPixelOfAllViewsThatSeeTheGaussian) {
   double largest = 0;
   for (std::int64_t i = 0; i < gaussians.size(); ++i) {
     double smallest = std::numeric_limits<double>::infinity();
-    for (const PinholeView& view : views) {
+    for (const CameraView& view : views) {
       double camera[3];
       for (int row = 0; row < 3; ++row) {
         camera[row] = row == 0 ? view.translation.x : row == 1 ? view.translation.y : view.translation.z;

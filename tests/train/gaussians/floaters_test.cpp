@@ -40,7 +40,7 @@ const Ball kCloseToOne{0, 0, 0.3, 0.005, 0.9};
 
 class CountFloaters : public ::testing::Test {
  protected:
-  static FloaterCount count(const std::vector<Ball>& balls, const std::vector<PinholeView>& views) {
+  static FloaterCount count(const std::vector<Ball>& balls, const std::vector<CameraView>& views) {
     Rasterizer rasterizer(torch::kCPU);
     return count_floaters(rasterizer, gaussians_of(balls), views, RenderSettings{});
   }
@@ -54,7 +54,7 @@ void expect_counts(const FloaterCount& found, const FloaterCount& expected) {
 }
 
 TEST_F(CountFloaters, TellsWhatViewsSee) {
-  const std::vector<PinholeView> views{camera_at(0), camera_at(1)};
+  const std::vector<CameraView> views{camera_at(0), camera_at(1)};
   expect_counts(count({kWall, kWallBehind, kOfBoth}, views), {0, 0, 0, 2});
   expect_counts(count({kWall, kWallBehind, kOfBoth, kBehindTheCameras}, views), {1, 0, 0, 2});
   expect_counts(count({kWall, kWallBehind, kOfBoth, kBehindTheWalls}, views), {1, 0, 0, 2});

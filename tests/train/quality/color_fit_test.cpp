@@ -77,7 +77,7 @@ class Evaluated : public testing::Test {
   /// A test view whose photograph is the render in other colours; the left fifth is wrong if `is_masked`.
   View photograph(bool is_masked = false) {
     View view = scene_.test[0];
-    const torch::Tensor color = rasterizer_.forward(gaussians_, to_pinhole_view(view.camera), {}).color;
+    const torch::Tensor color = rasterizer_.forward(gaussians_, to_camera_view(view.camera), {}).color;
     Image8 image = to_photograph(transform_colors(color, kTint));
     if (is_masked) {
       auto valid = std::make_shared<Image8>(valid_in_columns(image.width, image.height, nullptr, 12, image.width));
@@ -121,7 +121,7 @@ TEST_F(Evaluated, OnlyTheRightHalfIsMeasured) {
   Image8 image = *view.image->read();
   // The left half in the render's own colours: nothing is to be fitted, and the other half is wrong.
   const Image8 own =
-      to_photograph(rasterizer_.forward(gaussians_, to_pinhole_view(view.camera), RenderSettings{}).color);
+      to_photograph(rasterizer_.forward(gaussians_, to_camera_view(view.camera), RenderSettings{}).color);
   for (int y = 0; y < image.height; ++y) {
     for (int x = 0; x < image.width / 2; ++x) {
       for (int c = 0; c < 3; ++c) {

@@ -32,7 +32,7 @@ double mean_fog(const std::string& ply, const GaussianTensors& truth, const std:
   const GaussianTensors model = to_tensors(read_splat_ply(ply), 3, torch::kCPU);
   double sum = 0, n = 0;
   for (const View& view : views) {
-    const PinholeView pinhole = to_pinhole_view(view.camera);
+    const PinholeView pinhole = to_camera_view(view.camera);
     const torch::Tensor is_empty = rasterizer.forward(truth, pinhole, {}).alpha < 1e-3;
     const torch::Tensor alpha = rasterizer.forward(model, pinhole, {}).alpha.masked_select(is_empty);
     sum += alpha.sum().item<double>();
@@ -59,7 +59,7 @@ TEST(DefaultTraining, OfAnObjectOnWhiteWithoutPointsLeavesNoFog) {
       for (const View& view : *views) {
         View moved = view;
         moved.camera = change_frame(plain.frame, CoordinateFrame{}, view.camera);
-        const RenderedView rendered = rasterizer.forward(truth, to_pinhole_view(moved.camera), {});
+        const RenderedView rendered = rasterizer.forward(truth, to_camera_view(moved.camera), {});
         const Image8 color = to_image8(rendered.color / rendered.alpha.unsqueeze(2).clamp_min(1e-3));
         const torch::Tensor alpha = (rendered.alpha * 255).round().to(torch::kUInt8).contiguous();
         cv::Mat image(color.height, color.width, CV_8UC4);

@@ -78,7 +78,7 @@ double mean_empty_alpha(const std::string& ply, const std::vector<View>& views) 
   const GaussianTensors model = to_tensors(read_splat_ply(ply), 0, torch::kCPU);
   double sum = 0, n = 0;
   for (const View& view : views) {
-    const torch::Tensor alpha = rasterizer.forward(model, to_pinhole_view(view.camera), {}).alpha.contiguous();
+    const torch::Tensor alpha = rasterizer.forward(model, to_camera_view(view.camera), {}).alpha.contiguous();
     for (std::size_t i = 0; i < view.empty->pixels.size(); ++i) {
       if (view.empty->pixels[i] == 0) continue;
       sum += alpha.data_ptr<float>()[i];
@@ -101,7 +101,7 @@ Scene segmented_scene() {
   Rasterizer rasterizer(torch::kCPU);
   for (std::vector<View>* views : {&scene.train, &scene.test}) {
     for (View& view : *views) {
-      const RenderedView rendered = rasterizer.forward(truth, to_pinhole_view(view.camera), {});
+      const RenderedView rendered = rasterizer.forward(truth, to_camera_view(view.camera), {});
       const torch::Tensor alpha = rendered.alpha.contiguous();
       auto valid = std::make_shared<Image8>(view.camera.width, view.camera.height, 1);
       auto empty = std::make_shared<Image8>(view.camera.width, view.camera.height, 1);

@@ -9,7 +9,7 @@
 // All sums are in double and in an order that follows from the number of splats alone.
 
 #include "raster/cuda/launch.cuh"
-#include "raster/cuda/passes.h"
+#include "raster/cuda/project.cuh"
 #include "raster/cuda/warp.cuh"
 #include "raster/math/gaussian_grad.h"
 
@@ -38,7 +38,7 @@ __device__ __forceinline__ void add_block(double (&sums)[kCameraGradients], doub
   }
 }
 
-template <int kShDegree, bool kAntialiasing>
+template <int kShDegree, bool kAntialiasing, class Lens>
 __global__ void __launch_bounds__(kThreads) camera_gradient_kernel(const __grid_constant__ CameraGradientArgs args) {
   const ProjectBackwardCudaArgs& backward = args.backward;
   const ViewTransform<float> view = make_view_transform<float>(backward.view);
@@ -47,8 +47,9 @@ __global__ void __launch_bounds__(kThreads) camera_gradient_kernel(const __grid_
        m += static_cast<std::int64_t>(gridDim.x) * kThreads) {
     const std::int64_t row = args.seen != nullptr ? args.seen[m] : m;
     const Splat& splat = backward.splats[row];
-    const CameraGrad part = camera_grad<kAntialiasing>(backward.gaussians, splat.gaussian, view, backward.view.center,
-                                                       kShDegree, backward.splat_grads[row].sum, splat.clamped);
+    const CameraGrad part =
+        camera_grad<kAntialiasing>(backward.gaussians, splat.gaussian, view, lens_of<Lens>(backward.view),
+                                   backward.view.center, kShDegree, backward.splat_grads[row].sum, splat.clamped);
     const float values[kCameraGradients]{part.rotation.x,    part.rotation.y,    part.rotation.z,
                                          part.translation.x, part.translation.y, part.translation.z};
 #pragma unroll
@@ -103,9 +104,12 @@ void camera_gradient(const CameraGradientArgs& args, const LaunchContext& contex
   const int blocks = blocks_for(args.n_splats);
   if (blocks > 0) {
     with_sh_degree(args.backward.sh_degree, [&](auto degree) {
-      const auto kernel = args.backward.antialiasing ? camera_gradient_kernel<degree.value, true>
-                                                     : camera_gradient_kernel<degree.value, false>;
-      kernel<<<blocks, kThreads, 0, context.stream>>>(args);
+      with_lens(args.backward.view.lens, [&](const auto& lens) {
+        using Lens = std::decay_t<decltype(lens)>;
+        const auto kernel = args.backward.antialiasing ? camera_gradient_kernel<degree.value, true, Lens>
+                                                       : camera_gradient_kernel<degree.value, false, Lens>;
+        kernel<<<blocks, kThreads, 0, context.stream>>>(args);
+      });
     });
     B3DGS_CUDA_CHECK_LAUNCH();
   }

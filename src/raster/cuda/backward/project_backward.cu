@@ -13,7 +13,7 @@ namespace {
 
 constexpr int kThreads = 128;
 
-template <int kShDegree, bool kAntialiasing>
+template <int kShDegree, bool kAntialiasing, class Lens>
 __global__ void __launch_bounds__(kThreads) project_backward_kernel(const ProjectBackwardCudaArgs args, int n_rest) {
   extern __shared__ float rests[];  // [kThreads, n_rest]
   const std::int64_t n = args.gaussians.n_gaussians;
@@ -24,7 +24,7 @@ __global__ void __launch_bounds__(kThreads) project_backward_kernel(const Projec
   if (i < n) {
     GaussianGrad grad{};
     if (args.radii[i] > 0) {
-      grad = gaussian_grad<kShDegree, kAntialiasing>(args, i);
+      grad = gaussian_grad<kShDegree, kAntialiasing, Lens>(args, i);
       sh_rest_grad(kShDegree, grad.dir, grad.color, rest);
     }
     store3(args.grad.means, i, grad.mean);
@@ -51,9 +51,12 @@ void project_backward(const ProjectBackwardCudaArgs& args, const LaunchContext& 
   const auto blocks = static_cast<unsigned>((n + kThreads - 1) / kThreads);
   const std::size_t shared_bytes = sizeof(float) * kThreads * static_cast<std::size_t>(n_rest);
   with_sh_degree(args.sh_degree, [&](auto degree) {
-    const auto kernel =
-        args.antialiasing ? project_backward_kernel<degree.value, true> : project_backward_kernel<degree.value, false>;
-    kernel<<<blocks, kThreads, shared_bytes, context.stream>>>(args, n_rest);
+    with_lens(args.view.lens, [&](const auto& lens) {
+      using Lens = std::decay_t<decltype(lens)>;
+      const auto kernel = args.antialiasing ? project_backward_kernel<degree.value, true, Lens>
+                                            : project_backward_kernel<degree.value, false, Lens>;
+      kernel<<<blocks, kThreads, shared_bytes, context.stream>>>(args, n_rest);
+    });
   });
   B3DGS_CUDA_CHECK_LAUNCH();
 }

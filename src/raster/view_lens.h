@@ -1,0 +1,44 @@
+// The lens of a view, as numbers. math/lens.h says what they mean.
+#pragma once
+
+#include <cstdint>
+
+#include "core/vec.h"
+
+namespace b3dgs {
+
+enum class LensKind : std::int32_t {
+  kPinhole,
+  kDistorted,        // a perspective lens with radial, tangential and thin-prism distortion
+  kFov,              // perspective lenses with a radial law of their own (scene/cameras/lens.h)
+  kDivision,         //
+  kEucm,             //
+  kFisheye,          // the equidistant projection with the same distortion
+  kEquirectangular,  // a panorama of 360 x 180 degrees
+};
+
+inline constexpr int kLensCoefficients = 11;
+
+/// With s = a^2 + b^2 of the undistorted point (a, b):
+///   kDistorted, kFisheye   radial factor (1 + k0 s + k1 s^2 + k2 s^3 + k3 s^4) / (1 + k4 s + k5 s^2 + k6 s^3),
+///                          tangential k7 = p1, k8 = p2, thin prism k9 = s1, k10 = s2
+///   kFov, kDivision        k0: omega (rad); k
+///   kEucm                  k0, k1: alpha, beta
+template <class Real>
+struct LensParams {
+  LensKind kind = LensKind::kPinhole;
+  Real k[kLensCoefficients] = {};
+  // Angle to the axis (rad) up to which the formulas hold and a little beyond the image. Gaussians farther out are
+  // linearised there, or not seen. Not used by pinholes and panoramas.
+  Real max_angle = 0;
+};
+
+/// Whether depth is the distance from the camera's centre rather than along its axis: the axis is nothing special to a
+/// lens that sees sideways.
+B3DGS_HD bool has_radial_depth(LensKind kind) {
+  return kind == LensKind::kFisheye || kind == LensKind::kEquirectangular;
+}
+
+using ViewLens = LensParams<float>;
+
+}  // namespace b3dgs

@@ -1,0 +1,253 @@
+// Jacobians and Hessians of every lens against finite differences, and projection and its gradient through them.
+#include "raster/math/lens.h"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <string>
+#include <vector>
+
+#include "raster/math/projection.h"
+#include "support/finite_difference.h"
+
+namespace b3dgs::test {
+namespace {
+
+constexpr double kDegree = 3.14159265358979323846 / 180;
+
+struct LensRow {
+  const char* name;
+  LensParams<double> lens;
+};
+
+LensParams<double> make_lens(LensKind kind, double max_angle, std::vector<double> k) {
+  LensParams<double> lens;
+  lens.kind = kind;
+  lens.max_angle = max_angle * kDegree;
+  std::copy(k.begin(), k.end(), lens.k);
+  return lens;
+}
+
+/// Perspective lenses see less than 90 degrees to the side.
+const std::vector<LensRow>& lenses() {
+  static const std::vector<LensRow> rows{
+      {"full OpenCV", make_lens(LensKind::kDistorted, 89.5,
+                                {-0.12, 0.04, -0.005, 0.0003, 0.2, 0.01, 0.02, 0.01, -0.015, 0.006, -0.004})},
+      {"FOV", make_lens(LensKind::kFov, 89.5, {1.1})},
+      {"division", make_lens(LensKind::kDivision, 89.5, {-0.25})},
+      {"EUCM", make_lens(LensKind::kEucm, 89.5, {0.6, 1.1})},
+      {"equidistant", make_lens(LensKind::kFisheye, 175, {})},
+      {"OpenCV fisheye", make_lens(LensKind::kFisheye, 175, {0.03, -0.012, 0.002, -0.0001})},
+      {"thin prism fisheye",
+       make_lens(LensKind::kFisheye, 175, {-0.04, 0.01, 0.003, -0.0002, 0, 0, 0, 0.006, -0.008, 0.003, -0.002})},
+      {"equirectangular", make_lens(LensKind::kEquirectangular, 0, {})},
+  };
+  return rows;
+}
+
+constexpr LensScale<double> kScale{41, 37, 9.5, 33.25};
+
+struct Place {
+  std::string name;
+  Vec3<double> point;
+};
+
+/// On the axis and off it at the angles where formulas change, in four directions; of panoramas also both sides of the
+/// seam and near the poles.
+std::vector<Place> places(LensKind kind) {
+  std::vector<Place> found;
+  const auto at = [&](double angle, double azimuth) {
+    const double t = 1.7, r = t * std::sin(angle * kDegree);
+    found.push_back({std::to_string(angle) + " degrees, azimuth " + std::to_string(azimuth),
+                     {r * std::cos(azimuth), r * std::sin(azimuth), t * std::cos(angle * kDegree)}});
+  };
+  at(0, 0);
+  for (const double angle : {0.01, 1.0, 5.0, 5.7, 5.8, 30.0, 60.0, 89.0, 91.0, 120.0, 170.0}) {
+    if (angle > 90 && !has_radial_depth(kind)) continue;
+    for (const double azimuth : {0.0, 0.6, 2.2, 4.0}) at(angle, azimuth);
+  }
+  if (kind == LensKind::kEquirectangular) {
+    for (const double longitude : {179.9, -179.9, 90.0}) {
+      for (const double latitude : {0.0, 40.0, -85.0}) {
+        const double h = 2 * std::cos(latitude * kDegree);
+        found.push_back(
+            {"longitude " + std::to_string(longitude) + ", latitude " + std::to_string(latitude),
+             {h * std::sin(longitude * kDegree), 2 * std::sin(latitude * kDegree), h * std::cos(longitude * kDegree)}});
+      }
+    }
+  }
+  return found;
+}
+
+std::vector<double> list(const Vec3<double>& v) {
+  return {v.x, v.y, v.z};
+}
+
+/// Steps small enough for points near the axis, where the fourth derivatives of a fisheye matter.
+double step_at(const Vec3<double>& point) {
+  return 3e-4 * std::sqrt(dot(point, point));
+}
+
+TEST(Lens, JacobianAgreesWithFiniteDifferences) {
+  for (const LensRow& row : lenses()) {
+    for (const Place& place : places(row.lens.kind)) {
+      SCOPED_TRACE(std::string(row.name) + ", " + place.name);
+      const LensPoint<double> seen = lens_point(row.lens, kScale, place.point);
+      const auto x = [&](const std::vector<double>& c) {
+        const double moved = lens_point<double>(row.lens, kScale, {c[0], c[1], c[2]}).pixel.x;
+        if (row.lens.kind != LensKind::kEquirectangular) return moved;
+        return seen.pixel.x + std::remainder(moved - seen.pixel.x, 41 * 360 * kDegree);  // across the seam
+      };
+      const auto y = [&](const std::vector<double>& c) {
+        return lens_point<double>(row.lens, kScale, {c[0], c[1], c[2]}).pixel.y;
+      };
+      EXPECT_TRUE(gradients_agree(list(seen.row_x), numeric_gradient(x, list(place.point), step_at(place.point))));
+      EXPECT_TRUE(gradients_agree(list(seen.row_y), numeric_gradient(y, list(place.point), step_at(place.point))));
+    }
+  }
+}
+
+TEST(Lens, HessianAgreesWithFiniteDifferencesOfTheJacobian) {
+  const Vec3<double> f{0.7, -1.1, 0.4}, g{-0.3, 0.8, 1.3};
+  for (const LensRow& row : lenses()) {
+    for (const Place& place : places(row.lens.kind)) {
+      SCOPED_TRACE(std::string(row.name) + ", " + place.name);
+      const auto value = [&](const std::vector<double>& c) {
+        const LensPoint<double> seen = lens_point<double>(row.lens, kScale, {c[0], c[1], c[2]});
+        return dot(seen.row_x, f) + dot(seen.row_y, g);
+      };
+      EXPECT_TRUE(gradients_agree(list(lens_hessian(row.lens, kScale, place.point, f, g)),
+                                  numeric_gradient(value, list(place.point), step_at(place.point))));
+    }
+  }
+}
+
+TEST(Lens, ProjectsAsByHand) {
+  // 100 degrees to the right of the axis.
+  const LensParams<double> fisheye = make_lens(LensKind::kFisheye, 175, {});
+  const Vec3<double> right{2 * std::sin(100 * kDegree), 0, 2 * std::cos(100 * kDegree)};
+  EXPECT_NEAR(lens_point(fisheye, kScale, right).pixel.x, 9.5 + 41 * 100 * kDegree, 1e-12);
+  EXPECT_NEAR(lens_point(fisheye, kScale, right).pixel.y, 33.25, 1e-12);
+  EXPECT_NEAR(lens_depth(fisheye, right), 2, 1e-12);
+
+  const LensParams<double> panorama = make_lens(LensKind::kEquirectangular, 0, {});
+  const LensScale<double> scale{360 / 6.283185307179586, 180 / 3.141592653589793, 180, 90};  // 360 x 180 px
+  EXPECT_NEAR(lens_point(panorama, scale, {1, 0, 0}).pixel.x, 270, 1e-9);
+  EXPECT_NEAR(lens_point(panorama, scale, {0, 1, 1}).pixel.y, 135, 1e-9);
+
+  LensParams<double> distorted = make_lens(LensKind::kDistorted, 80, {0.1});
+  EXPECT_NEAR(lens_point(distorted, kScale, {1, 0, 2}).pixel.x, 9.5 + 41 * 0.5 * (1 + 0.1 * 0.25), 1e-12);
+}
+
+TEST(Lens, WithoutDistortionIsThePinhole) {
+  const LensParams<double> lens = make_lens(LensKind::kDistorted, 80, {});
+  const Vec3<double> point{0.5, -0.4, 2};
+  const LensPoint<double> seen = lens_point(lens, kScale, point);
+  EXPECT_NEAR(seen.pixel.x, 9.5 + 41 * 0.25, 1e-12);
+  EXPECT_NEAR(seen.row_x.z, -41 * 0.25 / 2, 1e-12);
+}
+
+TEST(Lens, LinearisesBeyondItsLimitAtTheNearestPoint) {
+  const LensParams<double> fisheye = make_lens(LensKind::kFisheye, 100, {});
+  const Vec3<double> point{0, 3 * std::sin(110 * kDegree), 3 * std::cos(110 * kDegree)};
+  const LensPlace<double> place = lens_place(fisheye, point);
+  EXPECT_TRUE(place.is_clamped);
+  EXPECT_NEAR(place.at.y, 3 * std::sin(100 * kDegree), 1e-12);
+  EXPECT_NEAR(place.at.z, 3 * std::cos(100 * kDegree), 1e-12);
+  EXPECT_FALSE(is_out_of_lens(fisheye, point, 0.1));
+  EXPECT_TRUE(is_out_of_lens(fisheye, point, 1.6)) << "it surrounds the camera";
+  EXPECT_TRUE(is_out_of_lens(fisheye, {0, 0.01, -3}, 0.1)) << "it is behind a lens of 200 degrees";
+
+  const LensParams<double> distorted = make_lens(LensKind::kDistorted, 45, {-0.1});
+  const LensPlace<double> beside = lens_place<double>(distorted, {3, 0, 2});
+  EXPECT_TRUE(beside.is_clamped);
+  EXPECT_NEAR(beside.at.x, 2, 1e-12);
+  EXPECT_EQ(beside.at.z, 2);
+
+  const LensParams<double> panorama = make_lens(LensKind::kEquirectangular, 0, {});
+  const LensPlace<double> pole = lens_place<double>(panorama, {0, -2, 0});
+  EXPECT_TRUE(pole.is_clamped);
+  EXPECT_NEAR(std::atan2(pole.at.y, std::hypot(pole.at.x, pole.at.z)), -kMaxLatitude * kDegree, 1e-12);
+}
+
+TEST(Lens, IsAccurateInSinglePrecision) {
+  for (const LensRow& row : lenses()) {
+    LensParams<float> lens;
+    lens.kind = row.lens.kind;
+    for (int i = 0; i < kLensCoefficients; ++i) lens.k[i] = static_cast<float>(row.lens.k[i]);
+    LensParams<double> same = row.lens;
+    for (int i = 0; i < kLensCoefficients; ++i) same.k[i] = double{lens.k[i]};
+    for (const Place& place : places(row.lens.kind)) {
+      const bool is_sideways = place.point.z < 0.1;  // where perspective lenses are clamped
+      if (is_sideways && !has_radial_depth(row.lens.kind)) continue;
+      SCOPED_TRACE(std::string(row.name) + ", " + place.name);
+      const Vec3<float> point{static_cast<float>(place.point.x), static_cast<float>(place.point.y),
+                              static_cast<float>(place.point.z)};
+      const Vec3<float> f{0.7f, -1.1f, 0.4f}, g{-0.3f, 0.8f, 1.3f};
+      const Vec3<double> exact =
+          lens_hessian<double>(same, kScale, {point.x, point.y, point.z}, {f.x, f.y, f.z}, {g.x, g.y, g.z});
+      const Vec3<float> found = lens_hessian<float>(lens, {41, 37, 9.5f, 33.25f}, point, f, g);
+      EXPECT_TRUE(gradients_agree({found.x, found.y, found.z}, list(exact), 1e-3));
+    }
+  }
+}
+
+/// Sum over a few pixels of q * ln(alpha), plus the depth: the function whose gradient project_backward() computes.
+TEST(Lens, GradientOfTheProjectionAgreesWithFiniteDifferences) {
+  PinholeView camera{};
+  const Shape<double> turn = make_shape<double>({0, 0, 0}, {0.9, 0.2, -0.3, 0.1});
+  for (int i = 0; i < 9; ++i) camera.rotation.m[i] = static_cast<float>(turn.rotation.m[i]);
+  camera.fx = 41;
+  camera.fy = 37;
+  camera.cx = 9.5f;
+  camera.cy = 33.25f;
+  camera.width = camera.height = 48;
+  const auto view = make_view_transform<double>(camera);
+  const Mat3<double> factor{{0.1, -0.03, 0.02, 0.05, 0.08, -0.04, -0.03, 0.06, 0.05}};
+  for (const LensRow& row : lenses()) {
+    for (const Place& place : places(row.lens.kind)) {
+      if (lens_place(row.lens, place.point).is_clamped) continue;
+      SCOPED_TRACE(std::string(row.name) + ", " + place.name);
+      const Projection<double> p = project_gaussian(view, row.lens, place.point, factor);
+      const double size = largest_sigma(p.cov);
+      const std::vector<Vec3<double>> pixels{{p.mean2d.x + 0.7 * size, p.mean2d.y - 0.4 * size, 0.9},
+                                             {p.mean2d.x - 1.1 * size, p.mean2d.y + 0.3 * size, -0.6},
+                                             {p.mean2d.x + 0.2 * size, p.mean2d.y + 1.3 * size, 1.4}};
+      constexpr double kDepthWeight = 0.4;
+      Vec2<double> grad_mean{0, 0};
+      Sym2<double> grad_cov{0, 0, 0};
+      for (const Vec3<double>& pixel : pixels) {
+        const double dx = pixel.x - p.mean2d.x, dy = pixel.y - p.mean2d.y;
+        const double x = kConicScale * (p.conic.xx * dx + p.conic.xy * dy);
+        const double y = kConicScale * (p.conic.xy * dx + p.conic.yy * dy);
+        grad_mean = {grad_mean.x + pixel.z * x, grad_mean.y + pixel.z * y};
+        grad_cov = {grad_cov.xx + pixel.z * x * x, grad_cov.xy + pixel.z * x * y, grad_cov.yy + pixel.z * y * y};
+      }
+      const ProjectionGrad<double> grad =
+          project_backward(view, row.lens, place.point, factor, p, grad_mean, spread_grad(p, grad_cov), kDepthWeight);
+      const auto loss = [&](const Projection<double>& at, double depth) {
+        double sum = kDepthWeight * depth;
+        for (const Vec3<double>& pixel : pixels) {
+          const double dx = pixel.x - at.mean2d.x, dy = pixel.y - at.mean2d.y;
+          sum -= pixel.z * 0.5 * (at.conic.xx * dx * dx + 2 * at.conic.xy * dx * dy + at.conic.yy * dy * dy);
+        }
+        return sum;
+      };
+      const auto of_point = [&](const std::vector<double>& c) {
+        const Vec3<double> point{c[0], c[1], c[2]};
+        return loss(project_gaussian(view, row.lens, point, factor), lens_depth(row.lens, point));
+      };
+      EXPECT_TRUE(gradients_agree(list(grad.point), numeric_gradient(of_point, list(place.point), 1e-4)));
+      const auto of_factor = [&](const std::vector<double>& m) {
+        Mat3<double> moved;
+        std::copy(m.begin(), m.end(), moved.m);
+        return loss(project_gaussian(view, row.lens, place.point, moved), lens_depth(row.lens, place.point));
+      };
+      EXPECT_TRUE(gradients_agree({grad.factor.m, grad.factor.m + 9},
+                                  numeric_gradient(of_factor, {factor.m, factor.m + 9}, 1e-4)));
+    }
+  }
+}
+
+}  // namespace
+}  // namespace b3dgs::test
