@@ -21,6 +21,8 @@ struct SynthConfig {
   double exposure_jitter = 0;
   double skew = 1;
   std::string truth = "surfaces";
+  std::string lens = "PINHOLE";
+  double fov = 0;  // degrees
 };
 
 template <class Visitor>
@@ -44,6 +46,9 @@ void visit_fields(SynthConfig& c, Visitor&& field) {
         "depths in street; 1: log-uniform, > 1: more points far away, < 1: more nearby");
   field(Option{"truth"}, c.truth, OneOf{{"surfaces", "points"}},
         "render street from other Gaussians on its surfaces, or from the points");
+  field(Option{"lens"}, c.lens, OneOf{{"PINHOLE", "OPENCV", "OPENCV_FISHEYE", "THIN_PRISM_FISHEYE", "EQUIRECTANGULAR"}},
+        "lens of the images, as COLMAP names it");
+  field(Option{"fov"}, c.fov, InRange{0, 340}, "degrees across the width of the images (0 = that of the scene)");
 }
 
 /// The config with zeros replaced by the defaults of the scene.

@@ -3,11 +3,19 @@
 #include <algorithm>
 #include <cmath>
 
+#include "core/check.h"
 #include "model/raster_input.h"
 #include "raster/cpu/passes.h"
 #include "raster/math/sh.h"
+#include "scene/cameras/camera_lens.h"
+#include "scene/cameras/lens.h"
 
 namespace b3dgs {
+namespace {
+
+Image8 render_through_lens(const SplatCloud& truth, const Camera& camera);
+
+}  // namespace
 
 SynthConfig with_scene_defaults(SynthConfig config) {
   const bool is_street = config.scene == "street";
@@ -18,11 +26,57 @@ SynthConfig with_scene_defaults(SynthConfig config) {
   return config;
 }
 
+namespace {
+
+constexpr double kPi = 3.14159265358979323846;
+
+/// The lens of the config, of the size and with the principal point of `pinhole`.
+Camera with_lens_of(const SynthConfig& config, const Camera& pinhole) {
+  Lens lens;
+  lens.cx = pinhole.cx;
+  lens.cy = pinhole.cy;
+  double reach = 0.5 * pinhole.width / pinhole.fx;  // half the width, in focal lengths
+  if (config.lens == "EQUIRECTANGULAR") {
+    if (pinhole.width != 2 * pinhole.height) {
+      input_error("--lens EQUIRECTANGULAR: expected images twice as wide as high, found ", pinhole.width, " x ",
+                  pinhole.height, "; name a --width of twice the --height");
+    }
+    lens = equirectangular_lens({pinhole.width, pinhole.height});
+  } else if (config.lens == "PINHOLE" || config.lens == "OPENCV") {
+    if (config.fov >= 160)
+      input_error("--fov: expected below 160 degrees for --lens ", config.lens, ", found ", config.fov);
+    if (config.fov > 0) reach = std::tan(config.fov * kPi / 360);
+    if (config.lens == "OPENCV") {
+      lens.model = &kOpenCvLens;
+      lens.coefficients = {-0.08, 0.01, 0.002, -0.003};
+      if (config.fov > 0) reach = distort(lens, reach, 0)[0];
+    }
+  } else {
+    const bool is_prism = config.lens == "THIN_PRISM_FISHEYE";
+    lens.model = is_prism ? &kThinPrismFisheyeLens : &kFisheyeLens<4>;
+    lens.coefficients = {0.02, -0.004, 0.0005, -0.00002};
+    if (is_prism) lens.coefficients = {0.02, -0.004, 0.002, -0.003, 0.0005, -0.00002, 0.001, -0.002};
+    const double angle = (config.fov > 0 ? config.fov : 180) * kPi / 360, s = angle * angle;
+    reach = angle * (1 + s * (0.02 + s * (-0.004 + s * (0.0005 - s * 0.00002))));
+  }
+  if (config.lens != "EQUIRECTANGULAR") lens.fx = lens.fy = 0.5 * pinhole.width / reach;
+  const ImageSize size{pinhole.width, pinhole.height};
+  Camera camera = config.lens == "PINHOLE" ? lens.pinhole(size) : native_camera(lens, size, "--lens " + config.lens);
+  camera.cam_from_world = pinhole.cam_from_world;
+  return camera;
+}
+
+}  // namespace
+
 SynthScene make_scene(const SynthConfig& config) {
-  return config.scene == "street" ? make_street(config) : make_orbit(config);
+  SynthScene scene = config.scene == "street" ? make_street(config) : make_orbit(config);
+  if (config.lens == "PINHOLE" && config.fov == 0) return scene;
+  for (Camera& camera : scene.cameras) camera = with_lens_of(config, camera);
+  return scene;
 }
 
 Image8 render_truth(const SplatCloud& truth, const Camera& camera) {
+  if (!camera.is_pinhole()) return render_through_lens(truth, camera);
   RenderSettings settings;
   settings.sh_degree = truth.sh_degree;
 
@@ -37,6 +91,23 @@ Image8 render_truth(const SplatCloud& truth, const Camera& camera) {
   });
   return image;
 }
+
+namespace {
+
+Image8 render_through_lens(const SplatCloud& truth, const Camera& camera) {
+  constexpr int kFiner = 3;
+  const Camera fine = camera.scaled_to(kFiner * camera.width, kFiner * camera.height);
+  Image8 image(fine.width, fine.height, 3);
+  for (const Camera& face : pinhole_faces(fine)) {
+    const Warped warped = warp_image(render_truth(truth, face), face, fine);
+    for (std::size_t i = 0; i < image.pixels.size(); ++i) {
+      if (warped.valid.pixels[i / 3] != 0) image.pixels[i] = warped.image.pixels[i];
+    }
+  }
+  return resize_image(image, camera.width, camera.height);
+}
+
+}  // namespace
 
 float sh0_from_color(double color) {
   return static_cast<float>((color - 0.5) / kSh0);

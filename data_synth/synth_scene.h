@@ -27,10 +27,11 @@ SynthScene make_orbit(const SynthConfig& config);
 /// the points.
 SynthScene make_street(const SynthConfig& config);
 
-/// Makes the scene called config.scene.
+/// Makes the scene called config.scene, with the lens of the config.
 SynthScene make_scene(const SynthConfig& config);
 
-/// Renders a view with the CPU rasterizer on a black background.
+/// Renders a view with the CPU rasterizer on a black background. What another lens than a pinhole shows is taken from
+/// pinhole views of three times the size, so that it does not depend on the projection through lenses.
 Image8 render_truth(const SplatCloud& truth, const Camera& camera);
 
 /// Conversion between a colour value in [0, 1] and a coefficient of SH degree 0.

@@ -14,6 +14,7 @@
 #include "core/random.h"
 #include "core/text.h"
 #include "model/formats/splat_formats.h"
+#include "scene/cameras/camera_lens.h"
 #include "scene/colmap/colmap.h"
 #include "scene/images/image.h"
 
@@ -51,10 +52,11 @@ ColmapModel colmap_model(const SynthConfig& config, const SynthScene& scene) {
   const Camera& shared = scene.cameras.front();  // all views share the intrinsics
   ColmapCamera camera;
   camera.id = 1;
-  camera.model = CameraModel::kPinhole;
   camera.width = static_cast<std::uint64_t>(shared.width);
   camera.height = static_cast<std::uint64_t>(shared.height);
-  camera.params = {shared.fx, shared.fy, shared.cx, shared.cy};
+  const auto [name, params] = named_lens(shared);
+  camera.model = camera_model_from_name(name, "lens");
+  camera.params = params;
   model.cameras[camera.id] = camera;
 
   for (std::size_t i = 0; i < scene.cameras.size(); ++i) {

@@ -8,6 +8,7 @@
 #include "app/render/orbit.h"
 #include "core/check.h"
 #include "core/text.h"
+#include "scene/cameras/camera_lens.h"
 #include "scene/cameras/coordinate_frame.h"
 
 namespace b3dgs {
@@ -17,7 +18,7 @@ namespace fs = std::filesystem;
 
 constexpr double kPi = 3.14159265358979323846;
 constexpr ImageSize kDefaultSize{1280, 720};
-constexpr double kDefaultFov = 50, kDefaultElevation = 15;  // degrees
+constexpr double kDefaultFov = 50, kDefaultElevation = 15, kDefaultFisheyeFov = 180, kMaxPinholeFov = 170;  // degrees
 
 bool goes_around(const CameraOptions& options) {
   return options.path == "orbit" || options.path == "turntable";
@@ -77,13 +78,20 @@ Camera orbit_lens(const CameraOptions& options, const std::vector<Camera>& keys)
     lens.width = size.width;
     lens.height = size.height;
   }
-  if (keys.empty() || options.fov > 0) {
-    const double fov = radians(options.fov > 0 ? options.fov : kDefaultFov);
+  const bool has_fov = options.fov > 0 && options.projection != "fisheye";
+  if (keys.empty() || has_fov) {
+    const double fov = radians(has_fov ? options.fov : kDefaultFov);
     const double pixel_aspect = keys.empty() ? 1 : lens.fx / lens.fy;
     lens.fy = 0.5 * lens.height / std::tan(0.5 * fov);
     lens.fx = pixel_aspect * lens.fy;
   }
   return lens;
+}
+
+/// For paths: a panorama's focal length is no pinhole's.
+Camera as_pinhole(const Camera& camera) {
+  if (camera.lens.kind != LensKind::kEquirectangular) return camera.without_lens();
+  return Camera::with_field_of_view(camera.width, camera.height, kDefaultFov, camera.cam_from_world);
 }
 
 Vec3d up_axis(const std::string& name, const std::vector<Camera>& keys) {
@@ -142,16 +150,51 @@ void check_camera_options(const CommandLine& line, const CameraOptions& options)
   if (line.was_given("frames") && !is_path) {
     input_error("--frames is for --path interpolated, orbit and turntable; the others have one image for each view");
   }
+  const bool is_fisheye = options.projection == "fisheye";
   for (const char* name : {"fov", "up"}) {
-    if (line.was_given(name) && !goes_around(options)) input_error("--", name, " is for --path orbit and turntable");
+    const bool has_use = goes_around(options) || (is_fisheye && name == std::string("fov"));
+    if (line.was_given(name) && !has_use) {
+      input_error("--", name, " is for --path orbit and turntable");
+    }
+  }
+  if (options.fov > kMaxPinholeFov && !is_fisheye) {
+    input_error("--fov ", options.fov, ": a pinhole shows at most ", kMaxPinholeFov,
+                " degrees; use --projection fisheye or equirectangular");
   }
   for (const char* name : {"elevation", "distance"}) {
     if (line.was_given(name) && options.path != "turntable") input_error("--", name, " is for --path turntable");
   }
 }
 
-CameraChoice choose_cameras(const CommandLine& line, const CameraOptions& options, const Scene& scene,
-                            const SplatCloud& splats) {
+namespace {
+
+/// The same place and direction in the projection that the options ask for.
+Camera in_projection(const CameraOptions& options, const Camera& camera) {
+  if (options.projection == "auto") return camera;
+  if (options.projection == "pinhole") return as_pinhole(camera);
+  ImageSize size{camera.width, camera.height};
+  Lens lens;
+  if (options.projection == "equirectangular") {
+    if (options.width > 0 && options.height > 0 && options.width != 2 * options.height) {
+      input_error("--projection equirectangular: expected images twice as wide as high, found --width ", options.width,
+                  " and --height ", options.height, "; name only one of them");
+    }
+    size = options.width > 0 ? ImageSize{size.width, std::max(1, size.width / 2)}
+                             : ImageSize{2 * size.height, size.height};
+    lens = equirectangular_lens(size);
+  } else {
+    lens.model = &kFisheyeLens<0>;
+    lens.fx = lens.fy = size.height / radians(options.fov > 0 ? options.fov : kDefaultFisheyeFov);
+    lens.cx = 0.5 * size.width;
+    lens.cy = 0.5 * size.height;
+  }
+  Camera projected = native_camera(lens, size, "--projection " + options.projection);
+  projected.cam_from_world = camera.cam_from_world;
+  return projected;
+}
+
+CameraChoice choose_places(const CommandLine& line, const CameraOptions& options, const Scene& scene,
+                           const SplatCloud& splats) {
   CameraChoice choice = key_cameras(line, options, scene, splats.frame);
   const bool is_path = goes_around(options) || options.path == "interpolated";
   if (!is_path) {
@@ -164,6 +207,7 @@ CameraChoice choose_cameras(const CommandLine& line, const CameraOptions& option
   choice.set = is_of_file ? choice.set + "_" + options.path : options.path;
   choice.views.clear();
   std::vector<Camera> keys = std::move(choice.cameras);
+  for (Camera& key : keys) key = as_pinhole(key);
   if (options.path == "interpolated") {
     for (Camera& camera : keys) camera = fit_to_size(camera, wanted_size(options, {camera.width, camera.height}));
     choice.cameras = interpolate_cameras(keys, options.frames);
@@ -187,6 +231,15 @@ CameraChoice choose_cameras(const CommandLine& line, const CameraOptions& option
         print_to_string("the cameras leave a gap of %.0f degrees around this point; expect blur and holes there",
                         coverage.gap * 180 / kPi));
   }
+  return choice;
+}
+
+}  // namespace
+
+CameraChoice choose_cameras(const CommandLine& line, const CameraOptions& options, const Scene& scene,
+                            const SplatCloud& splats) {
+  CameraChoice choice = choose_places(line, options, scene, splats);
+  for (Camera& camera : choice.cameras) camera = in_projection(options, camera);
   return choice;
 }
 

@@ -21,6 +21,7 @@ struct CameraOptions {
   int frames = 120;
   int width = 0;
   int height = 0;
+  std::string projection = "auto";
   double fov = 0;
   double elevation = 0;
   double distance = 0;
@@ -36,8 +37,10 @@ void visit_fields(CameraOptions& c, Visitor&& field) {
   field(Option{"frames"}.common(), c.frames, AtLeast{1}, "images of --path interpolated, orbit and turntable");
   field(Option{"width"}.common(), c.width, InRange{0, kMaxRenderSide}, "image width, px (0 = that of the cameras)");
   field(Option{"height"}.common(), c.height, InRange{0, kMaxRenderSide}, "image height, px (0 = that of the cameras)");
-  field(Option{"fov"}, c.fov, InRange{0, 170},
-        "vertical angle of view of orbit and turntable, degrees (0 = that of the cameras)");
+  field(Option{"projection"}, c.projection, OneOf{{"auto", "pinhole", "fisheye", "equirectangular"}},
+        "of the images; auto: views in their lens, paths as a pinhole");
+  field(Option{"fov"}, c.fov, InRange{0, 350},
+        "vertical angle of view of orbit, turntable and fisheye, degrees (0 = that of the cameras)");
   field(Option{"elevation"}, c.elevation, InRange{-89, 89},
         "of the turntable above its centre, degrees (default: that of the cameras, or 15)");
   field(Option{"distance"}, c.distance, AtLeast{0},

@@ -1,6 +1,9 @@
 // A scene's camera and a cloud of Gaussians in the form that the rasterizer takes.
 #pragma once
 
+#include <algorithm>
+#include <iterator>
+
 #include "model/formats/splat_formats.h"
 #include "raster/args.h"
 #include "scene/cameras/camera.h"
@@ -22,6 +25,9 @@ inline CameraView to_camera_view(const Camera& camera) {
   view.cy = static_cast<float>(camera.cy);
   view.width = camera.width;
   view.height = camera.height;
+  view.lens.kind = camera.lens.kind;
+  std::copy(std::begin(camera.lens.k), std::end(camera.lens.k), view.lens.k);
+  view.lens.max_angle = static_cast<float>(camera.lens.max_angle);
   return view;
 }
 

@@ -15,6 +15,10 @@ namespace b3dgs {
 void train_on_ranks(Communicator& ranks, const TrainConfig& config, TrainHooks& hooks, std::int64_t splats_at_a_time) {
   if (ranks.size() == 1) return;
   hooks.make_stepper = [&ranks, splats_at_a_time](Training& training) {
+    for (const View& view : training.scene.train) {
+      if (view.camera.lens.kind != LensKind::kEquirectangular) continue;
+      input_error(view.name, ": panoramas cannot be trained on several ranks; train them on one");
+    }
     return std::make_unique<RankStepper>(training, ranks, splats_at_a_time);
   };
   if (kTorchHasCuda && config.gpu_memory_gb == 0 && ranks.shares_gpus()) {
@@ -54,6 +58,8 @@ std::uint64_t checksum_of(const Camera& camera) {
   const auto& pose = camera.cam_from_world;
   sum.add(pose.rotation.data(), sizeof pose.rotation);
   sum.add(pose.translation.data(), sizeof pose.translation);
+  sum.add(std::vector<double>{static_cast<double>(camera.lens.kind), camera.lens.max_angle});
+  sum.add(camera.lens.k, sizeof camera.lens.k);
   return sum.value();
 }
 

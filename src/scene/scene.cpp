@@ -5,8 +5,10 @@
 #include <map>
 #include <optional>
 #include <set>
+#include <tuple>
 
 #include "core/check.h"
+#include "scene/cameras/camera_lens.h"
 #include "scene/cameras/coordinate_frame.h"
 #include "scene/cameras/undistort.h"
 #include "scene/colmap/colmap.h"
@@ -38,9 +40,37 @@ std::vector<const ColmapImage*> sorted_by_name(const ColmapModel& model) {
   return images;
 }
 
+/// Which photographs are undistorted, and which are used as they are (SceneOptions::lenses).
+class LensChoice {
+ public:
+  explicit LensChoice(const std::string& lenses) : lenses_(lenses) {}
+
+  /// The camera of the whole photograph, without a pose.
+  Camera camera_of(const ViewSource& source) {
+    const bool is_panorama = source.lens.params().kind == LensKind::kEquirectangular;
+    if ((lenses_ == "undistort" && !is_panorama) || source.lens.is_pinhole()) {
+      return source.lens.pinhole(source.file_size);
+    }
+    const auto key = std::make_tuple(source.camera_id, source.file_size.width, source.file_size.height);
+    const auto [known, is_new] = cameras_.try_emplace(key);
+    if (is_new) {
+      known->second = native_camera(source.lens, source.file_size, source.camera_place);
+      if (lenses_ == "auto" && !is_panorama && undistorted_share(known->second) >= kEnoughUndistorted) {
+        known->second = source.lens.pinhole(source.file_size);
+      }
+    }
+    return known->second;
+  }
+
+ private:
+  static constexpr double kEnoughUndistorted = 0.9;
+  const std::string lenses_;
+  std::map<std::tuple<std::uint32_t, int, int>, Camera> cameras_;
+};
+
 // Reads the photograph's header. Photographs may be smaller or larger than COLMAP's camera.
 ViewSource view_source(const ColmapImage& image, const SceneModel& model, const fs::path& file, int divisor,
-                       int resolution) {
+                       int resolution, LensChoice& lenses) {
   const ColmapCamera& camera = model.model.cameras.at(image.camera_id);
   ViewSource source;
   source.name = image.name;
@@ -53,7 +83,7 @@ ViewSource view_source(const ColmapImage& image, const SceneModel& model, const 
   source.lens = lens_of(camera, source.camera_place)
                     .scaled(source.file_size.width / static_cast<double>(camera.width),
                             source.file_size.height / static_cast<double>(camera.height));
-  source.camera = source.lens.pinhole(source.file_size).scaled_to(source.size.width, source.size.height);
+  source.camera = lenses.camera_of(source).scaled_to(source.size.width, source.size.height);
   source.camera.cam_from_world = {rotation_from_quaternion(image.quat), image.translation};
   return source;
 }
@@ -109,13 +139,14 @@ Scene load_scene(const SceneOptions& options, const ProgressFn& progress) {
   const std::map<std::string, fs::path> files = find_photographs(model, folder);
   std::vector<ViewSource> sources;
   std::vector<std::string> missing;
+  LensChoice lenses(options.lenses);
   for (const ColmapImage* image : sorted_by_name(model.model)) {
     const auto file = files.find(image->name);
     if (file == files.end()) {
       missing.push_back(image->name);
       continue;
     }
-    sources.push_back(view_source(*image, model, file->second, folder.divisor(), options.resolution));
+    sources.push_back(view_source(*image, model, file->second, folder.divisor(), options.resolution, lenses));
     if (progress) progress("reading image headers", sources.size(), files.size());
   }
   if (sources.empty()) {
@@ -163,6 +194,12 @@ Scene load_scene(const SceneOptions& options, const ProgressFn& progress) {
     if (has_points && n_found > 0) {
       text += detail::concat(text.empty() ? "" : "; ", n_found, " found in parts of the photographs without points");
       scene.n_added_points = n_found;
+    }
+  }
+  std::set<std::string> lens_warnings;
+  for (const ViewSource& source : sources) {
+    if (!source.warning.empty() && lens_warnings.insert(source.warning).second) {
+      scene.warnings.push_back(source.warning);
     }
   }
   if (!masked_out.empty()) {

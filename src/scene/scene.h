@@ -1,4 +1,4 @@
-// A scene to train on: views with pinhole cameras and 8-bit images, split into training and test views, and points.
+// A scene to train on: views with cameras and 8-bit images, split into training and test views, and points.
 #pragma once
 
 #include <cstdint>
@@ -17,7 +17,8 @@ namespace b3dgs {
 
 class ViewImage;
 
-/// One registered photograph. The camera is a pinhole of the image's size: lens distortion has been removed.
+/// One registered photograph. The camera has the image's size. It is a pinhole, lens distortion having been removed,
+/// unless it keeps its lens (SceneOptions::lenses).
 struct View {
   std::string name;  // as in COLMAP's images file, sub-folders included
   std::string file;  // the photograph; empty: the image is not from a file
@@ -43,10 +44,11 @@ struct SceneOptions {
   std::string masks;              // MaskFolder; "": masks/ inside source_path, if there is one
   bool invert_masks = false;      // white is left out instead of black
   bool empty_background = false;  // see View::empty
-  bool load_images = true;        // false: cameras and points only
-  bool seed_points = false;       // add_points_of_photographs()
-  double host_memory_gb = -1;     // for decoded images, 10^9 bytes; -1: 80 % of the available memory
-  int n_readers = 2;              // trainings and evaluations that prefetch images at the same time
+  std::string lenses = "undistort";  // or "native": keep distorted lenses; "auto": where undistorting shows too little
+  bool load_images = true;           // false: cameras and points only
+  bool seed_points = false;          // add_points_of_photographs()
+  double host_memory_gb = -1;        // for decoded images, 10^9 bytes; -1: 80 % of the available memory
+  int n_readers = 2;                 // trainings and evaluations that prefetch images at the same time
   std::optional<CoordinateFrame> frame;  // of a training to resume; empty: choose_frame()
 };
 

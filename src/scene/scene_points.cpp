@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "core/parallel.h"
+#include "scene/cameras/camera_lens.h"
 #include "scene/cameras/coordinate_frame.h"
 #include "scene/images/image.h"
 #include "scene/points/point_cloud.h"
@@ -49,12 +50,33 @@ enum class Photographs {
   kRead,
 };
 
+/// The search needs pinholes: the view itself, or the faces of one that keeps its lens.
+std::vector<SeedView> faces_of(SeedView& view) {
+  std::vector<SeedView> faces;
+  if (view.camera.is_pinhole()) {
+    faces.push_back(std::move(view));
+    return faces;
+  }
+  for (const Camera& camera : pinhole_faces(view.camera)) {
+    SeedView& face = faces.emplace_back();
+    face.camera = camera;
+    Image8 shown(view.camera.width, view.camera.height, 1);
+    std::fill(shown.pixels.begin(), shown.pixels.end(), std::uint8_t{255});
+    face.valid = warp_image(view.valid.pixels.empty() ? shown : view.valid, view.camera, camera).image;
+    for (std::uint8_t& pixel : face.valid.pixels) pixel = pixel == 255 ? 255 : 0;
+    if (!view.image.pixels.empty()) face.image = warp_image(view.image, view.camera, camera).image;
+    if (!view.content.pixels.empty()) face.content = warp_image(view.content, view.camera, camera).image;
+  }
+  return faces;
+}
+
 /// Small copies of the photographs of the chosen views; cameras are in `frame`.
 std::vector<SeedView> seed_views(const Scene& scene, const CoordinateFrame& frame, Photographs photographs,
                                  const ProgressFn& progress) {
   const std::vector<const View*> views = chosen_views(scene);
   const std::size_t n = views.size();
   std::vector<SeedView> seeds(n);
+  std::vector<std::vector<SeedView>> faces_of_views(n);
   std::mutex mutex;
   std::size_t n_done = 0;
   parallel_pool(static_cast<std::int64_t>(n), [&](std::int64_t i, int) {
@@ -75,10 +97,15 @@ std::vector<SeedView> seed_views(const Scene& scene, const CoordinateFrame& fram
     }
     if (content) seed.content = resize_image(*content, seed.camera.width, seed.camera.height);
     if (view.valid) seed.valid = shrink_mask(*view.valid, seed.camera.width, seed.camera.height);
+    faces_of_views[static_cast<std::size_t>(i)] = faces_of(seed);
     const std::lock_guard<std::mutex> lock(mutex);
     if (progress) progress("looking for points in the photographs", ++n_done, n);
   });
-  return seeds;
+  std::vector<SeedView> faces;
+  for (std::vector<SeedView>& of_view : faces_of_views) {
+    for (SeedView& face : of_view) faces.push_back(std::move(face));
+  }
+  return faces;
 }
 
 /// Whether there is a point in the block of pixels, about a tenth of the longer side wide, that a pixel belongs to.

@@ -65,10 +65,20 @@ void for_each_view(const Scene& scene, Visit&& visit) {
 }
 
 std::string describe_distortion(const Scene& scene, const SceneOrigin& origin) {
-  const auto n_distorted = std::count_if(origin.sources.begin(), origin.sources.end(),
-                                         [](const ViewSource& source) { return !source.lens.is_pinhole(); });
+  const auto n_kept = std::count_if(origin.sources.begin(), origin.sources.end(),
+                                    [](const ViewSource& source) { return !source.camera.is_pinhole(); });
+  const auto n_distorted = std::count_if(origin.sources.begin(), origin.sources.end(), [](const ViewSource& source) {
+    return source.camera.is_pinhole() && !source.lens.is_pinhole();
+  });
+  std::string kept;
+  if (n_kept > 0) {
+    kept = concat(n_kept, n_kept == 1 ? " image is" : " images are", " used as photographed, in the lens (--lenses ",
+                  origin.options.lenses, ")");
+    if (n_distorted == 0) return kept;
+    kept += "; ";
+  }
   if (n_distorted == 0) return "none";
-  if (!origin.options.load_images) return concat("in ", n_distorted, " images");
+  if (!origin.options.load_images) return concat(kept, "in ", n_distorted, " images");
   const auto n_masked = std::count_if(origin.sources.begin(), origin.sources.end(),
                                       [](const ViewSource& source) { return !source.mask.empty(); });
   double share = 0;
@@ -81,7 +91,7 @@ std::string describe_distortion(const Scene& scene, const SceneOrigin& origin) {
     share += static_cast<double>(std::count(mask.begin(), mask.end(), 255)) / static_cast<double>(mask.size());
   });
   const double percent = 100 * share / static_cast<double>(origin.sources.size());
-  return concat("removed from ", n_distorted, " images, ", rounded(percent, "%.2f"), "% of the pixels are valid",
+  return concat(kept, "removed from ", n_distorted, " images, ", rounded(percent, "%.2f"), "% of the pixels are valid",
                 n_masked > 0 ? " and not masked" : "");
 }
 

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <atomic>
+#include <cmath>
 #include <map>
 #include <set>
 #include <tuple>
@@ -9,6 +10,7 @@
 #include "core/check.h"
 #include "core/host_memory.h"
 #include "core/parallel.h"
+#include "scene/cameras/camera_lens.h"
 #include "scene/images/image.h"
 #include "scene/images/image_folder.h"
 
@@ -16,6 +18,19 @@ namespace b3dgs {
 namespace {
 
 constexpr std::int64_t kMapShare = 8;  // undistortion maps get an eighth of the memory
+
+// The mask of a camera that keeps its lens, and what to say about it.
+std::pair<std::shared_ptr<const Image8>, std::string> shown_by(const ViewSource& source) {
+  std::shared_ptr<const Image8> mask = lens_mask(source.camera);
+  if (!mask || source.camera.lens.kind == LensKind::kEquirectangular) return {mask, ""};
+  const auto n_left_out = std::count(mask->pixels.begin(), mask->pixels.end(), 0);
+  return {mask,
+          detail::concat(source.camera_place, ": the formula of the lens ends ",
+                         std::round(10 * source.camera.lens.max_angle * 180 / 3.14159265358979) / 10,
+                         " degrees from the axis, inside the image; ",
+                         std::max<std::int64_t>(1, 100 * n_left_out / static_cast<std::int64_t>(mask->pixels.size())),
+                         "% of the pixels are beyond and left out")};
+}
 
 // Photographs with the same distorted camera and file size share a group and a mask.
 void assign_lens_groups(std::vector<ViewSource>& sources, UndistorterCache& cache) {
@@ -25,7 +40,15 @@ void assign_lens_groups(std::vector<ViewSource>& sources, UndistorterCache& cach
     std::shared_ptr<const Image8> valid;
   };
   std::map<Key, Group> groups;
+  std::map<Key, std::pair<std::shared_ptr<const Image8>, std::string>> native;
   for (ViewSource& source : sources) {
+    if (!source.camera.is_pinhole()) {
+      const Key key{source.camera_id, source.size.width, source.size.height};
+      const auto [known, is_new] = native.try_emplace(key);
+      if (is_new) known->second = shown_by(source);
+      std::tie(source.valid, source.warning) = known->second;
+      continue;
+    }
     if (source.lens.is_pinhole()) continue;
     const Key key{source.camera_id, source.file_size.width, source.file_size.height};
     auto found = groups.find(key);

@@ -29,8 +29,9 @@ struct ViewSource {
   std::string camera_place;             // "FILE: camera ID", for errors
   Lens lens;                            // in pixels of the file
   ImageSize file_size, size;            // px, on disk and for training; `size` is not larger
-  Camera camera;                        // pinhole of `size`, with its pose
-  int lens_group = -1;                  // of SceneImages::undistorters; -1: the lens is a pinhole
+  Camera camera;                        // of `size`, with its pose: a pinhole, or with its lens
+  int lens_group = -1;                  // of SceneImages::undistorters; -1: the photograph is used as it is
+  std::string warning;                  // about the lens; or ""
   std::shared_ptr<const Image8> valid;  // mask of `size`; null: all pixels are valid
   std::shared_ptr<const Image8> empty;  // View::empty
   bool is_masked_out = false;           // no pixel is valid

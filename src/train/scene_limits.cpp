@@ -42,6 +42,7 @@ SceneOptions scene_options(const TrainConfig& config) {
   options.eval = config.eval;
   options.white_background = config.white_background;
   options.tracks = !config.depths.empty();
+  options.lenses = config.lenses;
   options.masks = config.masks;
   options.invert_masks = config.invert_masks;
   options.empty_background = config.mask_mode == "segment";
@@ -58,6 +59,7 @@ void check_scene_options(const TrainConfig& config, const Scene& scene) {
   check_same("source_path", plain(found.source_path), plain(expected.source_path));
   check_same("images", found.images, expected.images);
   check_same("resolution", found.resolution, expected.resolution);
+  check_same("lenses", found.lenses, expected.lenses);
   check_same("eval", found.eval, expected.eval);
   check_same("white_background", found.white_background, expected.white_background);
   check_same("masks", found.masks, expected.masks);

@@ -246,8 +246,8 @@ TEST_F(DamagedModel, RejectsAnUnknownCameraModelByName) {
   write(sample_model(), ColmapFormat::kText);
   replace("cameras.txt", "7 SPHERE 64 48 50 50 32\n");
   EXPECT_TRUE(refuses({file("cameras.txt") + ":1:", "unknown camera model \"SPHERE\""}));
-  replace("cameras.txt", "7 EQUIRECTANGULAR 64 48\n");
-  EXPECT_TRUE(refuses({file("cameras.txt") + ":1:", "EQUIRECTANGULAR", "image_undistorter"}));
+  replace("cameras.txt", "7 RAD_TAN_THIN_PRISM_FISHEYE 64 48\n");
+  EXPECT_TRUE(refuses({file("cameras.txt") + ":1:", "RAD_TAN_THIN_PRISM_FISHEYE", "image_undistorter"}));
 }
 
 TEST_F(DamagedModel, RejectsTextImagesWithoutTheirLineOf2dPoints) {

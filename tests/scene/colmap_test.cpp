@@ -174,7 +174,7 @@ TEST(CameraModels, HaveColmapsNamesAndParameterCounts) {
                                                           {"SIMPLE_FISHEYE", 3},
                                                           {"FISHEYE", 4},
                                                           {"EUCM", 6},
-                                                          {"EQUIRECTANGULAR", 0}};
+                                                          {"EQUIRECTANGULAR", 2}};
   for (std::size_t id = 0; id < expected.size(); ++id) {
     if (expected[id].second == 0) {
       EXPECT_TRUE(test::fails_with<InputError>({"cameras.txt", expected[id].first, "image_undistorter"},

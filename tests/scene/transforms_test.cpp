@@ -365,7 +365,8 @@ TEST_F(Transforms, RefusesBadInputWithFileAndFrame) {
   EXPECT_TRUE(refuses(with("w", 1e300), {place, "w"}));
   EXPECT_TRUE(refuses(with("k1", true), {place, "k1", "true"}));
   EXPECT_TRUE(refuses(with("k4", 0.5), {place, "k4", "FULL_OPENCV"}));
-  EXPECT_TRUE(refuses(with("camera_model", "EQUIRECTANGULAR"), {place, "EQUIRECTANGULAR", "OPENCV_FISHEYE"}));
+  EXPECT_TRUE(refuses(with("camera_model", "SPHERE"), {place, "SPHERE", "OPENCV_FISHEYE", "EQUIRECTANGULAR"}));
+  EXPECT_TRUE(refuses(with("camera_model", "EQUIRECTANGULAR"), {place, "panorama", "twice as wide as high"}));
   EXPECT_TRUE(refuses(with("camera_model", 3), {place, "camera_model", "3"}));
   EXPECT_TRUE(refuses(with("mask_path", 3), {place, "mask_path"}));
   Json none = good;

@@ -9,11 +9,15 @@
 #include <nlohmann/json.hpp>
 #include <optional>
 #include <string>
+#include <tuple>
+#include <vector>
 
 #include "core/check.h"
 #include "core/json_text.h"
 #include "scene/cameras/camera.h"
+#include "scene/cameras/camera_lens.h"
 #include "scene/cameras/coordinate_frame.h"
+#include "scene/colmap/colmap.h"
 #include "scene/images/image.h"
 #include "scene/transforms/transforms.h"
 
@@ -27,16 +31,37 @@ constexpr double kMaxNumber = 1e12;  // px or world units; squares are finite in
 Json camera_to_json(std::size_t id, const View& view, const CoordinateFrame& frame) {
   const Camera camera = change_frame(frame, {}, view.camera);
   const std::array<double, 9>& r = camera.cam_from_world.rotation;
-  return {{"id", id},
-          {"img_name", view.name},
-          {"width", camera.width},
-          {"height", camera.height},
-          {"position", camera.center()},
-          {"rotation", {{r[0], r[3], r[6]}, {r[1], r[4], r[7]}, {r[2], r[5], r[8]}}},  // camera to world
-          {"fy", camera.fy},
-          {"fx", camera.fx},
-          {"cx", camera.cx},
-          {"cy", camera.cy}};
+  Json json{{"id", id},
+            {"img_name", view.name},
+            {"width", camera.width},
+            {"height", camera.height},
+            {"position", camera.center()},
+            {"rotation", {{r[0], r[3], r[6]}, {r[1], r[4], r[7]}, {r[2], r[5], r[8]}}},  // camera to world
+            {"fy", camera.fy},
+            {"fx", camera.fx},
+            {"cx", camera.cx},
+            {"cy", camera.cy}};
+  if (!camera.is_pinhole()) std::tie(json["camera_model"], json["params"]) = named_lens(camera);
+  return json;
+}
+
+/// The lens of an entry, with the focal lengths and the principal point of `camera`.
+LensParams<double> lens_from_json(const Json& entry, const Camera& camera, const std::string& place) {
+  if (!entry.contains("camera_model")) return {};
+  ColmapCamera named;
+  named.width = static_cast<std::uint64_t>(camera.width);
+  named.height = static_cast<std::uint64_t>(camera.height);
+  named.model = camera_model_from_name(entry["camera_model"].get<std::string>(), place);
+  named.params = entry.at("params").get<std::vector<double>>();
+  if (named.params.size() != static_cast<std::size_t>(camera_model_param_count(named.model))) {
+    input_error(place, ": expected the parameters ", camera_model_params(named.model), ", found ", named.params.size(),
+                " numbers");
+  }
+  for (const double value : named.params) {
+    if (!(std::abs(value) <= kMaxNumber)) input_error(place, ": expected finite params, found ", value);
+  }
+  const Lens lens = lens_of(named, place);
+  return lens.is_pinhole() ? LensParams<double>{} : native_camera(lens, {camera.width, camera.height}, place).lens;
 }
 
 /// @throws nlohmann::json::exception for missing keys and wrong types; InputError for sizes out of range
@@ -51,6 +76,7 @@ NamedCamera camera_from_json(const Json& entry, const std::string& place) {
   camera.cx = entry.value("cx", 0.5 * camera.width);
   camera.cy = entry.value("cy", 0.5 * camera.height);
   named.held_out = entry.value("held_out", false);
+  camera.lens = lens_from_json(entry, camera, place);
   const auto position = entry.at("position").get<std::array<double, 3>>();
   const auto world_from_cam = entry.at("rotation").get<std::array<std::array<double, 3>, 3>>();
   Pose& pose = camera.cam_from_world;
@@ -313,7 +339,10 @@ CameraFile read_transforms_cameras(const std::string& text, const fs::path& path
   for (const ColmapImage& image : frames.model.images) {
     const ColmapCamera& lens = frames.model.cameras.at(image.camera_id);
     const std::string& place = frames.camera_places.at(image.camera_id);
-    Camera camera = lens_of(lens, place).pinhole({static_cast<int>(lens.width), static_cast<int>(lens.height)});
+    const ImageSize sides{static_cast<int>(lens.width), static_cast<int>(lens.height)};
+    const bool is_panorama = lens.model == CameraModel::kEquirectangular;
+    Camera camera =
+        is_panorama ? native_camera(lens_of(lens, place), sides, place) : lens_of(lens, place).pinhole(sides);
     camera.cam_from_world = {rotation_from_quaternion(image.quat), image.translation};
     check_camera(camera, place);
     result.cameras.push_back({image.name, camera});

@@ -19,7 +19,8 @@ struct NamedCamera {
 };
 
 /// The keys of the original, and the principal point (cx, cy, in px), which the original assumes to be the centre of
-/// the image. Test views come first, with "held_out": true. `frame` is that of the views.
+/// the image. Test views come first, with "held_out": true. Cameras that keep their lens have two keys more,
+/// "camera_model" and "params", as in COLMAP's cameras.txt; other readers see a pinhole. `frame` is that of the views.
 nlohmann::ordered_json cameras_to_json(const std::vector<View>& test, const std::vector<View>& train,
                                        const CoordinateFrame& frame = {});
 

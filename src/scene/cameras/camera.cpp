@@ -1,8 +1,10 @@
 #include "scene/cameras/camera.h"
 
+#include <algorithm>
 #include <cmath>
 
 #include "core/check.h"
+#include "raster/math/lens.h"
 
 namespace b3dgs {
 namespace {
@@ -99,7 +101,7 @@ std::array<double, 4> quaternion_from_rotation(const std::array<double, 9>& r) {
 Camera Camera::with_field_of_view(int width, int height, double fov, const Pose& cam_from_world) {
   constexpr double kPi = 3.14159265358979323846;
   const double focal = 0.5 * height / std::tan(0.5 * fov * kPi / 180);
-  return {width, height, focal, focal, 0.5 * width, 0.5 * height, cam_from_world};
+  return {width, height, focal, focal, 0.5 * width, 0.5 * height, cam_from_world, {}};
 }
 
 std::array<double, 3> Camera::center() const {
@@ -108,6 +110,30 @@ std::array<double, 3> Camera::center() const {
   std::array<double, 3> center{};
   for (int i = 0; i < 3; ++i) center[i] = -(r[i] * t[0] + r[3 + i] * t[1] + r[6 + i] * t[2]);
   return center;
+}
+
+Camera Camera::without_lens() const {
+  Camera pinhole = *this;
+  pinhole.lens = {};
+  return pinhole;
+}
+
+std::optional<ImagePoint> Camera::image_of(const std::array<double, 3>& at) const {
+  ImagePoint place{fx * at[0] / at[2] + cx, fy * at[1] / at[2] + cy, at[2]};
+  if (!is_pinhole()) {
+    const Vec3<double> point{at[0], at[1], at[2]};
+    place.depth = lens_depth(lens, point);
+    const bool is_panorama = lens.kind == LensKind::kEquirectangular;
+    if (!(place.depth > 0) || (!is_panorama && lens_place(lens, point).is_clamped)) return std::nullopt;
+    const Vec2<double> pixel = lens_point(lens, {fx, fy, cx, cy}, point).pixel;
+    place.x = pixel.x;
+    place.y = pixel.y;
+    if (is_panorama && place.x >= width) place.x -= width;
+    if (is_panorama) place.y = std::min(place.y, std::nextafter(height, 0.0));  // the lower pole
+  }
+  if (!(place.depth > 0)) return std::nullopt;
+  if (!(place.x >= 0 && place.x < width && place.y >= 0 && place.y < height)) return std::nullopt;
+  return place;
 }
 
 Camera Camera::scaled_to(int new_width, int new_height) const {

@@ -1,10 +1,12 @@
-// A pinhole camera with its pose, in double precision: cameras are few, and everything else is derived from them.
+// A camera with its pose, in double precision: cameras are few, and everything else is derived from them.
 #pragma once
 
 #include <array>
 #include <cstddef>
 #include <optional>
 #include <string>
+
+#include "raster/view_lens.h"
 
 namespace b3dgs {
 
@@ -20,17 +22,24 @@ std::array<double, 9> rotation_from_quaternion(const std::array<double, 4>& wxyz
 /// Unit quaternion w, x, y, z with w >= 0 of a rotation matrix (row-major).
 std::array<double, 4> quaternion_from_rotation(const std::array<double, 9>& rotation);
 
-/// Where a point is in an image, px, and its distance along the viewing direction.
+/// Where a point is in an image, px, and its depth (lens_depth() in raster/math/lens.h).
 struct ImagePoint {
   double x = 0, y = 0, depth = 0;
 };
 
-/// Pinhole camera. The centre of the upper left pixel is at (0.5, 0.5), as in COLMAP.
+/// A camera: a pinhole, unless it keeps the lens of its photograph. The centre of the upper left pixel is at (0.5,
+/// 0.5), as in COLMAP.
 struct Camera {
   int width = 0, height = 0;  // px
   double fx = 0, fy = 0;      // px
   double cx = 0, cy = 0;      // px, need not be the image centre
   Pose cam_from_world;
+  LensParams<double> lens{};  // raster/math/lens.h
+
+  bool is_pinhole() const { return lens.kind == LensKind::kPinhole; }
+
+  /// A pinhole that looks the same way, with the same focal lengths.
+  Camera without_lens() const;
 
   /// A camera that looks at the centre of its image. @param fov vertical field of view, degrees
   static Camera with_field_of_view(int width, int height, double fov, const Pose& cam_from_world);
@@ -42,6 +51,9 @@ struct Camera {
   template <class Value>
   std::optional<ImagePoint> project(const Value* position) const;
 
+  /// The same for a point in camera coordinates.
+  std::optional<ImagePoint> image_of(const std::array<double, 3>& at) const;
+
   /// The same camera for an image of another size; the intrinsics are scaled per axis.
   Camera scaled_to(int new_width, int new_height) const;
 };
@@ -52,10 +64,7 @@ std::optional<ImagePoint> Camera::project(const Value* position) const {
   for (std::size_t row = 0; row < 3; ++row) {
     for (std::size_t axis = 0; axis < 3; ++axis) at[row] += cam_from_world.rotation[3 * row + axis] * position[axis];
   }
-  if (!(at[2] > 0)) return std::nullopt;
-  const ImagePoint place{fx * at[0] / at[2] + cx, fy * at[1] / at[2] + cy, at[2]};
-  if (!(place.x >= 0 && place.x < width && place.y >= 0 && place.y < height)) return std::nullopt;
-  return place;
+  return image_of(at);
 }
 
 // Poses as OpenGL, Blender, nerfstudio and instant-ngp write them: the camera looks along -z.

@@ -7,6 +7,7 @@
 #include <cstddef>
 #include <vector>
 
+#include "raster/view_lens.h"
 #include "scene/cameras/camera.h"
 #include "scene/images/image.h"
 
@@ -21,6 +22,9 @@ struct LensModel {
   std::array<double, 2> (*distort)(const double* k, double x, double y);
   /// Whether a camera whose coefficients are all 0 is a pinhole. A fisheye is not: it is the equidistant projection.
   bool is_pinhole_at_zero;
+  /// For cameras that keep their lens: its kind, and where in LensParams::k each coefficient goes.
+  LensKind kind;
+  std::array<std::size_t, 8> places;
 };
 
 /// 1 + c[0] s + c[1] s^2 + ... + c[N - 1] s^N
@@ -47,7 +51,8 @@ double radial_factor(const double* k, double r) {
 }
 
 template <std::size_t N>
-inline constexpr LensModel kRadialLens{radial_factor<N>, distort_radially<radial_factor<N>>, true};
+inline constexpr LensModel kRadialLens{
+    radial_factor<N>, distort_radially<radial_factor<N>>, true, LensKind::kDistorted, {0, 1}};
 inline constexpr const LensModel& kPinholeLens = kRadialLens<0>;
 
 // OPENCV and FULL_OPENCV: OpenCV's camera model, radial and tangential.
@@ -66,9 +71,13 @@ std::array<double, 2> distort_tangentially(const double* k, double x, double y) 
   return {x * factor + 2 * p1 * x * y + p2 * (r2 + 2 * x * x), y * factor + 2 * p2 * x * y + p1 * (r2 + 2 * y * y)};
 }
 
-inline constexpr LensModel kOpenCvLens{radial_factor<2>, distort_tangentially<radial_factor<2>>, true};
-inline constexpr LensModel kFullOpenCvLens{full_opencv_radial_factor, distort_tangentially<full_opencv_radial_factor>,
-                                           true};
+inline constexpr LensModel kOpenCvLens{
+    radial_factor<2>, distort_tangentially<radial_factor<2>>, true, LensKind::kDistorted, {0, 1, 7, 8}};
+inline constexpr LensModel kFullOpenCvLens{full_opencv_radial_factor,
+                                           distort_tangentially<full_opencv_radial_factor>,
+                                           true,
+                                           LensKind::kDistorted,
+                                           {0, 1, 7, 8, 2, 4, 5, 6}};
 
 // SIMPLE_RADIAL_FISHEYE, RADIAL_FISHEYE and OPENCV_FISHEYE: the equidistant projection with radial distortion.
 // SIMPLE_FISHEYE and FISHEYE: without (N = 0).
@@ -81,7 +90,8 @@ double fisheye_radial_factor(const double* k, double r) {
 }
 
 template <std::size_t N>
-inline constexpr LensModel kFisheyeLens{fisheye_radial_factor<N>, distort_radially<fisheye_radial_factor<N>>, false};
+inline constexpr LensModel kFisheyeLens{
+    fisheye_radial_factor<N>, distort_radially<fisheye_radial_factor<N>>, false, LensKind::kFisheye, {0, 1, 2, 3}};
 
 // THIN_PRISM_FISHEYE: the equidistant projection with radial, tangential and thin-prism distortion, as the ETH3D
 // benchmark defines it (Weng et al. 1992 for the thin prism).
@@ -102,7 +112,8 @@ inline std::array<double, 2> distort_thin_prism(const double* k, double x, doubl
           y * factor + 2 * p2 * u * v + p1 * (theta2 + 2 * v * v) + sy1 * theta2};
 }
 
-inline constexpr LensModel kThinPrismFisheyeLens{thin_prism_radial_factor, distort_thin_prism, false};
+inline constexpr LensModel kThinPrismFisheyeLens{
+    thin_prism_radial_factor, distort_thin_prism, false, LensKind::kFisheye, {0, 1, 7, 8, 2, 3, 9, 10}};
 
 // FOV, SIMPLE_DIVISION, DIVISION and EUCM: one or two coefficients and a closed form.
 
@@ -128,9 +139,16 @@ inline double eucm_radial_factor(const double* k, double r) {
   return 1 / (alpha * std::sqrt(beta * r * r + 1) + 1 - alpha);
 }
 
-inline constexpr LensModel kFovLens{fov_radial_factor, distort_radially<fov_radial_factor>, true};
-inline constexpr LensModel kDivisionLens{division_radial_factor, distort_radially<division_radial_factor>, true};
-inline constexpr LensModel kEucmLens{eucm_radial_factor, distort_radially<eucm_radial_factor>, true};
+inline constexpr LensModel kFovLens{fov_radial_factor, distort_radially<fov_radial_factor>, true, LensKind::kFov, {0}};
+inline constexpr LensModel kDivisionLens{
+    division_radial_factor, distort_radially<division_radial_factor>, true, LensKind::kDivision, {0}};
+inline constexpr LensModel kEucmLens{
+    eucm_radial_factor, distort_radially<eucm_radial_factor>, true, LensKind::kEucm, {0, 1}};
+
+// EQUIRECTANGULAR: a panorama, which has no place on the plane z = 1 behind the camera and is never undistorted.
+
+inline constexpr LensModel kEquirectangularLens{
+    radial_factor<0>, distort_radially<radial_factor<0>>, false, LensKind::kEquirectangular, {}};
 
 // The lens of one camera: intrinsics and distortion, from the ideal pinhole to the photograph.
 
@@ -143,9 +161,14 @@ struct Lens {
   bool is_pinhole() const;
   /// The same lens for an image of another size.
   Lens scaled(double sx, double sy) const;
+  /// Of a camera that keeps this lens, without its largest angle (native_camera()).
+  LensParams<double> params() const;
   /// The camera of undistorted images of this size, without a pose: same focal lengths and principal point.
   Camera pinhole(ImageSize size) const;
 };
+
+/// Of a panorama of this size.
+Lens equirectangular_lens(ImageSize size);
 
 /// Undistorted to distorted point, both on the plane z = 1.
 std::array<double, 2> distort(const Lens& lens, double x, double y);

@@ -173,8 +173,16 @@ Lens Lens::scaled(double sx, double sy) const {
   return scaled;
 }
 
+LensParams<double> Lens::params() const {
+  LensParams<double> params;
+  if (is_pinhole()) return params;
+  params.kind = model->kind;
+  for (std::size_t i = 0; i < coefficients.size(); ++i) params.k[model->places[i]] = coefficients[i];
+  return params;
+}
+
 Camera Lens::pinhole(ImageSize size) const {
-  return {size.width, size.height, fx, fy, cx, cy, {}};
+  return {size.width, size.height, fx, fy, cx, cy, {}, {}};
 }
 
 std::array<double, 2> distort(const Lens& lens, double x, double y) {

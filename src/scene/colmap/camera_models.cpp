@@ -12,12 +12,12 @@ namespace {
 
 struct CameraModelRow {
   const char* name;
-  const char* params;     // "f, cx, cy, ..." or "fx, fy, cx, cy, ..."; null: cameras of this model cannot be read
+  const char* params;  // "f, cx, cy, ...", "fx, fy, cx, cy, ..." or "w, h"; null: cameras of this model cannot be read
   const LensModel* lens;  // null: photographs of this model cannot be used
 };
 
-// In the order of COLMAP's ids (src/colmap/sensor/models.h there). RAD_TAN_THIN_PRISM_FISHEYE and EQUIRECTANGULAR have
-// a name only: their number of parameters has changed between versions of COLMAP.
+// In the order of COLMAP's ids (src/colmap/sensor/models.h there). RAD_TAN_THIN_PRISM_FISHEYE has a name only: its
+// number of parameters has changed between versions of COLMAP.
 constexpr std::array<CameraModelRow, 18> kCameraModels{{
     {"SIMPLE_PINHOLE", "f, cx, cy", &kPinholeLens},
     {"PINHOLE", "fx, fy, cx, cy", &kPinholeLens},
@@ -36,7 +36,7 @@ constexpr std::array<CameraModelRow, 18> kCameraModels{{
     {"SIMPLE_FISHEYE", "f, cx, cy", &kFisheyeLens<0>},
     {"FISHEYE", "fx, fy, cx, cy", &kFisheyeLens<0>},
     {"EUCM", "fx, fy, cx, cy, alpha, beta", &kEucmLens},
-    {"EQUIRECTANGULAR", nullptr, nullptr},
+    {"EQUIRECTANGULAR", "w, h", &kEquirectangularLens},
 }};
 static_assert(static_cast<int>(CameraModel::kThinPrismFisheye) == 10, "the table is in the order of the ids");
 
@@ -121,6 +121,14 @@ Lens lens_of(const ColmapCamera& camera, const std::string& place) {
   B3DGS_CHECK(p.size() == static_cast<std::size_t>(camera_model_param_count(camera.model)), place, ": ", p.size(),
               " camera parameters");
   if (!row.lens) refuse_camera_model(place, row.name);
+  if (row.lens == &kEquirectangularLens) {
+    const auto width = static_cast<int>(camera.width), height = static_cast<int>(camera.height);
+    if (width != 2 * height || p[0] != width || p[1] != height) {
+      input_error(place, ": expected a panorama of 360 x 180 degrees, twice as wide as high, found ", width, " x ",
+                  height, " px and the parameters ", p[0], " x ", p[1], "; crop or scale it, and name its size");
+    }
+    return equirectangular_lens({width, height});
+  }
   const std::size_t n_focal_lengths = std::string(row.params).rfind("fx", 0) == 0 ? 2 : 1;
   Lens lens;
   lens.fx = p[0];

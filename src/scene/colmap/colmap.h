@@ -33,6 +33,7 @@ enum class CameraModel : int {
   kSimpleFisheye = 14,
   kFisheye = 15,
   kEucm = 16,
+  kEquirectangular = 17,
 };
 
 struct ColmapCamera {

@@ -22,7 +22,7 @@ void visit_numbers(Archive& archive, Values& values, const char* what) {
 struct CameraRecord {
   using Type = ColmapCamera;
   static constexpr const char *kOne = "camera", *kMany = "cameras";
-  static constexpr std::uint64_t kMinBytes = 4 + 4 + 8 + 8 + 3 * 8;  // SIMPLE_PINHOLE
+  static constexpr std::uint64_t kMinBytes = 4 + 4 + 8 + 8 + 2 * 8;  // EQUIRECTANGULAR
   static constexpr const char* kHeader =
       "# Camera list with one line of data per camera:\n#   CAMERA_ID, MODEL, WIDTH, HEIGHT, PARAMS[]\n";
   static constexpr const char* kStatistics = "";

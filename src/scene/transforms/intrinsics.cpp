@@ -16,6 +16,8 @@ constexpr double kMaxSide = 1 << 20;  // px; larger only in damaged files
 constexpr std::array kPerspective{"SIMPLE_PINHOLE", "PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV", "FULL_OPENCV"};
 constexpr std::array kFisheye{"OPENCV_FISHEYE", "SIMPLE_RADIAL_FISHEYE", "RADIAL_FISHEYE"};
 
+constexpr const char* kPanorama = "EQUIRECTANGULAR";
+
 bool is_fisheye(const FrameValues& values, const std::string& model) {
   if (model.empty()) return values.boolean("is_fisheye").value_or(false);
   if (std::find(kFisheye.begin(), kFisheye.end(), model) != kFisheye.end()) return true;
@@ -23,6 +25,7 @@ bool is_fisheye(const FrameValues& values, const std::string& model) {
   std::string names = kPerspective[0];
   for (std::size_t i = 1; i < kPerspective.size(); ++i) names += std::string(", ") + kPerspective[i];
   for (const char* name : kFisheye) names += std::string(", ") + name;
+  names += std::string(" and ") + kPanorama;
   input_error(values.place(), ": unsupported camera_model \"", model.substr(0, 40), "\", expected one of ", names,
               "; convert the photographs to perspective views first");
 }
@@ -107,11 +110,17 @@ std::optional<ColmapCamera> camera_of_frame(const FrameValues& values,
   if (!size) return std::nullopt;
 
   const std::string model = values.text("camera_model");
-  const bool is_fisheye_camera = is_fisheye(values, model);
-  const auto [fx, fy] = focal_lengths(values, *size);
   ColmapCamera camera;
   camera.width = static_cast<std::uint64_t>(size->width);
   camera.height = static_cast<std::uint64_t>(size->height);
+  if (model == kPanorama) {
+    camera.model = CameraModel::kEquirectangular;
+    camera.params = {static_cast<double>(size->width), static_cast<double>(size->height)};
+    lens_of(camera, values.place());  // checks the size
+    return camera;
+  }
+  const bool is_fisheye_camera = is_fisheye(values, model);
+  const auto [fx, fy] = focal_lengths(values, *size);
   camera.params = {fx, fy, values.number("cx").value_or(0.5 * size->width),
                    values.number("cy").value_or(0.5 * size->height)};
   const auto append = [&](CameraModel of_coefficients, std::initializer_list<double> coefficients) {

@@ -41,6 +41,10 @@ std::uint32_t camera_crc(const Camera& camera) {
   const Pose& pose = camera.cam_from_world;
   values.insert(values.end(), pose.rotation.begin(), pose.rotation.end());
   values.insert(values.end(), pose.translation.begin(), pose.translation.end());
+  if (!camera.is_pinhole()) {
+    values.push_back(static_cast<double>(camera.lens.kind));
+    values.insert(values.end(), std::begin(camera.lens.k), std::end(camera.lens.k));
+  }
   std::uint32_t crc = 0;
   for (const double value : values) {
     const float rounded = static_cast<float>(value) + 0.0f;  // -0 is 0

@@ -1,0 +1,57 @@
+// Cameras of photographs as they are, with their lens, instead of the pinhole of undistorted ones.
+#pragma once
+
+#include <array>
+#include <memory>
+#include <optional>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "scene/cameras/camera.h"
+#include "scene/cameras/lens.h"
+#include "scene/images/image.h"
+
+namespace b3dgs {
+
+/// The camera of photographs of this size that are trained as they are, without a pose. Its largest angle is a little
+/// beyond the corners of the image, or where the lens's formula folds over. @throws InputError, beginning with `place`,
+/// if no pixel of the image is within it
+Camera native_camera(const Lens& lens, ImageSize size, const std::string& place);
+
+/// Directions of the light that pixels show.
+class LensRays {
+ public:
+  explicit LensRays(const Camera& camera);
+
+  /// Unit vector in camera coordinates; nothing if no direction is shown at this place, px.
+  std::optional<std::array<double, 3>> at(double x, double y) const;
+
+ private:
+  static constexpr int kSteps = 256;
+  Camera camera_;
+  std::array<double, kSteps + 1> radii_{};  // on the plane of the distorted point, at steps of the angle to the axis
+};
+
+/// Mask of one channel: 255 where a pixel shows a direction, and not within 4 degrees of a panorama's poles, where
+/// tripods and stitching are; null if all do.
+std::shared_ptr<const Image8> lens_mask(const Camera& camera);
+
+/// Pinhole cameras of the same place that together see what the camera sees: itself, one, or up to six faces of a cube,
+/// of 90 degrees and a margin.
+std::vector<Camera> pinhole_faces(const Camera& camera);
+
+/// What camera `to` would show of the image of camera `from` at the same place; bilinear. `valid`, of one channel, is
+/// 255 where `from` shows it; elsewhere the result is black.
+struct Warped {
+  Image8 image, valid;
+};
+Warped warp_image(const Image8& image, const Camera& from, const Camera& to);
+
+/// The share of the photograph's pixels that its undistorted image would show, about.
+double undistorted_share(const Camera& camera);
+
+/// COLMAP's name of the camera's model and its parameters, which begin with two focal lengths if it has any.
+std::pair<std::string, std::vector<double>> named_lens(const Camera& camera);
+
+}  // namespace b3dgs
