@@ -32,11 +32,15 @@ ColmapModel model_of_all_cameras() {
   for (const CameraModel kind : supported_camera_models()) {
     const auto id = static_cast<std::uint32_t>(kind);
     ColmapCamera camera{id, kind, 64, 48, std::vector<double>(camera_model_param_count(kind), 0.01)};
-    const bool has_two = std::string(camera_model_params(kind)).rfind("fx", 0) == 0;
-    camera.params[0] = 50;
-    if (has_two) camera.params[1] = 51;
-    camera.params[has_two ? 2 : 1] = 32;
-    camera.params[has_two ? 3 : 2] = 24;
+    if (camera.params.size() == 2) {  // a panorama, whose parameters are its size
+      camera = {id, kind, 64, 32, {64, 32}};
+    } else {
+      const bool has_two = std::string(camera_model_params(kind)).rfind("fx", 0) == 0;
+      camera.params[0] = 50;
+      if (has_two) camera.params[1] = 51;
+      camera.params[has_two ? 2 : 1] = 32;
+      camera.params[has_two ? 3 : 2] = 24;
+    }
     model.cameras[id] = camera;
     model.images.push_back({id, {1, 0.1, 0.2, 0.3}, {0, 1, 2}, id, std::to_string(id) + ".png"});
   }
