@@ -35,7 +35,7 @@ void for_each_option(TrainConfig& c, const std::function<void(const TrainOption&
   field(Option{"depths", 'd'}.may_be_empty(), c.depths, Any{},
         "folder of inverse depth maps, 16-bit PNGs named like the photographs");
   field(Option{"lenses"}, c.lenses, OneOf{{"undistort", "native", "auto"}},
-        "undistort photographs, train in their lens, or where it shows 10 % more (auto)");
+        "undistort photographs, or train in their lens: native always, auto if it is wide");
   field(Option{"masks"}, c.masks, Any{},
         "folder of masks, black is left out (default masks/ if it exists; none: no masks)");
   field(Option{"invert_masks"}, c.invert_masks, Any{}, "leave out what is white in masks instead of black");

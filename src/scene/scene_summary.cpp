@@ -9,6 +9,7 @@
 
 #include "core/check.h"
 #include "core/text.h"
+#include "scene/cameras/camera_lens.h"
 #include "scene/images/image.h"
 #include "scene/view_image.h"
 
@@ -72,8 +73,13 @@ std::string describe_distortion(const Scene& scene, const SceneOrigin& origin) {
   });
   std::string kept;
   if (n_kept > 0) {
-    kept = concat(n_kept, n_kept == 1 ? " image is" : " images are", " used as photographed, in the lens (--lenses ",
-                  origin.options.lenses, ")");
+    const auto first = std::find_if(origin.sources.begin(), origin.sources.end(),
+                                    [](const ViewSource& source) { return !source.camera.is_pinhole(); });
+    kept = concat(n_kept, n_kept == 1 ? " image is" : " images are", " used as photographed, in the lens");
+    if (first->camera.lens.kind != LensKind::kEquirectangular) {
+      kept += concat(" (--lenses ", origin.options.lenses, "); undistorted, ", first->name, " would show ",
+                     rounded(100 * undistorted_share(first->camera), "%.0f"), "% of its pixels");
+    }
     if (n_distorted == 0) return kept;
     kept += "; ";
   }

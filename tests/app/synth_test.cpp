@@ -187,6 +187,27 @@ TEST_P(Synth, ColmapAcceptsIt) {
 INSTANTIATE_TEST_SUITE_P(Scenes, Synth, ::testing::Values("orbit", "street"),
                          [](const auto& info) { return info.param; });
 
+TEST(SynthLens, IsWrittenAndReadBack) {
+  for (const char* lens : {"OPENCV", "OPENCV_FISHEYE", "THIN_PRISM_FISHEYE", "EQUIRECTANGULAR"}) {
+    SCOPED_TRACE(lens);
+    const test::TempDir folder;
+    SynthConfig config = small("orbit", folder / "scene");
+    config.lens = lens;
+    config.width = 64;
+    const SynthScene scene = make_scene(config);
+    write_synth_scene(config, scene);
+    SceneOptions options;
+    options.source_path = config.output;
+    options.lenses = "native";
+    options.frame = CoordinateFrame{};
+    const Scene loaded = load_scene(options);
+    const LensParams<double>&expected = scene.cameras[0].lens, &found = loaded.train.at(0).camera.lens;
+    EXPECT_EQ(found.kind, expected.kind);
+    EXPECT_TRUE(std::equal(found.k, found.k + kLensCoefficients, expected.k));
+    EXPECT_EQ(render_truth(scene.truth, scene.cameras[0]).pixels, loaded.train.at(0).image->read()->pixels);
+  }
+}
+
 TEST(SynthFolder, ASyntheticSceneIsReplaced) {
   test::TempDir folder;
   SynthConfig config = small("orbit", folder.path() / "scene");

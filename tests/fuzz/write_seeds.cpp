@@ -32,10 +32,11 @@ ColmapModel model_of_all_cameras() {
   for (const CameraModel kind : supported_camera_models()) {
     const auto id = static_cast<std::uint32_t>(kind);
     ColmapCamera camera{id, kind, 64, 48, std::vector<double>(camera_model_param_count(kind), 0.01)};
-    if (camera.params.size() == 2) {  // a panorama, whose parameters are its size
-      camera = {id, kind, 64, 32, {64, 32}};
+    const bool has_two = std::string(camera_model_params(kind)).rfind("fx", 0) == 0;
+    if (kind == CameraModel::kEquirectangular) {
+      camera.height = 32;
+      camera.params = {64, 32};
     } else {
-      const bool has_two = std::string(camera_model_params(kind)).rfind("fx", 0) == 0;
       camera.params[0] = 50;
       if (has_two) camera.params[1] = 51;
       camera.params[has_two ? 2 : 1] = 32;

@@ -8,6 +8,7 @@
 
 #include "core/check.h"
 #include "scene/cameras/camera.h"
+#include "scene/cameras/camera_lens.h"
 #include "scene/images/image.h"
 #include "support/expect_error.h"
 #include "support/files.h"
@@ -183,6 +184,38 @@ TEST_F(CameraFiles, BadFramesAreNamed) {
                       [](Json& json) { json["frames"][0].erase("transform_matrix"); }));
   EXPECT_TRUE(
       refuses(list, {"camera_model", "equirectangular"}, [](Json& json) { json["camera_model"] = "equirectangular"; }));
+}
+
+TEST_F(CameraFiles, KeepLenses) {
+  std::vector<View> views = some_views();
+  Lens fisheye;
+  fisheye.model = &kFisheyeLens<4>;
+  fisheye.coefficients = {0.02, -0.004, 0.0005, -0.00002};
+  fisheye.fx = fisheye.fy = 30;
+  fisheye.cx = 44;
+  fisheye.cy = 31;
+  const Pose pose = views[1].camera.cam_from_world;
+  views[1].camera = native_camera(fisheye, {90, 60}, "");
+  views[1].camera.cam_from_world = pose;
+  const Json json = cameras_to_json({}, views);
+  EXPECT_FALSE(json[0].contains("camera_model"));
+  EXPECT_EQ(json[1]["camera_model"], "THIN_PRISM_FISHEYE");
+  EXPECT_EQ(json[1]["fx"], 30) << "for readers that know pinholes only";
+  const std::vector<NamedCamera> found = cameras_from_json(json, "cameras.json");
+  EXPECT_TRUE(found[0].camera.is_pinhole());
+  const LensParams<double>&expected = views[1].camera.lens, &lens = found[1].camera.lens;
+  EXPECT_EQ(lens.kind, LensKind::kFisheye);
+  EXPECT_TRUE(std::equal(lens.k, lens.k + kLensCoefficients, expected.k));
+  EXPECT_EQ(lens.max_angle, expected.max_angle);
+
+  const auto refuses = [&](const char* key, const Json& value, const std::string& part) {
+    Json bad = json;
+    bad[1][key] = value;
+    return fails_with<InputError>({"cameras.json: camera 1", part}, [&] { cameras_from_json(bad, "cameras.json"); });
+  };
+  EXPECT_TRUE(refuses("camera_model", "BALL", "unknown camera model"));
+  EXPECT_TRUE(refuses("params", {1, 2, 3}, "found 3 numbers"));
+  EXPECT_TRUE(refuses("params", {30, 30, 44, 31, 1e300, 0, 0, 0, 0, 0, 0, 0}, "finite"));
 }
 
 TEST_F(CameraFiles, OtherFilesAreRefused) {

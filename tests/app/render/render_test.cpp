@@ -183,6 +183,32 @@ TEST_F(Render, AnImageThatCannotBeWrittenEndsItWithOneLine) {
   }
 }
 
+TEST_F(Render, TheProjectionCanBeChosen) {
+  const Words cameras{"--cameras", path("cameras.json"), "--no_depth", "--no_alpha"};
+  const auto render_as = [&](const std::string& name, const Words& more) {
+    Words words = cameras;
+    words.insert(words.end(), more.begin(), more.end());
+    render_to(name, words);
+    return read_image(folder_ / name / "renders/00000.png", false);
+  };
+  const Image8 own = render_as("own", {}), pinhole = render_as("pinhole", {"--projection", "pinhole"});
+  EXPECT_EQ(own.pixels, pinhole.pixels);
+  const Image8 panorama = render_as("panorama", {"--projection", "equirectangular", "--height", "160"});
+  EXPECT_EQ(panorama.width, 320);
+  EXPECT_EQ(panorama.height, 160);
+  const Image8 fisheye = render_as("fisheye", {"--projection", "fisheye", "--fov", "200"});
+  // The same direction, the axis, is in the middle of each.
+  const auto middle = [](const Image8& image) {
+    return image.pixels[static_cast<std::size_t>(3 * (image.height / 2 * image.width + image.width / 2) + 1)];
+  };
+  EXPECT_NEAR(middle(panorama), middle(own), 40);
+  EXPECT_NEAR(middle(fisheye), middle(own), 40);
+  expect_refused({truth(), "--cameras", path("cameras.json"), "--projection", "equirectangular", "--width", "64",
+                  "--height", "64"},
+                 "twice as wide as high");
+  expect_refused({truth(), "--path", "turntable", "--fov", "200"}, "--projection fisheye");
+}
+
 TEST_F(Render, OptionsThatContradictEachOtherAreErrors) {
   const std::string cameras = path("cameras.json");
   expect_refused({truth()}, "--cameras or --path turntable");
