@@ -45,6 +45,7 @@ Camera native_camera(const Lens& lens, ImageSize size, const std::string& place)
   const double limit = has_radial_depth(camera.lens.kind) ? kMaxFisheyeAngle : kMaxPerspectiveAngle;
   double fold = limit, corner = 0;
   std::vector<double> azimuths;
+  azimuths.reserve(kAzimuths);
   for (int i = 0; i < kAzimuths; ++i) azimuths.push_back(2 * kPi * i / kAzimuths);
   for (const double x : {-camera.cx, size.width - camera.cx}) {  // and of the corners
     for (const double y : {-camera.cy, size.height - camera.cy}) {
@@ -221,7 +222,8 @@ double undistorted_share(const Camera& camera) {
   const LensRays rays(camera);
   int n_shown = 0, n_undistorted = 0;
   for (int i = 0; i < kSide * kSide; ++i) {
-    const auto ray = rays.at((i % kSide + 0.5) * camera.width / kSide, (i / kSide + 0.5) * camera.height / kSide);
+    const int column = i % kSide, row = i / kSide;
+    const auto ray = rays.at((column + 0.5) * camera.width / kSide, (row + 0.5) * camera.height / kSide);
     if (!ray) continue;
     const auto [x, y, z] = *ray;
     ++n_shown;
