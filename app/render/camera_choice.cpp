@@ -154,12 +154,13 @@ void check_camera_options(const CommandLine& line, const CameraOptions& options)
   for (const char* name : {"fov", "up"}) {
     const bool has_use = goes_around(options) || (is_fisheye && name == std::string("fov"));
     if (line.was_given(name) && !has_use) {
-      input_error("--", name, " is for --path orbit and turntable");
+      input_error("--", name, " is for --path orbit and turntable",
+                  name == std::string("fov") ? " and --projection fisheye" : "");
     }
   }
   if (options.fov > kMaxPinholeFov && !is_fisheye) {
     input_error("--fov ", options.fov, ": a pinhole shows at most ", kMaxPinholeFov,
-                " degrees; use --projection fisheye or equirectangular");
+                " degrees; use --projection fisheye");
   }
   for (const char* name : {"elevation", "distance"}) {
     if (line.was_given(name) && options.path != "turntable") input_error("--", name, " is for --path turntable");

@@ -1,4 +1,4 @@
-// Work for other threads, with a bound on how much of it waits: files are written while the next ones are computed.
+// Threads with a bounded queue of tasks: files are written while the next images are computed.
 #pragma once
 
 #include <condition_variable>
@@ -14,7 +14,8 @@ namespace b3dgs {
 
 class TaskQueue {
  public:
-  /// At most `capacity` tasks wait. One thread does them in the order in which they were pushed.
+  /// At most `capacity` tasks wait; push() blocks beyond that. Tasks begin in the order in which they were pushed; with
+  /// one thread they also end in it.
   TaskQueue(int threads, std::size_t capacity);
   /// Waits for the tasks that have begun; drops the others.
   ~TaskQueue();

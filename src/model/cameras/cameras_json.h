@@ -67,9 +67,10 @@ struct CameraFile {
   double fps = 0;                    // frames per second of a camera path; 0: the file does not say
 };
 
-/// Reads any of these files. Cameras are pinholes: lens distortion in a transforms.json is ignored, so that the images
-/// are those of undistorted photographs. `size` is used for cameras without one in the file; a frame of a
-/// transforms.json without "w" and "h" has the size of its photograph, if that is there and `size` is empty.
+/// Reads any of these files. Cameras of a cameras.json keep their lens, panoramas of a transforms.json too; other lens
+/// distortion there is ignored, so that the images are those of undistorted photographs. `size` is used for cameras
+/// without one in the file; a frame of a transforms.json without "w" and "h" has the size of its photograph, if that is
+/// there and `size` is empty.
 /// @throws InputError with file and frame if the file is missing, damaged or of another kind, or a camera has no size
 CameraFile read_camera_file(const std::filesystem::path& path, ImageSize size = {});
 

@@ -1,8 +1,8 @@
 // Binning: for each tile a list of the splats that touch it, nearest first. A splat's id is the row of its Gaussian.
 //
-//   projection        adds up where the spans of tiles that splats touch in a row begin and end (tile_spans.cuh)
-//   1. number_lists   one block: prefix sums turn these sums into the length of each list, and the lengths into where
-//                     each list begins and its buckets are numbered; tiles are ordered by length
+//   projection        adds each span of tiles that a splat touches in a row to a difference array (tile_spans.cuh)
+//   1. number_lists   one block: a prefix sum of it gives the length of each list, others where each list begins and
+//                     its buckets are numbered; tiles are ordered by length
 //   2. emit_entries   a thread per row of tiles that a splat of its block touches: writes depth and id, a key of 64
 //                     bits, to the next free entry of each tile's list, in any order
 //   3. sort_lists     sorts each list (sort_lists.cu)
