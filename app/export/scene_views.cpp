@@ -89,9 +89,9 @@ ExportQuality compare_export(const LoadedModel& model, SplatCloud exported, cons
   const ProgressFn progress = show_loading(status);
   for (std::size_t i = 0; i < views.size() && stop_signal() == 0; ++i) {
     const View& view = views[i];
-    const CameraView pinhole = to_camera_view(view.camera);
+    const CameraView camera = to_camera_view(view.camera);
     const std::shared_ptr<const Image8> photograph = view.image->read();
-    const torch::Tensor before = before_renderer.render(pinhole).color, rendered = after_renderer.render(pinhole).color;
+    const torch::Tensor before = before_renderer.render(camera).color, rendered = after_renderer.render(camera).color;
     progress("measuring PSNR, view", i + 1, views.size());
     const auto of_before = image_quality(before, *photograph, view.valid.get());
     if (!of_before) continue;  // no valid pixel

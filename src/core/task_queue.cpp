@@ -1,11 +1,16 @@
 #include "core/task_queue.h"
 
+#include <system_error>
 #include <utility>
 
 namespace b3dgs {
 
 TaskQueue::TaskQueue(int threads, std::size_t capacity) : capacity_(capacity) {
-  for (int i = 0; i < threads; ++i) threads_.emplace_back([this] { run(); });
+  try {
+    for (int i = 0; i < threads; ++i) threads_.emplace_back([this] { run(); });
+  } catch (const std::system_error&) {  // no more threads
+    if (threads_.empty()) throw;
+  }
 }
 
 TaskQueue::~TaskQueue() {

@@ -15,7 +15,8 @@ namespace b3dgs {
 class TaskQueue {
  public:
   /// At most `capacity` tasks wait; push() blocks beyond that. Tasks begin in the order in which they were pushed; with
-  /// one thread they also end in it.
+  /// one thread they also end in it. Fewer threads do if the system has no more. @throws std::system_error if it has
+  /// none
   TaskQueue(int threads, std::size_t capacity);
   /// Waits for the tasks that have begun; drops the others.
   ~TaskQueue();

@@ -85,7 +85,12 @@ RenderedView RankStepper::project_and_render(const CameraView& view, const Rende
   std::vector<std::vector<std::int64_t>> counts;
   counts.reserve(records.size());
   for (const ProjectRecord& other : records) counts.push_back({other.n_splats});
-  const std::vector<ViewSplats> splats = splats_.to_renderers({own}, counts, {0}, owners_.own());
+  std::vector<ViewSplats> splats;
+  try {
+    splats = splats_.to_renderers({own}, counts, {0}, owners_.own());
+  } catch (const OutOfMemoryError& error) {  // not to be repeated by this rank alone: the others are in the exchange
+    throw PeerError(ranks_.rank(), ranks_.size(), error.what());
+  }
   if (splats.empty()) return {};
   return training_.rasterizer.forward_splats(splats.front(), view, settings);
 }

@@ -2,7 +2,6 @@
 
 #include "config/coarse_schedule.h"
 #include "core/check.h"
-#include "core/parallel.h"
 #include "raster/torch/tensors.h"
 #include "raster/torch/torch_cuda.h"
 #include "train/images/reduce_image.h"

@@ -208,12 +208,20 @@ TEST_F(CameraFiles, KeepLenses) {
   EXPECT_TRUE(std::equal(lens.k, lens.k + kLensCoefficients, expected.k));
   EXPECT_EQ(lens.max_angle, expected.max_angle);
 
+  // A panorama that was reduced need not be twice as wide as high.
+  views[1].camera = native_camera(equirectangular_lens({156, 78}), {156, 78}, "").scaled_to(156, 77);
+  const NamedCamera panorama = cameras_from_json(cameras_to_json({}, views), "cameras.json")[1];
+  EXPECT_EQ(panorama.camera.lens.kind, LensKind::kEquirectangular);
+  EXPECT_EQ(panorama.camera.height, 77);
+  EXPECT_EQ(panorama.camera.fx, views[1].camera.fx);
+
   const auto refuses = [&](const char* key, const Json& value, const std::string& part) {
     Json bad = json;
     bad[1][key] = value;
     return fails_with<InputError>({"cameras.json: camera 1", part}, [&] { cameras_from_json(bad, "cameras.json"); });
   };
   EXPECT_TRUE(refuses("camera_model", "BALL", "unknown camera model"));
+  EXPECT_TRUE(refuses("params", nullptr, "params with camera_model"));
   EXPECT_TRUE(refuses("params", {1, 2, 3}, "found 3 numbers"));
   EXPECT_TRUE(refuses("params", {30, 30, 44, 31, 1e300, 0, 0, 0, 0, 0, 0, 0}, "finite"));
 }

@@ -60,6 +60,10 @@ LensParams<double> lens_from_json(const Json& entry, const Camera& camera, const
   for (const double value : named.params) {
     if (!(std::abs(value) <= kMaxNumber)) input_error(place, ": expected finite params, found ", value);
   }
+  // A panorama is written at any size: what the training reduced need not be twice as wide as high.
+  if (named.model == CameraModel::kEquirectangular) {
+    return equirectangular_lens({camera.width, camera.height}).params();
+  }
   const Lens lens = lens_of(named, place);
   return lens.is_pinhole() ? LensParams<double>{} : native_camera(lens, {camera.width, camera.height}, place).lens;
 }
@@ -160,7 +164,8 @@ std::vector<NamedCamera> cameras_from_json(const Json& json, const std::string& 
     try {
       cameras.push_back(camera_from_json(entry, place));
     } catch (const Json::exception&) {
-      input_error(place, ": expected img_name, width, height, position[3], rotation[3][3], fx and fy");
+      input_error(place, ": expected img_name, width, height, position[3], rotation[3][3], fx and fy, and params with ",
+                  "camera_model");
     }
     if (const std::string fault = camera_fault(cameras.back().camera); !fault.empty()) {
       input_error(place, " (", cameras.back().name, "): ", fault);
