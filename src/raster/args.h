@@ -168,7 +168,7 @@ struct BinArgs {
 
 /// Result of binning: the (tile, splat) pairs, sorted by tile and then by depth. Each pair also has a slot. The slots
 /// of one splat are contiguous, so that gradients written to slots can be summed per splat in a fixed order. On CUDA,
-/// the id of a splat is the row of its Gaussian, and M is N.
+/// the id of a splat is its row in cuda::ProjectOutputs, and M is the number of rows.
 struct BinnedSplats {
   const std::int64_t* tile_offsets = nullptr;  // [n_tiles + 1] start of each tile's list in splat_ids
   const std::int32_t* splat_ids = nullptr;     // [n_pairs] in [0, M), nearest first within a tile
@@ -239,7 +239,7 @@ struct ScoreArgs {
   BinnedSplats bins{};
   TileGrid grid{};
   const float* error = nullptr;  // [H, W] values outside [0, 1] count as the nearer limit, NaN as 0
-  ScoreSums* sums = nullptr;     // CPU: [n_pairs] out, by slot; every one is written. CUDA: [N] in and out, added to
+  ScoreSums* sums = nullptr;     // CPU: [n_pairs] out, by slot; every one is written. CUDA: [M] in and out, added to
 };
 
 /// Adds the sums of each splat to the entries of its Gaussian.

@@ -137,7 +137,7 @@ class RasterizerBackend {
   virtual const std::int32_t* radii() const = 0;     // [N]
   virtual const std::int32_t* last_ids() const = 0;  // [H, W]
   virtual const Splat* splats() const = 0;           // [n_rows()] indexed by bins().splat_ids
-  /// On the CPU the number of splats, on a GPU that of Gaussians, of which rows that are not seen are undefined; of
+  /// On the CPU the number of splats, on a GPU that of rows of cuda::ProjectOutputs, which may have no splat; of
   /// forward_splats(): its rows.
   virtual std::int64_t n_rows() const { return state_.n_splats; }
   virtual BinnedSplats bins() const = 0;

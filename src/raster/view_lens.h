@@ -41,4 +41,15 @@ B3DGS_HD bool has_radial_depth(LensKind kind) {
 
 using ViewLens = LensParams<float>;
 
+/// How many splats a Gaussian can have: a panorama shows those at its seam twice (math/project_splat.h).
+B3DGS_HD int splats_per_gaussian(const ViewLens& lens) {
+  return lens.kind == LensKind::kEquirectangular ? 2 : 1;
+}
+
+/// Width of a panorama's full turn, px.
+template <class Real>
+B3DGS_HD Real full_turn(Real fx) {
+  return static_cast<Real>(2 * 3.14159265358979323846) * fx;
+}
+
 }  // namespace b3dgs

@@ -16,15 +16,14 @@ struct ViewMemory {
   double bytes(double n_gaussians, double n_pairs) const { return per_gaussian * n_gaussians + per_pair * n_pairs; }
 };
 
-/// Of a view of width x height pixels.
-inline ViewMemory view_memory(const RenderSettings& settings, std::int32_t width, std::int32_t height) {
+inline ViewMemory view_memory(const RenderSettings& settings, const CameraView& view) {
   constexpr double kBucket = 128, kSegment = 1024;  // list entries: kBucketEntries, kSegmentEntries
-  const std::int64_t n_tiles = (std::int64_t{width} + settings.tile.width - 1) / settings.tile.width *
-                               ((std::int64_t{height} + settings.tile.height - 1) / settings.tile.height);
+  const std::int64_t n_tiles = (std::int64_t{view.width} + settings.tile.width - 1) / settings.tile.width *
+                               ((std::int64_t{view.height} + settings.tile.height - 1) / settings.tile.height);
   const double tile_pixels = static_cast<double>(settings.tile.width) * settings.tile.height;
   const bool keeps = settings.keep_for_backward, keeps_slots = keeps && settings.deterministic;
   // Splat, extent, radius; gradient; first slot.
-  const double per_gaussian = 48 + 8 + 4 + (keeps ? 48 : 0) + (keeps_slots ? 8 : 0);
+  const double per_splat = 48 + 8 + 4 + (keeps ? 48 : 0) + (keeps_slots ? 8 : 0);
   // Sorting and segmented blending use the same scratch memory in turn (PassScratch).
   const double sorting = 2 * 8;                                       // keys, and where runs of them are merged
   const double segments = 2 * tile_pixels / kSegment * (4 + 16 + 4);  // transmittance, colour and depth, last
@@ -34,9 +33,10 @@ inline ViewMemory view_memory(const RenderSettings& settings, std::int32_t width
   const double lists = 4 + 4 / kBucket;                 // splat, tile of each bucket
   // Transmittance and last splat of each pixel; of each tile, where its list, its buckets, its segments and its runs
   // begin, its place by length, two counters in sectors of their own, and its last bucket, which is not full.
-  const double of_image = 8.0 * width * height + static_cast<double>(n_tiles) * (8 + 8 + 4 * 3 + 2 * 32 + bucket_parts);
-  return {per_gaussian, lists + bucket_parts / kBucket + segment_starts + fixed_order + std::max(sorting, segments),
-          of_image};
+  const double of_image =
+      8.0 * view.width * view.height + static_cast<double>(n_tiles) * (8 + 8 + 4 * 3 + 2 * 32 + bucket_parts);
+  return {splats_per_gaussian(view.lens) * per_splat,
+          lists + bucket_parts / kBucket + segment_starts + fixed_order + std::max(sorting, segments), of_image};
 }
 
 }  // namespace b3dgs

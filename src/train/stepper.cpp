@@ -334,7 +334,7 @@ std::int64_t Stepper::remove_invalid_rows(std::int64_t row) {
 // --- Density control ---
 
 ViewMemory Stepper::memory_of_view() {
-  return view_memory(step_settings(state_.iteration), largest_view_.width, largest_view_.height);
+  return view_memory(step_settings(state_.iteration), largest_view_);
 }
 
 GaussianMemory Stepper::memory_of_gaussian() {

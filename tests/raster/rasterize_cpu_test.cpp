@@ -108,33 +108,26 @@ TEST_P(RasterizeCpuTest, EveryKernelOnEveryInstructionSetAgreesWithTheDenseRefer
   }
 }
 
-TEST(RasterizeCpu, PanoramaAgreesWithTheDenseReferenceAcrossItsSeam) {
-  const TestScene scene = panorama();
-  for (const Binning& binning : kBinnings) {
-    if (binning.culling == Culling::kSquare) continue;  // the reference cuts its squares at the seam
-    SCOPED_TRACE(binning.name);
-    RenderSettings settings = settings_of(scene);
-    settings.tile = binning.tile;
-    const Reference reference(scene, settings);
-    ASSERT_TRUE(reference.view.hazards.empty()) << reference.view.hazards.front();
-    CpuView view(scene, settings);
-    ASSERT_GT(view.rasterizer().n_splats(), (view.radii() > 0).sum().item<std::int64_t>() + 20) << "second splats";
-    expect_same_image(view, reference.view);
-    expect_same_radii(view.radii(), reference.view);
-    expect_same_gradients(view.backward(reference.grad), reference, reference.gradients);
-  }
-}
-
 TEST(RasterizeCpu, PanoramaDoesNotShowItsSeam) {
   // Turned by half the circle, the seam is elsewhere, and the image is the same but for that.
   TestScene scene = panorama();
   const CpuView view(scene, settings_of(scene));
+  ASSERT_GT(view.rasterizer().n_splats(), (view.radii() > 0).sum().item<std::int64_t>() + 20) << "second splats";
   Mat3f& r = scene.view.rotation;
   for (int k = 0; k < 3; ++k) r(0, k) = -r(0, k), r(2, k) = -r(2, k);
   scene.view.translation.x = -scene.view.translation.x;
   scene.view.translation.z = -scene.view.translation.z;
   const CpuView turned(scene, settings_of(scene));
   EXPECT_TRUE(within(turned.color, view.color.roll(48, 1), 1e-4));
+}
+
+TEST(RasterizeCpu, PartOfAPanoramaIsThatPartOfTheImage) {
+  TestScene scene = panorama();
+  const CpuView whole(scene, settings_of(scene));
+  scene.view.width = 64;
+  scene.view.cx -= 16;
+  const CpuView part(scene, settings_of(scene));
+  EXPECT_TRUE(within(part.color, whole.color.narrow(1, 16, 64), 1e-4));
 }
 
 TEST_P(RasterizeCpuTest, GradientOfEachOutputAloneAgreesWithTheDenseReference) {
@@ -173,6 +166,7 @@ TEST_P(RasterizeCpuTest, AGaussianIsSeenExactlyIfItIsInTheListOfATile) {
       listed[rasterizer.splats()[bins.splat_ids[i]].gaussian] = true;
     }
     EXPECT_TRUE(test::same(view.radii() > 0, listed));
+    if (splats_per_gaussian(scene.view.lens) > 1) continue;
     EXPECT_EQ(listed.sum().item<std::int64_t>(), rasterizer.n_splats());
   }
 }

@@ -75,7 +75,7 @@ TEST_P(SplitViewTest, HasTheBytesOfAViewOfOneRasterizer) {
   }
 }
 
-INSTANTIATE_TEST_SUITE_P(Scenes, SplitViewTest, testing::ValuesIn(test_scenes()),
+INSTANTIATE_TEST_SUITE_P(Scenes, SplitViewTest, testing::ValuesIn(scenes_to_split()),
                          [](const auto& info) { return std::string(info.param.name); });
 
 TEST(SplitView, OfManyGaussiansIsTheSameForAnyNumberOfThreads) {

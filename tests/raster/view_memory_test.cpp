@@ -12,7 +12,10 @@ TEST(ViewMemory, IsWhatTheReadmeSays) {
   RenderSettings settings;
   settings.tile = {16, 8};
   settings.depth_gradient = false;
-  const auto view_memory = [&](const RenderSettings& of) { return b3dgs::view_memory(of, 160, 80); };
+  CameraView view{};
+  view.width = 160;
+  view.height = 80;
+  const auto view_memory = [&](const RenderSettings& of) { return b3dgs::view_memory(of, view); };
   const ViewMemory memory = view_memory(settings);
   EXPECT_EQ(memory.per_gaussian, 108);
   EXPECT_NEAR(memory.per_pair, 37.0, 0.1);
@@ -28,7 +31,11 @@ TEST(ViewMemory, IsWhatTheReadmeSays) {
   EXPECT_EQ(view_memory(settings).of_image, 160 * 80 * 8 + 100 * 92);
   settings.keep_for_backward = true;
   EXPECT_EQ(view_memory(settings).of_image, 160 * 80 * (8 + 16) + 100 * 92);
-  EXPECT_EQ(b3dgs::view_memory(settings, 161, 81).of_image, 161 * 81 * 8 + 11 * 11 * (92 + 128 * 16));
+  view.width = 161;
+  view.height = 81;
+  EXPECT_EQ(view_memory(settings).of_image, 161 * 81 * 8 + 11 * 11 * (92 + 128 * 16));
+  view.lens.kind = LensKind::kEquirectangular;
+  EXPECT_EQ(view_memory(settings).per_gaussian, 2 * 108);
 }
 
 TEST(PairLimit, EndsBeforeSlotsDo) {

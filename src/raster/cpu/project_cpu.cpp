@@ -42,7 +42,8 @@ Outcome project_one(const ProjectArgs& args, const ViewTransform<float>& view, c
   };
   write(projected);
   if (splats_per_gaussian(args.view.lens) == 2) {
-    const ProjectedGaussian second = across_the_seam<TileCount::kAny>(projected, args.culling, args.grid);
+    const ProjectedGaussian second =
+        across_the_seam<TileCount::kAny>(projected, full_turn(args.view.fx), args.culling, args.grid);
     if (second.n_tiles > 0) write(second);
   }
   return Outcome::kSeen;

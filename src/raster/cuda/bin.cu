@@ -1,4 +1,4 @@
-// Binning: for each tile a list of the splats that touch it, nearest first. A splat's id is the row of its Gaussian.
+// Binning: for each tile a list of the splats that touch it, nearest first. A splat's id is its row in ProjectOutputs.
 //
 //   projection        adds each span of tiles that a splat touches in a row to a difference array (tile_spans.cuh)
 //   1. number_lists   one block: a prefix sum of it gives the length of each list, others where each list begins and
@@ -15,7 +15,6 @@
 
 #include <cub/cub.cuh>
 
-#include <algorithm>
 #include <cstdint>
 
 #include "core/cuda_rows.cuh"
@@ -272,14 +271,14 @@ void find_slots(const BinCudaArgs& args, BinBuffers& buffers, const LaunchContex
 
 }  // namespace
 
-void list_seen(const ProjectOutputs& projected, std::int64_t n_gaussians, BinBuffers& buffers,
+void list_seen(const ProjectOutputs& projected, std::int64_t n_rows, BinBuffers& buffers,
                const LaunchContext& context) {
-  std::int32_t* const seen = buffers.seen.resize(n_gaussians + 1, context);
-  if (n_gaussians == 0) return;
+  std::int32_t* const seen = buffers.seen.resize(n_rows + 1, context);
+  if (n_rows == 0) return;
   // ViewCounts also has the number; CUB writes it a second time, behind the list.
   run_cub(buffers, context, [&](void* temporary, std::size_t& bytes) {
-    return cub::DeviceSelect::If(temporary, bytes, thrust::counting_iterator<std::int32_t>(0), seen, seen + n_gaussians,
-                                 n_gaussians, IsSeen{projected.radii}, context.stream);
+    return cub::DeviceSelect::If(temporary, bytes, thrust::counting_iterator<std::int32_t>(0), seen, seen + n_rows,
+                                 n_rows, IsSeen{projected.radii}, context.stream);
   });
 }
 

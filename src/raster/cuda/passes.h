@@ -22,7 +22,7 @@ inline constexpr std::int32_t kCounterStride = 8;
 /// Totals of one view; the host reads them once per forward pass.
 struct ViewCounts {
   std::int64_t n_splats;       // M
-  std::int64_t first_invalid;  // smallest index of an invalid Gaussian, n_gaussians if there is none
+  std::int64_t first_invalid;  // smallest index of an invalid Gaussian, -1 if there is none
   // After number_lists():
   std::int64_t n_pairs;                    // (tile, splat) pairs: entries of all lists
   std::int64_t n_buckets;                  // of all lists
@@ -30,11 +30,12 @@ struct ViewCounts {
   std::int64_t n_long_lists, n_more_runs;  // of sort_lists.h: lists that are not short; runs of lists after their first
 };
 
-/// Outputs of projection, a row per Gaussian.
+/// Outputs of projection. A row per Gaussian, N in all; of a panorama 2 N, row N + i for the second splat of Gaussian i
+/// (math/project_splat.h).
 struct ProjectOutputs {
-  Splat* splats = nullptr;        // [N] written only for seen Gaussians
-  Vec2f* extents = nullptr;       // [N] written only for seen Gaussians
-  std::int32_t* radii = nullptr;  // [N] 0 if not seen
+  Splat* splats = nullptr;        // [rows] written only where there is a splat
+  Vec2f* extents = nullptr;       // [rows] written only where there is a splat
+  std::int32_t* radii = nullptr;  // [rows] 0 if there is no splat
   // [tiles + 1], kCounterStride apart: length of each tile's list minus that of the tile before it, row by row. A splat
   // adds 1 where its span of tiles in a row begins, and subtracts 1 where it ends. Null: nothing is to be drawn.
   std::int32_t* list_growth = nullptr;
@@ -71,11 +72,13 @@ struct ProjectCudaArgs {
 };
 void project(const ProjectCudaArgs& args, const LaunchContext& context);
 
-/// Counts and list lengths of a view without splats. project() and load_rows() begin with it.
-void reset_counts(const ProjectOutputs& out, std::int64_t n_gaussians, const TileGrid& grid,
-                  const LaunchContext& context);
+/// Of a panorama, when the colours of the first N rows are known: gives them to the others.
+void copy_second_colors(const ProjectOutputs& projected, std::int64_t n_gaussians, const LaunchContext& context);
 
-/// After list_seen(): the rows of the Gaussians that the view sees.
+/// Counts and list lengths of a view without splats. project() and load_rows() begin with it.
+void reset_counts(const ProjectOutputs& out, const TileGrid& grid, const LaunchContext& context);
+
+/// After list_seen(): the rows that have a splat.
 struct CopySeenArgs {
   ProjectOutputs projected{};
   const std::int32_t* seen = nullptr;  // [M]
@@ -110,7 +113,7 @@ struct BinBuffers {
 
 struct BinCudaArgs {
   ProjectOutputs projected{};
-  std::int64_t n_rows = 0;  // N
+  std::int64_t n_rows = 0;
   ViewCounts counts{};
   TileGrid grid{};
   Culling culling = Culling::kEllipse;
@@ -141,12 +144,11 @@ struct BinnedView {
   const std::int32_t* tiles_by_length = nullptr;  // [n_tiles] the longest list first, roughly
 };
 
-/// Writes the indices of the Gaussians that the view sees to buffers.seen, in their order.
-void list_seen(const ProjectOutputs& projected, std::int64_t n_gaussians, BinBuffers& buffers,
-               const LaunchContext& context);
+/// Writes the rows that have a splat to buffers.seen, in their order.
+void list_seen(const ProjectOutputs& projected, std::int64_t n_rows, BinBuffers& buffers, const LaunchContext& context);
 
-/// First part of binning, which needs no counts on the host: where each tile's list begins, and the last three of
-/// ViewCounts.
+/// First part of binning, which needs no counts on the host: where each tile's list begins, and the counts
+/// of lists.
 void number_lists(const ProjectOutputs& projected, std::int32_t n_tiles, BinBuffers& buffers,
                   const LaunchContext& context);
 
@@ -228,7 +230,7 @@ struct BlendForwardCudaArgs {
 
 void count_load(const CountLoadArgs& args, const LaunchContext& context);
 
-/// Scoring into args.sums, [N] by splat, which must be zero. Without `wants_weights`, sums of weights stay 0.
+/// Scoring into args.sums, by row, which must be zero. Without `wants_weights`, sums of weights stay 0.
 void score(const ScoreArgs& args, const std::int32_t* tiles_by_length, bool wants_weights,
            const LaunchContext& context);
 /// Rows whose radius is 0 are left out. `radii` null: there are none.
@@ -238,7 +240,7 @@ struct BlendBackwardCudaArgs {
   BlendBackwardArgs blend{};  // its pair_grads are not used
   Buckets buckets{};
   BucketParts parts{};
-  SplatGradSum* splat_grads = nullptr;  // [N] in and out: added to, must be zero
+  SplatGradSum* splat_grads = nullptr;  // [rows] in and out: added to, must be zero
   // [n_pairs] by slot, must be zero. Null: gradients are added to splat_grads with atomics, in an order that changes
   // from run to run. Only the per-bucket kernel supports it.
   SplatGradSum* pair_grads = nullptr;
@@ -246,19 +248,29 @@ struct BlendBackwardCudaArgs {
 
 /// Sums each splat's pair gradients in a fixed order, so that repeated runs give the same bits.
 struct SumSplatGradsArgs {
-  std::int64_t n_rows = 0;                     // N
-  const std::int64_t* slot_offsets = nullptr;  // [N + 1]
+  std::int64_t n_rows = 0;
+  const std::int64_t* slot_offsets = nullptr;  // [n_rows + 1]
   const SplatGradSum* pair_grads = nullptr;    // [n_pairs] by slot
-  SplatGradSum* splat_grads = nullptr;         // [N] out
+  SplatGradSum* splat_grads = nullptr;         // [n_rows] out
 };
 void sum_splat_grads(const SumSplatGradsArgs& args, const LaunchContext& context);
 
+/// Of a panorama: adds the sums of row N + i to those of row i.
+template <class Sums>
+struct JoinSecondArgs {
+  std::int64_t n_gaussians = 0;         // N
+  const std::int32_t* radii = nullptr;  // [2 N]
+  Sums* sums = nullptr;                 // [2 N] in and out
+};
+void join_second(const JoinSecondArgs<SplatGradSum>& args, const LaunchContext& context);
+void join_second(const JoinSecondArgs<ScoreSums>& args, const LaunchContext& context);
+
 /// For RenderSettings::inverse_depth (math/project_splat.h): after binning, and after the backward blend.
 struct InvertDepthsArgs {
-  std::int64_t n_rows = 0;              // N
-  const std::int32_t* radii = nullptr;  // [N] 0 if not seen
-  Splat* splats = nullptr;              // [N]
-  SplatGradSum* splat_grads = nullptr;  // [N] invert_depth_gradients() only
+  std::int64_t n_rows = 0;
+  const std::int32_t* radii = nullptr;  // [n_rows] 0 if there is no splat
+  Splat* splats = nullptr;              // [n_rows]
+  SplatGradSum* splat_grads = nullptr;  // [n_rows] invert_depth_gradients() only
 };
 void invert_depths(const InvertDepthsArgs& args, const LaunchContext& context);
 void invert_depth_gradients(const InvertDepthsArgs& args, const LaunchContext& context);
@@ -292,11 +304,12 @@ void keep_splats(const KeepSplatsArgs& args, const LaunchContext& context);
 /// Gradient with respect to the camera's pose (math/gaussian_grad.h).
 struct CameraGradientArgs {
   ProjectBackwardCudaArgs backward{};  // its `grad` is not used
-  const std::int32_t* seen = nullptr;  // [M] rows of the splats; null: all M rows in their order
-  std::int64_t n_splats = 0;           // M
-  double* parts = nullptr;             // [kCameraGradientParts, kCameraGradients] scratch, a sum per block
-  double* out = nullptr;               // [kCameraGradients] out
-  float* splat_parts = nullptr;        // [M, kCameraGradients] out: what each splat adds; null: not wanted
+  // [M] rows of the splats, of which second splats are left out: their sums are in the first; null: all M rows.
+  const std::int32_t* seen = nullptr;
+  std::int64_t n_splats = 0;     // M
+  double* parts = nullptr;       // [kCameraGradientParts, kCameraGradients] scratch, a sum per block
+  double* out = nullptr;         // [kCameraGradients] out
+  float* splat_parts = nullptr;  // [M, kCameraGradients] out: what each splat adds; null: not wanted
 };
 inline constexpr int kCameraGradientParts = 1024;
 void camera_gradient(const CameraGradientArgs& args, const LaunchContext& context);

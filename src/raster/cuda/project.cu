@@ -3,10 +3,13 @@
 //     splat, colour, extent and radius to the Gaussian's row, and the block adds its splats to the lengths of their
 //     tiles' lists (tile_spans.cuh).
 //   Shared memory: the rows of tiles of the block's splats. Barriers: around these, and for the number of splats.
+//   Of a panorama, the thread writes its second splat to row N + i, after the block has counted the first.
+//   copy_second_colors_kernel, once colours are known: a thread per Gaussian.
 //   For the host: ViewCounts, read once per forward pass to size the buffers of binning.
 
 #include <cstdint>
 
+#include "core/cuda_rows.cuh"
 #include "raster/cuda/launch.cuh"
 #include "raster/cuda/project.cuh"
 #include "raster/cuda/tile_spans.cuh"
@@ -20,25 +23,32 @@ constexpr int kThreads = 256;
 /// Instead of an SH degree: a ColorPass computes the colours.
 constexpr int kNoColors = -1;
 
+/// Writes what a row has besides its radius and colour.
+__device__ __forceinline__ void write_row(const ProjectOutputs& out, std::int64_t row,
+                                          const ProjectedGaussian& projected) {
+  float4* const words = reinterpret_cast<float4*>(out.splats + row);
+  words[0] = reinterpret_cast<const float4*>(&projected.splat)[0];
+  words[1] = reinterpret_cast<const float4*>(&projected.splat)[1];
+  out.extents[row] = projected.extent;
+}
+
 /// Projects Gaussian i and writes its row. Returns the rows of tiles that its splat touches, none if it is not seen.
 template <int kShDegree, bool kAntialiasing, class Lens>
-__device__ __forceinline__ TileRows project_one(const ProjectCudaArgs& args, std::int64_t i) {
+__device__ __forceinline__ TileRows project_one(const ProjectCudaArgs& args, std::int64_t i,
+                                                ProjectedGaussian& projected) {
   const GaussianArrays& g = args.gaussians;
   const ViewTransform<float> view = make_view_transform<float>(args.view);
-  const ProjectedGaussian projected = project_splat<TileCount::kAny, kAntialiasing>(
-      g, i, view, lens_of<Lens>(args.view), args.near_plane, args.culling, args.grid);
+  projected = project_splat<TileCount::kAny, kAntialiasing>(g, i, view, lens_of<Lens>(args.view), args.near_plane,
+                                                            args.culling, args.grid);
   const bool is_seen = projected.outcome == Outcome::kSeen;
   bool is_valid = projected.outcome != Outcome::kInvalid;
   if (is_seen) {
-    float4* const words = reinterpret_cast<float4*>(args.out.splats + i);
-    words[0] = reinterpret_cast<const float4*>(&projected.splat)[0];
-    words[1] = reinterpret_cast<const float4*>(&projected.splat)[1];
+    write_row(args.out, i, projected);
     if constexpr (kShDegree != kNoColors) {
       const float4 color = splat_color<kShDegree>(g, args.view.center, i, g.shN + rest_floats(g.sh_degree_max) * i);
       is_valid = is_usable_color(color.x, color.y, color.z);
-      words[2] = color;
+      reinterpret_cast<float4*>(args.out.splats + i)[2] = color;
     }
-    args.out.extents[i] = projected.extent;
   }
   args.out.radii[i] = is_seen ? projected.radius : 0;
   if (!is_valid) note_invalid(args.out.counts, i);
@@ -46,20 +56,48 @@ __device__ __forceinline__ TileRows project_one(const ProjectCudaArgs& args, std
   return tile_rows(args.grid, args.culling, projected.splat, projected.extent, projected.radius);
 }
 
+/// The same for the second splat of a panorama's Gaussian.
+__device__ __forceinline__ TileRows second_splat(const ProjectCudaArgs& args, std::int64_t i,
+                                                 const ProjectedGaussian& first) {
+  ProjectedGaussian second;
+  if (first.outcome == Outcome::kSeen) {
+    second = across_the_seam<TileCount::kAny>(first, full_turn(args.view.fx), args.culling, args.grid);
+  }
+  const std::int64_t row = args.gaussians.n_gaussians + i;
+  args.out.radii[row] = second.n_tiles > 0 ? second.radius : 0;
+  if (second.n_tiles == 0) return no_tile_rows(args.culling);
+  write_row(args.out, row, second);
+  return tile_rows(args.grid, args.culling, second.splat, second.extent, second.radius);
+}
+
 template <int kShDegree, bool kAntialiasing, class Lens>
 __global__ void __launch_bounds__(kThreads) project_kernel(const ProjectCudaArgs args) {
   __shared__ SpanTasks<kThreads> tasks;
   const std::int64_t i = spread_row<kThreads>();
-  const TileRows rows = i < args.gaussians.n_gaussians ? project_one<kShDegree, kAntialiasing, Lens>(args, i)
-                                                       : no_tile_rows(args.culling);
-  if (args.out.list_growth != nullptr) count_spans(tasks, args.grid, rows, args.out.list_growth);
-  count_splats(rows.begin < rows.end, args.out.counts);
+  const bool has_gaussian = i < args.gaussians.n_gaussians;
+  const auto count = [&](const TileRows& rows) {
+    if (args.out.list_growth != nullptr) count_spans(tasks, args.grid, rows, args.out.list_growth);
+    count_splats(rows.begin < rows.end, args.out.counts);
+  };
+  ProjectedGaussian projected;
+  count(has_gaussian ? project_one<kShDegree, kAntialiasing, Lens>(args, i, projected) : no_tile_rows(args.culling));
+  if constexpr (!std::is_same_v<Lens, Pinhole>) {
+    if (splats_per_gaussian(args.view.lens) == 1) return;
+    count(has_gaussian ? second_splat(args, i, projected) : no_tile_rows(args.culling));
+  }
 }
 
 __global__ void __launch_bounds__(kThreads)
-    reset_counts_kernel(const ProjectOutputs out, std::int64_t n_gaussians, std::int32_t n_tiles) {
+    copy_second_colors_kernel(const ProjectOutputs projected, std::int64_t n_gaussians) {
+  const std::int64_t i = own_row<kThreads>();
+  if (i >= n_gaussians || projected.radii[n_gaussians + i] == 0) return;
+  auto* const words = reinterpret_cast<float4*>(projected.splats + n_gaussians + i);
+  words[2] = reinterpret_cast<const float4*>(projected.splats + i)[2];
+}
+
+__global__ void __launch_bounds__(kThreads) reset_counts_kernel(const ProjectOutputs out, std::int32_t n_tiles) {
   const auto tile = static_cast<std::int32_t>(blockIdx.x * kThreads + threadIdx.x);
-  if (tile == 0) out.counts[0] = out.counts[1] = {0, n_gaussians};
+  if (tile == 0) out.counts[0] = out.counts[1] = {0, -1};
   if (tile <= n_tiles && out.list_growth != nullptr) out.list_growth[kCounterStride * tile] = 0;
 }
 
@@ -78,17 +116,15 @@ void launch(const ProjectCudaArgs& args, const LaunchContext& context) {
 
 }  // namespace
 
-void reset_counts(const ProjectOutputs& out, std::int64_t n_gaussians, const TileGrid& grid,
-                  const LaunchContext& context) {
+void reset_counts(const ProjectOutputs& out, const TileGrid& grid, const LaunchContext& context) {
   const std::int32_t n_tiles = grid.n_tiles();
-  reset_counts_kernel<<<n_tiles / kThreads + 1, kThreads, 0, context.stream>>>(out, n_gaussians, n_tiles);
+  reset_counts_kernel<<<n_tiles / kThreads + 1, kThreads, 0, context.stream>>>(out, n_tiles);
   B3DGS_CUDA_CHECK_LAUNCH();
 }
 
 void project(const ProjectCudaArgs& args, const LaunchContext& context) {
-  const std::int64_t n = args.gaussians.n_gaussians;
-  reset_counts(args.out, n, args.grid, context);
-  if (n == 0) return;
+  reset_counts(args.out, args.grid, context);
+  if (args.gaussians.n_gaussians == 0) return;
   with_lens(args.view.lens, [&](const auto& lens) {
     using Lens = std::decay_t<decltype(lens)>;
     if (args.antialiasing) {
@@ -97,6 +133,13 @@ void project(const ProjectCudaArgs& args, const LaunchContext& context) {
       launch<false, Lens>(args, context);
     }
   });
+}
+
+void copy_second_colors(const ProjectOutputs& projected, std::int64_t n_gaussians, const LaunchContext& context) {
+  if (n_gaussians == 0) return;
+  const auto blocks = static_cast<unsigned>((n_gaussians + kThreads - 1) / kThreads);
+  copy_second_colors_kernel<<<blocks, kThreads, 0, context.stream>>>(projected, n_gaussians);
+  B3DGS_CUDA_CHECK_LAUNCH();
 }
 
 }  // namespace b3dgs::cuda

@@ -22,7 +22,7 @@ __device__ __forceinline__ float4 splat_color(const GaussianArrays& gaussians, V
   return make_float4(found.color.x, found.color.y, found.color.z, __uint_as_float(found.clamped));
 }
 
-/// Records an invalid Gaussian; the smallest index is kept.
+/// Records an invalid Gaussian; the smallest index is kept (-1 is the largest unsigned number).
 __device__ __forceinline__ void note_invalid(ViewCounts* counts, std::int64_t i) {
   atomicMin(reinterpret_cast<unsigned long long*>(&counts->first_invalid), static_cast<unsigned long long>(i));
 }

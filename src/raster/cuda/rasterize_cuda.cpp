@@ -10,6 +10,7 @@
 #include "raster/cuda/blend_kernels.h"
 #include "raster/cuda/device_buffer.h"
 #include "raster/cuda/passes.h"
+#include "raster/cuda/view_counts.h"
 #include "raster/math/project_splat.h"
 #include "raster/math/tiling.h"
 #include "raster/rasterizer_backend.h"
@@ -17,61 +18,11 @@
 namespace b3dgs::cuda {
 namespace {
 
-/// For the error message about too many pairs. Waits for the device.
-WidestGaussian widest_gaussian(const ProjectOutputs& projected, std::int64_t n, const TileGrid& grid, Culling culling,
-                               const LaunchContext& context) {
-  const auto download = [&](const auto* device) {
-    std::vector<std::remove_const_t<std::remove_pointer_t<decltype(device)>>> host(static_cast<std::size_t>(n));
-    B3DGS_CUDA_CHECK(
-        cudaMemcpyAsync(host.data(), device, host.size() * sizeof(host[0]), cudaMemcpyDeviceToHost, context.stream));
-    B3DGS_CUDA_CHECK(cudaStreamSynchronize(context.stream));
-    return host;
-  };
-  const std::vector<Splat> splats = download(projected.splats);
-  const std::vector<Vec2f> extents = download(projected.extents);
-  const std::vector<std::int32_t> radii = download(projected.radii);
-  WidestGaussian widest{};
-  for (std::size_t i = 0; i < splats.size(); ++i) {
-    const std::int32_t n_tiles = radii[i] > 0 ? tiles_touched(grid, culling, splats[i], extents[i], radii[i]) : 0;
-    if (n_tiles > widest.n_tiles) widest = {static_cast<std::int64_t>(i), n_tiles};
-  }
-  return widest;
-}
-
-void check_valid(const ViewCounts& counts, std::int64_t n_gaussians) {
-  if (counts.first_invalid >= n_gaussians) return;
-  throw InvalidGaussianError(counts.first_invalid, detail::concat("Gaussian ", counts.first_invalid, kInvalidText));
-}
-
-void check_lens(const CameraView& view) {
-  if (splats_per_gaussian(view.lens) == 1) return;
-  throw InputError("panoramas are not supported on a GPU yet: use --device cpu");
-}
-
 void check_kernels(const RenderSettings& settings) {
   B3DGS_CHECK(
       !settings.deterministic || !settings.keep_for_backward || settings.backward_kernel == BackwardKernel::kPerBucket,
       "deterministic gradients need the per-bucket backward kernel");
 }
-
-/// Counts of a view, on their way to the host.
-class CountsReader {
- public:
-  void copy(const ViewCounts* counts, const LaunchContext& context) {
-    B3DGS_CUDA_CHECK(cudaMemcpyAsync(host_.get(), counts, sizeof(ViewCounts), cudaMemcpyDeviceToHost, context.stream));
-    copied_.record(context.stream);
-  }
-  /// @throws InvalidGaussianError if the view has found one
-  ViewCounts wait(std::int64_t n_gaussians) {
-    copied_.wait();
-    check_valid(*host_.get(), n_gaussians);
-    return *host_.get();
-  }
-
- private:
-  PinnedValue<ViewCounts> host_;
-  StreamMark copied_;
-};
 
 class CudaBackend final : public RasterizerBackend {
  public:
@@ -82,17 +33,16 @@ class CudaBackend final : public RasterizerBackend {
     check_render_args(gaussians, view, settings);
     check_kernels(settings);
     const LaunchContext context = context_();
-    const std::int64_t n = gaussians.n_gaussians;
     const ProjectOutputs projected = project_gaussians(gaussians, view, settings, context, /*is_drawn=*/true);
     if (settings.color_pass == nullptr) {
-      bin_view(projected, n, settings, "Gaussian", context);
+      bin_view(projected, settings, "Gaussian", context);
     } else {
       bin_beside_colors(gaussians, projected, settings, context);
     }
-    if (settings.camera_gradient) list_seen(projected, n, bin_buffers_, context);
-    draw(projected, n, settings, out, context);
-    if (settings.color_pass != nullptr) colored_reader_.wait(n);
-    state_.n_gaussians = n;
+    if (settings.camera_gradient) list_seen(projected, n_rows_, bin_buffers_, context);
+    draw(projected, settings, out, context);
+    if (settings.color_pass != nullptr) colored_reader_.wait();
+    state_.n_gaussians = gaussians.n_gaussians;
   }
 
   void backward(const GaussianArrays& gaussians, const ImageGradArrays& grad, const GaussianGradArrays& out) override {
@@ -128,8 +78,8 @@ class CudaBackend final : public RasterizerBackend {
     const ProjectOutputs projected = project_gaussians(gaussians, view, settings, context, /*is_drawn=*/false);
     color_splats(gaussians, view, settings, projected, context);
     counts_reader_.copy(projected.counts, context);
-    list_seen(projected, gaussians.n_gaussians, bin_buffers_, context);
-    const ViewCounts counts = counts_reader_.wait(gaussians.n_gaussians);
+    list_seen(projected, n_rows_, bin_buffers_, context);
+    const ViewCounts counts = counts_reader_.wait();
     copy_seen({projected, bin_buffers_.seen.data(), counts.n_splats, allocate(counts.n_splats)}, context);
     end_stage(state_.stages);
   }
@@ -144,9 +94,8 @@ class CudaBackend final : public RasterizerBackend {
     B3DGS_CUDA_CHECK(cudaMemcpyAsync(queued_counts_[index]->get(), projected.counts, sizeof(ViewCounts),
                                      cudaMemcpyDeviceToHost, context.stream));
     n_queued_ = index + 1;
-    n_queued_gaussians_ = gaussians.n_gaussians;
     counts_copied_.record(context.stream);
-    list_seen(projected, gaussians.n_gaussians, bin_buffers_, context);
+    list_seen(projected, n_rows_, bin_buffers_, context);
     copy_seen({projected, bin_buffers_.seen.data(), capacity, out, projected.counts}, context);
     end_stage(state_.stages);
   }
@@ -157,7 +106,7 @@ class CudaBackend final : public RasterizerBackend {
     std::vector<std::int64_t> n_splats;
     for (std::size_t v = 0; v < n_views; ++v) {
       const ViewCounts& found = *queued_counts_[v]->get();
-      check_valid(found, n_queued_gaussians_);
+      check_valid(found);
       n_splats.push_back(found.n_splats);
     }
     return n_splats;
@@ -171,8 +120,8 @@ class CudaBackend final : public RasterizerBackend {
     const LaunchContext context = context_();
     const ProjectOutputs projected = begin(n, view, settings, context, /*is_drawn=*/true);
     load_rows({rows, state_.grid, settings.culling, projected}, context);
-    bin_view(projected, n, settings, "the Gaussian of splat", context);
-    draw(projected, n, settings, out, context);
+    bin_view(projected, settings, "the Gaussian of splat", context);
+    draw(projected, settings, out, context);
     state_.n_rows = n;
   }
 
@@ -188,9 +137,10 @@ class CudaBackend final : public RasterizerBackend {
     state_.check_gaussians("score()");
     const LaunchContext context = context_();
     static_assert(sizeof(ScoreSums) <= sizeof(SplatGradSum), "fits into a splat's gradient");
-    auto* const sums = reinterpret_cast<ScoreSums*>(splat_grads_.resize(n_rows(), context));
+    auto* const sums = reinterpret_cast<ScoreSums*>(splat_grads_.resize(n_rows_, context));
     score_rows(error, sums, out.weight_sum != nullptr, context);
-    add_scores({splats_.data(), n_rows(), nullptr, sums, out}, radii_.data(), context);
+    join_second_splats(sums, context);
+    add_scores({splats_.data(), state_.n_gaussians, nullptr, sums, out}, radii_.data(), context);
   }
 
   void score_splats(const float* error, ScoreSums* out) override {
@@ -222,7 +172,7 @@ class CudaBackend final : public RasterizerBackend {
   const std::int32_t* radii() const override { return radii_.data(); }
   const std::int32_t* last_ids() const override { return last_ids_.data(); }
   const Splat* splats() const override { return splats_.data(); }
-  std::int64_t n_rows() const override { return state_.n_rows >= 0 ? state_.n_rows : state_.n_gaussians; }
+  std::int64_t n_rows() const override { return n_rows_; }
   BinnedSplats bins() const override { return binned_.bins; }
 
   std::int64_t memory_bytes() override {
@@ -239,7 +189,7 @@ class CudaBackend final : public RasterizerBackend {
   /// Returns buffers for n rows.
   ProjectOutputs begin(std::int64_t n, const CameraView& view, const RenderSettings& settings,
                        const LaunchContext& context, bool is_drawn) {
-    check_lens(view);
+    n_rows_ = n;
     state_.begin_view(view, make_tile_grid(view.width, view.height, settings.tile), settings);
     begin_stage(state_.stages, Stage::kProject);
     return {splats_.resize(n, context), extents_.resize(n, context), radii_.resize(n, context),
@@ -250,10 +200,13 @@ class CudaBackend final : public RasterizerBackend {
   /// Without the colours if a ColorPass computes them: color_splats() must follow.
   ProjectOutputs project_gaussians(const GaussianArrays& gaussians, const CameraView& view,
                                    const RenderSettings& settings, const LaunchContext& context, bool is_drawn) {
-    const ProjectOutputs projected = begin(gaussians.n_gaussians, view, settings, context, is_drawn);
+    const std::int64_t n = gaussians.n_gaussians;
+    const ProjectOutputs projected = begin(n * splats_per_gaussian(view.lens), view, settings, context, is_drawn);
+    const bool with_colors = settings.color_pass == nullptr;
     cuda::project({gaussians, view, settings.sh_degree, settings.near_plane, settings.culling, state_.grid, projected,
-                   settings.color_pass == nullptr, settings.antialiasing},
+                   with_colors, settings.antialiasing},
                   context);
+    if (with_colors && n_rows_ > n) copy_second_colors(projected, n, context);
     return projected;
   }
 
@@ -261,27 +214,28 @@ class CudaBackend final : public RasterizerBackend {
                     const ProjectOutputs& projected, const LaunchContext& context) {
     if (settings.color_pass == nullptr || gaussians.n_gaussians == 0) return;
     settings.color_pass->color({gaussians, view.center, settings.sh_degree, projected}, context);
+    if (n_rows_ > gaussians.n_gaussians) copy_second_colors(projected, gaussians.n_gaussians, context);
   }
 
-  /// The lists of n rows. Waits for their counts, after calling `meanwhile`. `widest`: what rows are, in errors.
+  /// Waits for the counts of the lists, after calling `meanwhile`. `widest`: what rows are, in errors.
   void bin_view(
-      const ProjectOutputs& projected, std::int64_t n, const RenderSettings& settings, const char* widest,
-      const LaunchContext& context, const std::function<void()>& meanwhile = [] {}) {
+      const ProjectOutputs& projected, const RenderSettings& settings, const char* widest, const LaunchContext& context,
+      const std::function<void()>& meanwhile = [] {}) {
     number_lists(projected, state_.grid.n_tiles(), bin_buffers_, context);
     counts_reader_.copy(projected.counts, context);
     meanwhile();
     begin_stage(state_.stages, Stage::kBin);
-    const ViewCounts counts = counts_reader_.wait(n);
+    const ViewCounts counts = counts_reader_.wait();
     if (has_too_many_pairs(counts.n_pairs)) {
       throw NumericError(too_many_pairs(counts.n_pairs,
-                                        widest_gaussian(projected, n, state_.grid, settings.culling, context),
+                                        widest_gaussian(projected, n_rows_, state_.grid, settings.culling, context),
                                         state_.grid.n_tiles(), widest));
     }
     state_.n_splats = counts.n_splats;
     cuts_lists_ = cuts_lists(counts, context.n_multiprocessors);
     const bool keep_slots = settings.deterministic && settings.keep_for_backward;
-    binned_ =
-        bin({projected, n, counts, state_.grid, settings.culling, keep_slots}, bin_buffers_, pass_scratch_, context);
+    binned_ = bin({projected, n_rows_, counts, state_.grid, settings.culling, keep_slots}, bin_buffers_, pass_scratch_,
+                  context);
   }
 
   /// Colours and lists do not depend on each other, and neither fills the device. Whether the colours are valid, the
@@ -290,7 +244,7 @@ class CudaBackend final : public RasterizerBackend {
                          const RenderSettings& settings, const LaunchContext& context) {
     const LaunchContext side = side_.fork(context);
     try {
-      bin_view(projected, gaussians.n_gaussians, settings, "Gaussian", side, [&] {
+      bin_view(projected, settings, "Gaussian", side, [&] {
         ProjectOutputs colored = projected;
         ++colored.counts;
         color_splats(gaussians, state_.view, settings, colored, context);
@@ -304,10 +258,10 @@ class CudaBackend final : public RasterizerBackend {
   }
 
   /// From the lists to the images.
-  void draw(const ProjectOutputs& projected, std::int64_t n, const RenderSettings& settings, const ImageArrays& out,
+  void draw(const ProjectOutputs& projected, const RenderSettings& settings, const ImageArrays& out,
             const LaunchContext& context) {
     state_.begin_drawing(settings, out);
-    if (state_.inverse_depth) invert_depths({n, projected.radii, projected.splats, nullptr}, context);
+    if (state_.inverse_depth) invert_depths({n_rows_, projected.radii, projected.splats, nullptr}, context);
 
     begin_stage(state_.stages, Stage::kBlendForward);
     parts_ = {};
@@ -316,7 +270,7 @@ class CudaBackend final : public RasterizerBackend {
     if (settings.keep_for_backward) {
       parts_.color = part_color_.resize(n_bucket_pixels(), context);
       if (settings.depth_gradient) parts_.depth = part_depth_.resize(n_bucket_pixels(), context);
-      reserve_for_backward(n, context);
+      reserve_for_backward(context);
     }
     const std::int64_t n_pixels = std::int64_t{state_.view.width} * state_.view.height;
     transmittance_.resize(n_pixels, context);
@@ -326,8 +280,8 @@ class CudaBackend final : public RasterizerBackend {
   }
 
   /// Takes the memory that the backward pass needs while this pass can still be repeated.
-  void reserve_for_backward(std::int64_t n, const LaunchContext& context) {
-    splat_grads_.resize(n, context);
+  void reserve_for_backward(const LaunchContext& context) {
+    splat_grads_.resize(n_rows_, context);
     if (deterministic_) pair_grads_.resize(binned_.bins.n_pairs, context);
     if (state_.camera_gradient) {
       camera_parts_.resize(kCameraGradientParts * kCameraGradients, context);
@@ -357,18 +311,24 @@ class CudaBackend final : public RasterizerBackend {
     args.buckets = binned_.buckets;
     args.parts = stored_parts_;
     args.splat_grads = sums;
-    zero(sums, n_rows(), context);
+    zero(sums, n_rows_, context);
     if (deterministic_ && binned_.bins.n_pairs > 0) {
       args.pair_grads = pair_grads_.resize(binned_.bins.n_pairs, context);
       zero(args.pair_grads, binned_.bins.n_pairs, context);
     }
     kBackwardTable[static_cast<std::size_t>(kernel)].launch(args, context);
     if (args.pair_grads != nullptr) {
-      sum_splat_grads({n_rows(), binned_.bins.slot_offsets, args.pair_grads, sums}, context);
+      sum_splat_grads({n_rows_, binned_.bins.slot_offsets, args.pair_grads, sums}, context);
     }
     if (state_.inverse_depth && grad.depth != nullptr) {
-      invert_depth_gradients({n_rows(), radii_.data(), splats_.data(), sums}, context);
+      invert_depth_gradients({n_rows_, radii_.data(), splats_.data(), sums}, context);
     }
+  }
+
+  /// Of a panorama: to the first rows, which are all that passes over Gaussians read.
+  template <class Sums>
+  void join_second_splats(Sums* sums, const LaunchContext& context) {
+    if (n_rows_ > state_.n_gaussians) join_second({state_.n_gaussians, radii_.data(), sums}, context);
   }
 
   /// The backward blend and, if wanted, the gradient with respect to the camera. Returns the arguments of
@@ -378,6 +338,7 @@ class CudaBackend final : public RasterizerBackend {
     state_.check_same(gaussians);
     begin_stage(state_.stages, Stage::kBlendBackward);
     blend_backward(backward_kernel_, grad, splat_grads_.data(), context);
+    join_second_splats(splat_grads_.data(), context);
     end_stage(state_.stages);
     ProjectBackwardCudaArgs args{gaussians,     state_.view,    state_.sh_degree,
                                  radii_.data(), splats_.data(), splat_grads_.data()};
@@ -394,7 +355,7 @@ class CudaBackend final : public RasterizerBackend {
 
   /// `sums`: [rows] out.
   void score_rows(const float* error, ScoreSums* sums, bool wants_weights, const LaunchContext& context) {
-    zero(sums, n_rows(), context);
+    zero(sums, n_rows_, context);
     cuda::score({splats_.data(), extents_.data(), binned_.bins, state_.grid, error, sums}, binned_.tiles_by_length,
                 wants_weights, context);
   }
@@ -436,9 +397,9 @@ class CudaBackend final : public RasterizerBackend {
   SideStream side_;
   std::vector<std::unique_ptr<PinnedValue<ViewCounts>>> queued_counts_;  // of the projections that were queued
   std::size_t n_queued_ = 0;
-  std::int64_t n_queued_gaussians_ = 0;
   StreamMark counts_copied_;
 
+  std::int64_t n_rows_ = 0;  // of the last projection
   // Of the last forward pass:
   BackwardKernel backward_kernel_{};
   bool deterministic_ = false;

@@ -4,6 +4,7 @@
 //     copy_seen_kernel, after projection: copies each row from its Gaussian's.
 //     load_rows_kernel, in place of projection: copies each row and counts its tiles, as projection does.
 //   Inverse depth (math/project_splat.h): invert_depths_kernel, invert_depth_gradients_kernel.
+//   Panoramas: join_second_kernel adds the sums of a Gaussian's second splat to those of its first.
 //   Deterministic gradients: sum_splat_grads_kernel sums those of each splat's pairs in a fixed order. A warp per
 //     splat: lanes take the pairs in turn, and the lanes are summed with shuffles.
 //   For a later backward projection: keep_splat_records_kernel; keep_splats_kernel for splats drawn elsewhere.
@@ -20,6 +21,7 @@ namespace b3dgs::cuda {
 namespace {
 
 constexpr int kThreads = 256;
+constexpr int kGradWords = sizeof(SplatGradSum) / sizeof(float4);
 
 __global__ void __launch_bounds__(kThreads) copy_seen_kernel(const CopySeenArgs args) {
   const std::int64_t m = own_row<kThreads>();
@@ -64,19 +66,35 @@ __device__ __forceinline__ void add(float4& sum, float4 value) {
   sum = make_float4(sum.x + value.x, sum.y + value.y, sum.z + value.z, sum.w + value.w);
 }
 
+__device__ __forceinline__ void join(SplatGradSum& first, const SplatGradSum& second) {
+  auto* const words = reinterpret_cast<float4*>(&first);
+  for (int k = 0; k < kGradWords; ++k) add(words[k], reinterpret_cast<const float4*>(&second)[k]);
+}
+__device__ __forceinline__ void join(ScoreSums& first, const ScoreSums& second) {
+  first.error += second.error;
+  first.weight += second.weight;
+  first.max_weight = fmaxf(first.max_weight, second.max_weight);
+}
+
+template <class Sums>
+__global__ void __launch_bounds__(kThreads) join_second_kernel(const JoinSecondArgs<Sums> args) {
+  const std::int64_t i = own_row<kThreads>();
+  if (i >= args.n_gaussians || args.radii[args.n_gaussians + i] == 0) return;
+  join(args.sums[i], args.sums[args.n_gaussians + i]);
+}
+
 __global__ void __launch_bounds__(kThreads) sum_splat_grads_kernel(const SumSplatGradsArgs args) {
-  constexpr int kWords = sizeof(SplatGradSum) / sizeof(float4);
   const std::int64_t splat = own_row<kThreads>() / kWarpSize;
   if (splat >= args.n_rows) return;
-  float4 sum[kWords]{};
+  float4 sum[kGradWords]{};
   for (std::int64_t slot = args.slot_offsets[splat] + lane_id(); slot < args.slot_offsets[splat + 1];
        slot += kWarpSize) {
     const auto* const words = reinterpret_cast<const float4*>(args.pair_grads + slot);
-    for (int k = 0; k < kWords; ++k) add(sum[k], words[k]);
+    for (int k = 0; k < kGradWords; ++k) add(sum[k], words[k]);
   }
   auto* const out = reinterpret_cast<float4*>(args.splat_grads + splat);
 #pragma unroll
-  for (int k = 0; k < kWords; ++k) {
+  for (int k = 0; k < kGradWords; ++k) {
     const float4 whole = make_float4(warp_sum(sum[k].x), warp_sum(sum[k].y), warp_sum(sum[k].z), warp_sum(sum[k].w));
     if (lane_id() == 0) out[k] = whole;
   }
@@ -109,7 +127,7 @@ void copy_seen(const CopySeenArgs& args, const LaunchContext& context) {
 }
 
 void load_rows(const LoadRowsArgs& args, const LaunchContext& context) {
-  reset_counts(args.out, args.rows.n_splats, args.grid, context);
+  reset_counts(args.out, args.grid, context);
   launch_rows<kThreads>(load_rows_kernel, args, args.rows.n_splats, context.stream);
 }
 
@@ -123,6 +141,14 @@ void invert_depth_gradients(const InvertDepthsArgs& args, const LaunchContext& c
 
 void sum_splat_grads(const SumSplatGradsArgs& args, const LaunchContext& context) {
   launch_rows<kThreads>(sum_splat_grads_kernel, args, args.n_rows * kWarpSize, context.stream);
+}
+
+void join_second(const JoinSecondArgs<SplatGradSum>& args, const LaunchContext& context) {
+  launch_rows<kThreads>(join_second_kernel<SplatGradSum>, args, args.n_gaussians, context.stream);
+}
+
+void join_second(const JoinSecondArgs<ScoreSums>& args, const LaunchContext& context) {
+  launch_rows<kThreads>(join_second_kernel<ScoreSums>, args, args.n_gaussians, context.stream);
 }
 
 void keep_splat_records(const SplatRecordArgs& args, const LaunchContext& context) {

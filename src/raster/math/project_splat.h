@@ -111,20 +111,16 @@ B3DGS_HD ProjectedGaussian project_splat(const GaussianArrays& gaussians, std::i
   return result;
 }
 
-// The seam of a panorama: a splat that crosses it is drawn twice, a width apart, with sums of its own; those of the
-// second are added to those of the first before the backward projection.
+// The seam of a panorama: a splat that crosses it is drawn twice, a full turn apart, each with sums of its own; those
+// of the second are added to those of the first before the backward projection.
 
-/// How many splats a Gaussian can have in a view with this lens.
-B3DGS_HD int splats_per_gaussian(const ViewLens& lens) {
-  return lens.kind == LensKind::kEquirectangular ? 2 : 1;
-}
-
-/// The second splat of a Gaussian that the view sees; its n_tiles is 0 if there is none.
+/// The second splat of a Gaussian that the view sees; its n_tiles is 0 if there is none. `turn`: width of a full turn,
+/// px, which is the image's unless that was reduced or cropped.
 template <TileCount kCount>
-B3DGS_HD ProjectedGaussian across_the_seam(const ProjectedGaussian& first, Culling culling, const TileGrid& grid) {
+B3DGS_HD ProjectedGaussian across_the_seam(const ProjectedGaussian& first, float turn, Culling culling,
+                                           const TileGrid& grid) {
   ProjectedGaussian second = first;
-  const auto width = static_cast<float>(grid.image_width);
-  second.splat.mean_x += first.splat.mean_x < width / 2 ? width : -width;
+  second.splat.mean_x += first.splat.mean_x < static_cast<float>(grid.image_width) / 2 ? turn : -turn;
   second.n_tiles = tiles_touched<kCount>(grid, culling, second.splat, second.extent, second.radius);
   return second;
 }

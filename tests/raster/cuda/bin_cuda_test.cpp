@@ -19,7 +19,7 @@ std::vector<T> download(const T* device, std::int64_t n) {
   return host;
 }
 
-/// What the projection pass writes for each Gaussian.
+/// What the projection pass writes.
 struct ProjectedRows {
   std::vector<Splat> splats;
   std::vector<Vec2f> extents;
@@ -32,9 +32,10 @@ ProjectedRows project_on_gpu(const TestScene& scene, const RenderSettings& setti
   for (const torch::Tensor* group : scene.gaussians.all()) groups.push_back(to_device(*group));
   const GaussianArrays host = arrays_of(scene);
   const std::int64_t n = host.n_gaussians;
-  const DeviceArray<Splat> splats(n);
-  const DeviceArray<Vec2f> extents(n);
-  const DeviceArray<std::int32_t> radii(n);
+  const std::int64_t n_rows = n * splats_per_gaussian(scene.view.lens);
+  const DeviceArray<Splat> splats(n_rows);
+  const DeviceArray<Vec2f> extents(n_rows);
+  const DeviceArray<std::int32_t> radii(n_rows);
   const DeviceArray<cuda::ViewCounts> counts(2);
   cuda::ProjectCudaArgs args;
   args.gaussians = {n,
@@ -52,7 +53,7 @@ ProjectedRows project_on_gpu(const TestScene& scene, const RenderSettings& setti
   args.out = {splats.data(), extents.data(), radii.data(), nullptr, counts.data()};
   cuda::DriverMemory memory;
   cuda::project(args, cuda::make_launch_context(nullptr, memory));
-  return {download(splats.data(), n), download(extents.data(), n), download(radii.data(), n),
+  return {download(splats.data(), n_rows), download(extents.data(), n_rows), download(radii.data(), n_rows),
           download(counts.data(), 1).front()};
 }
 

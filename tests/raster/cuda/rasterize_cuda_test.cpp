@@ -5,6 +5,7 @@
 #include <gtest/gtest.h>
 
 #include <limits>
+#include <tuple>
 
 #include "core/check.h"
 #include "raster/view_memory.h"
@@ -161,25 +162,28 @@ TEST(RasterizeCuda, AgreesWithTheCpuOnMoreTilesThan16BitsCount) {
 
 TEST(RasterizeCuda, TakesTheMemoryThatIsForecast) {
   B3DGS_NEEDS_GPU();
-  const TestScene scene = large_cloud();
-  for (const bool deterministic : {false, true}) {
-    for (const TileShape tile : {TileShape{16, 8}, TileShape{16, 16}}) {
-      RenderSettings settings = settings_of(scene);
-      settings.tile = tile;
-      settings.deterministic = deterministic;
-      settings.depth_gradient = false;
-      settings.kernel = ForwardKernel::kSegmented;
-      CudaView view(scene, settings);
-      view.backward({torch::ones_like(view.color), {}, {}});
-      const double n = static_cast<double>(scene.gaussians.size());
-      const ViewMemory memory = view_memory(settings, scene.view.width, scene.view.height);
-      const double forecast = memory.of_image + memory.bytes(n, static_cast<double>(view.rasterizer().bins().n_pairs));
-      const double taken = static_cast<double>(view.rasterizer().memory_bytes());
-      EXPECT_GE(taken, forecast);
-      EXPECT_LE(taken, 1.25 * forecast + (1 << 20));
-      view.rasterizer().release_memory();
-      EXPECT_EQ(view.rasterizer().memory_bytes(), 0);
-    }
+  TestScene scene = large_cloud();
+  for (const auto& [deterministic, tile, lens] :
+       {std::tuple(false, TileShape{16, 8}, LensKind::kPinhole), std::tuple(true, TileShape{16, 8}, LensKind::kPinhole),
+        std::tuple(false, TileShape{16, 16}, LensKind::kPinhole),
+        std::tuple(true, TileShape{16, 16}, LensKind::kPinhole),
+        std::tuple(true, TileShape{16, 8}, LensKind::kEquirectangular)}) {
+    scene.view.lens.kind = lens;
+    RenderSettings settings = settings_of(scene);
+    settings.tile = tile;
+    settings.deterministic = deterministic;
+    settings.depth_gradient = false;
+    settings.kernel = ForwardKernel::kSegmented;
+    CudaView view(scene, settings);
+    view.backward({torch::ones_like(view.color), {}, {}});
+    const double n = static_cast<double>(scene.gaussians.size());
+    const ViewMemory memory = view_memory(settings, scene.view);
+    const double forecast = memory.of_image + memory.bytes(n, static_cast<double>(view.rasterizer().bins().n_pairs));
+    const double taken = static_cast<double>(view.rasterizer().memory_bytes());
+    EXPECT_GE(taken, forecast);
+    EXPECT_LE(taken, 1.25 * forecast + (1 << 20));
+    view.rasterizer().release_memory();
+    EXPECT_EQ(view.rasterizer().memory_bytes(), 0);
   }
 }
 

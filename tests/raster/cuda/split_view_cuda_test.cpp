@@ -229,7 +229,7 @@ TEST_P(SplitViewCudaTest, HasTheBytesOfAViewOfOneRasterizer) {
   }
 }
 
-INSTANTIATE_TEST_SUITE_P(Scenes, SplitViewCudaTest, testing::ValuesIn(test_scenes()),
+INSTANTIATE_TEST_SUITE_P(Scenes, SplitViewCudaTest, testing::ValuesIn(scenes_to_split()),
                          [](const auto& info) { return std::string(info.param.name); });
 
 TEST(SplitViewCuda, OfManyGaussiansIsTheSame) {

@@ -99,7 +99,8 @@ class CudaView {
         const std::int32_t id = last_ids[static_cast<std::size_t>(y * grid.image_width + x)];
         if (id < 0) continue;
         const auto tile = static_cast<std::size_t>(y / grid.tile.height * grid.columns + x / grid.tile.width);
-        places[y][x] = ids.at(static_cast<std::size_t>(offsets[tile] + id));
+        const std::int32_t row = ids.at(static_cast<std::size_t>(offsets[tile] + id));
+        places[y][x] = row % scene_.gaussians.size();  // second splats of a panorama follow those of all Gaussians
       }
     }
     return last;

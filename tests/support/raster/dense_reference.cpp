@@ -417,8 +417,13 @@ DenseView dense_render(const GaussianTensors& leaves, const CameraView& view, co
   if (settings.culling == Culling::kSquare) {
     hazards.add("radius", (extent - extent.round()).abs() < kDecisionBand * extent, rows);
     const torch::Tensor mean_x = column(means2d, 0).detach(), mean_y = column(means2d, 1).detach();
-    in_reach = square_reaches(pixel_x, mean_x, radii, settings.tile.width, rows, hazards) &
-               square_reaches(pixel_y, mean_y, radii, settings.tile.height, rows, hazards);
+    in_reach = square_reaches(pixel_x, mean_x, radii, settings.tile.width, rows, hazards);
+    if (view.lens.kind == LensKind::kEquirectangular) {  // on the other side of the seam
+      for (const auto turn : {-width, width}) {
+        in_reach = in_reach | square_reaches(pixel_x, mean_x + turn, radii, settings.tile.width, rows, hazards);
+      }
+    }
+    in_reach = in_reach & square_reaches(pixel_y, mean_y, radii, settings.tile.height, rows, hazards);
     reached = reached & in_reach;
   }
 

@@ -614,8 +614,17 @@ const std::vector<TestSceneRow>& test_scenes() {
       {"eucm_lens", eucm_lens},
       {"fisheye_lens", fisheye_lens},
       {"prism_fisheye_lens", prism_fisheye_lens},
+      {"panorama", panorama},
       {"smooth", smooth_scene},
   };
+  return rows;
+}
+
+std::vector<TestSceneRow> scenes_to_split() {
+  std::vector<TestSceneRow> rows;
+  for (const TestSceneRow& row : test_scenes()) {
+    if (row.build != panorama) rows.push_back(row);
+  }
   return rows;
 }
 

@@ -51,7 +51,7 @@ TestScene fisheye_lens();                   // 200 degrees; Gaussians all around
 TestScene prism_fisheye_lens();             // 120 degrees, all terms
 
 /// A panorama, with Gaussians across its seam and beyond the latitude of linearisation; none is wider than half the
-/// image. Not in test_scenes(): views that are split at the splats do not support it.
+/// image.
 TestScene panorama();
 
 /// All pixels far from all thresholds: alphas from 0.02 to 0.7, no stop, no clamp. For finite differences.
@@ -72,5 +72,8 @@ inline void PrintTo(const TestSceneRow& row, std::ostream* out) {
 
 /// All scenes above except large_cloud().
 const std::vector<TestSceneRow>& test_scenes();
+
+/// Those for views that are split at the splats, in which a Gaussian has one splat: not the panorama.
+std::vector<TestSceneRow> scenes_to_split();
 
 }  // namespace b3dgs::test

@@ -64,6 +64,13 @@ TEST_F(CountFloaters, TellsWhatViewsSee) {
   expect_counts(count({kBehindTheCameras, kFaint, kOfBoth, kOfOne}, views), {2, 1, 0, 0});
 }
 
+TEST_F(CountFloaters, TakesAPanoramaForOneViewAlsoAtItsSeam) {
+  CameraView panorama(PinholeView{{1, 0, 0, 0, 1, 0, 0, 0, 1}, {0, 0, 0}, {0, 0, 0}, 15.28f, 15.28f, 48, 24, 96, 48});
+  panorama.lens.kind = LensKind::kEquirectangular;
+  const Ball at_the_seam{0, 0, -4, 0.1, 0.9};
+  expect_counts(count({at_the_seam}, {panorama}), {0, 1, 0, 0});
+}
+
 TEST_F(CountFloaters, TakesEachViewByItself) {
   const std::vector<Ball> balls{kOfBoth, kOfOne, kBehindTheCameras};
   expect_counts(count(balls, {camera_at(0)}), {1, 2, 0, 0});

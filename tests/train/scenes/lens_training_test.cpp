@@ -1,91 +1,37 @@
-// Training in the lens of the photographs: a fisheye of 200 degrees and a panorama, all around the camera.
+// Training in the lens of the photographs.
 #include <gtest/gtest.h>
 
-#include "model/raster_input.h"
-#include "scene/cameras/camera_lens.h"
 #include "support/expect_error.h"
 #include "support/temp_dir.h"
-#include "support/train/tiny_scene.h"
+#include "support/train/lens_scene.h"
 #include "support/train/training.h"
 
 namespace b3dgs {
 namespace {
 
-/// The tiny scene seen through another lens from the same places, which are moved among the Gaussians, so that they are
-/// on all sides.
-Scene lens_scene(const Lens& lens, ImageSize size) {
-  test::TinySceneOptions options;
-  options.log_scale = -2.6f;
-  GaussianTensors truth;
-  Scene scene = test::make_tiny_scene(options, &truth);
-  Rasterizer rasterizer(torch::kCPU);
-  for (std::vector<View>* views : {&scene.train, &scene.test}) {
-    for (View& view : *views) {
-      Camera camera = native_camera(lens, size, "");
-      camera.cam_from_world = view.camera.cam_from_world;
-      for (double& value : camera.cam_from_world.translation) value *= 0.5;
-      view.camera = camera;
-      view.image = std::make_shared<ViewImage>(to_image8(rasterizer.forward(truth, to_camera_view(camera), {}).color));
-      view.valid = lens_mask(camera);
-    }
-  }
-  scene.test = scene.train;  // how well the views are learned, not what is between them
-  return scene;
-}
-
-Lens fisheye() {
-  Lens lens;
-  lens.model = &kFisheyeLens<4>;
-  lens.coefficients = {0.02, -0.004, 0.0005, -0.00002};
-  lens.fx = lens.fy = 14;
-  lens.cx = lens.cy = 24;
-  return lens;
-}
-
-TrainConfig lens_config() {
-  TrainConfig config;
-  config.iterations = 200;
-  config.device = "cpu";
-  config.kernel = "shared-memory";
-  config.densify_from_iter = 1000;  // none
-  config.test_iterations = {1, 200};
-  return config;
-}
-
-void expect_improvement(const Scene& scene, const TrainConfig& config) {
-  const test::TempDir temp;
-  const test::Trained run = test::train(config, scene, temp / "model");
-  ASSERT_EQ(run.result.evaluations.size(), 2u);
-  EXPECT_GT(run.result.evaluations.back().second.mean.psnr, run.result.evaluations.front().second.mean.psnr + 1.5);
-}
-
 TEST(LensTraining, LearnsAFisheyeBeyond180Degrees) {
-  const Scene scene = lens_scene(fisheye(), {48, 48});
+  const Scene scene = test::fisheye_scene();
   ASSERT_GT(scene.train[0].camera.lens.max_angle, 1.75);
-  expect_improvement(scene, lens_config());
+  test::expect_improvement(scene, test::lens_config());
 }
 
 TEST(LensTraining, LearnsAPanorama) {
-  expect_improvement(lens_scene(equirectangular_lens({80, 40}), {80, 40}), lens_config());
+  test::expect_improvement(test::panorama_scene(), test::lens_config());
 }
 
 TEST(LensTraining, LearnsInStepsOfSeveralViews) {
-  for (const bool is_panorama : {false, true}) {
-    const ImageSize size = is_panorama ? ImageSize{80, 40} : ImageSize{48, 48};
-    Scene scene = lens_scene(is_panorama ? equirectangular_lens(size) : fisheye(), size);
-    TrainConfig config = lens_config();
-    config.batch = 2;
-    expect_improvement(scene, config);
-  }
+  TrainConfig config = test::lens_config();
+  config.batch = 2;
+  test::expect_improvement(test::fisheye_scene(), config);
+  test::expect_improvement(test::panorama_scene(), config);
 }
 
 TEST(LensTraining, RefusesAntialiasing) {
-  const Scene scene = lens_scene(fisheye(), {48, 48});
-  TrainConfig config = lens_config();
+  TrainConfig config = test::lens_config();
   config.antialiasing = true;
   const test::TempDir temp;
   EXPECT_TRUE(test::fails_with<InputError>({"--antialiasing", "--lenses undistort"},
-                                           [&] { test::train(config, scene, temp / "model"); }));
+                                           [&] { test::train(config, test::fisheye_scene(), temp / "model"); }));
 }
 
 }  // namespace

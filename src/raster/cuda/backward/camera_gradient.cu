@@ -46,6 +46,7 @@ __global__ void __launch_bounds__(kThreads) camera_gradient_kernel(const __grid_
   for (std::int64_t m = static_cast<std::int64_t>(blockIdx.x) * kThreads + threadIdx.x; m < args.n_splats;
        m += static_cast<std::int64_t>(gridDim.x) * kThreads) {
     const std::int64_t row = args.seen != nullptr ? args.seen[m] : m;
+    if (args.seen != nullptr && row >= backward.gaussians.n_gaussians) break;  // second splats are last
     const Splat& splat = backward.splats[row];
     const CameraGrad part =
         camera_grad<kAntialiasing>(backward.gaussians, splat.gaussian, view, lens_of<Lens>(backward.view),

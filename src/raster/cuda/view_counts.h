@@ -1,0 +1,61 @@
+// What the host reads of ViewCounts, and the errors that follow from it.
+#pragma once
+
+#include <type_traits>
+#include <vector>
+
+#include "raster/checks.h"
+#include "raster/cuda/device_buffer.h"
+#include "raster/cuda/passes.h"
+#include "raster/math/project_splat.h"
+#include "raster/math/tiling.h"
+
+namespace b3dgs::cuda {
+
+/// @throws InvalidGaussianError if the view has found an invalid Gaussian
+inline void check_valid(const ViewCounts& counts) {
+  if (counts.first_invalid < 0) return;
+  throw InvalidGaussianError(counts.first_invalid, detail::concat("Gaussian ", counts.first_invalid, kInvalidText));
+}
+
+/// Counts of a view, on their way to the host.
+class CountsReader {
+ public:
+  void copy(const ViewCounts* counts, const LaunchContext& context) {
+    B3DGS_CUDA_CHECK(cudaMemcpyAsync(host_.get(), counts, sizeof(ViewCounts), cudaMemcpyDeviceToHost, context.stream));
+    copied_.record(context.stream);
+  }
+  /// @throws InvalidGaussianError if the view has found one
+  ViewCounts wait() {
+    copied_.wait();
+    check_valid(*host_.get());
+    return *host_.get();
+  }
+
+ private:
+  PinnedValue<ViewCounts> host_;
+  StreamMark copied_;
+};
+
+/// For the error message about too many pairs. Waits for the device.
+inline WidestGaussian widest_gaussian(const ProjectOutputs& projected, std::int64_t n_rows, const TileGrid& grid,
+                                      Culling culling, const LaunchContext& context) {
+  const auto download = [&](const auto* device) {
+    std::vector<std::remove_const_t<std::remove_pointer_t<decltype(device)>>> host(static_cast<std::size_t>(n_rows));
+    B3DGS_CUDA_CHECK(
+        cudaMemcpyAsync(host.data(), device, host.size() * sizeof(host[0]), cudaMemcpyDeviceToHost, context.stream));
+    B3DGS_CUDA_CHECK(cudaStreamSynchronize(context.stream));
+    return host;
+  };
+  const std::vector<Splat> splats = download(projected.splats);
+  const std::vector<Vec2f> extents = download(projected.extents);
+  const std::vector<std::int32_t> radii = download(projected.radii);
+  WidestGaussian widest{};
+  for (std::size_t i = 0; i < splats.size(); ++i) {
+    const std::int32_t n_tiles = radii[i] > 0 ? tiles_touched(grid, culling, splats[i], extents[i], radii[i]) : 0;
+    if (n_tiles > widest.n_tiles) widest = {splats[i].gaussian, n_tiles};
+  }
+  return widest;
+}
+
+}  // namespace b3dgs::cuda

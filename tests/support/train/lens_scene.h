@@ -1,0 +1,70 @@
+// Scenes in the lens of their photographs: a fisheye of 200 degrees and a panorama, all around the camera.
+#pragma once
+
+#include <gtest/gtest.h>
+
+#include "model/raster_input.h"
+#include "scene/cameras/camera_lens.h"
+#include "support/temp_dir.h"
+#include "support/train/tiny_scene.h"
+#include "support/train/training.h"
+
+namespace b3dgs::test {
+
+/// The tiny scene seen through another lens from the same places, which are moved among the Gaussians, so that they are
+/// on all sides.
+inline Scene lens_scene(const Lens& lens, ImageSize size) {
+  TinySceneOptions options;
+  options.log_scale = -2.6f;
+  GaussianTensors truth;
+  Scene scene = make_tiny_scene(options, &truth);
+  Rasterizer rasterizer(torch::kCPU);
+  for (std::vector<View>* views : {&scene.train, &scene.test}) {
+    for (View& view : *views) {
+      Camera camera = native_camera(lens, size, "");
+      camera.cam_from_world = view.camera.cam_from_world;
+      for (double& value : camera.cam_from_world.translation) value *= 0.5;
+      view.camera = camera;
+      view.image = std::make_shared<ViewImage>(to_image8(rasterizer.forward(truth, to_camera_view(camera), {}).color));
+      view.valid = lens_mask(camera);
+    }
+  }
+  scene.test = scene.train;  // how well the views are learned, not what is between them
+  return scene;
+}
+
+inline Lens wide_fisheye() {
+  Lens lens;
+  lens.model = &kFisheyeLens<4>;
+  lens.coefficients = {0.02, -0.004, 0.0005, -0.00002};
+  lens.fx = lens.fy = 14;
+  lens.cx = lens.cy = 24;
+  return lens;
+}
+
+inline TrainConfig lens_config() {
+  TrainConfig config;
+  config.iterations = 200;
+  config.device = "cpu";
+  config.kernel = "shared-memory";
+  config.densify_from_iter = 1000;  // none
+  config.test_iterations = {1, 200};
+  return config;
+}
+
+inline Scene fisheye_scene() {
+  return lens_scene(wide_fisheye(), {48, 48});
+}
+
+inline Scene panorama_scene() {
+  return lens_scene(equirectangular_lens({80, 40}), {80, 40});
+}
+
+inline void expect_improvement(const Scene& scene, const TrainConfig& config) {
+  const TempDir temp;
+  const Trained run = train(config, scene, temp / "model");
+  ASSERT_EQ(run.result.evaluations.size(), 2u);
+  EXPECT_GT(run.result.evaluations.back().second.mean.psnr, run.result.evaluations.front().second.mean.psnr + 1.5);
+}
+
+}  // namespace b3dgs::test
