@@ -70,11 +70,16 @@ LoadedModel load_gaussians(const ModelOptions& options) {
   return model;
 }
 
+bool views_are_as_trained(const ModelOptions& options) {
+  return options.source_path.empty() && options.resolution == 0 && options.lenses == "trained";
+}
+
 /// Applies the options that may differ from those of the training.
 void apply_options(LoadedModel& model, const ModelOptions& options) {
   if (!options.source_path.empty()) model.config.source_path = options.source_path;
   make_absolute(model.config.source_path);
   if (options.resolution != 0) model.config.resolution = options.resolution;
+  if (options.lenses != "trained") model.config.lenses = options.lenses;
   model.config.device = device_name(choose_device(options.device));
   set_compute_threads(options.threads);
 }
@@ -229,7 +234,7 @@ std::string add_scene_or_cameras(LoadedModel& model, const ModelOptions& options
 
 LoadedModel load_model_cameras(const ModelOptions& options, StatusLine& status) {
   LoadedModel model = load_gaussians(options);
-  const bool is_as_trained = options.source_path.empty() && options.resolution == 0;
+  const bool is_as_trained = views_are_as_trained(options);
   apply_options(model, options);
   const bool has_cameras = fs::exists(model.folder.cameras());
   if (!is_as_trained || !has_cameras) require_scene_folder(model);
@@ -297,7 +302,7 @@ RenderedView ModelRenderer::render(const CameraView& view) {
 }
 
 std::string results_variant(const LoadedModel& model, const ModelOptions& options) {
-  if (options.source_path.empty() && options.resolution == 0) return "";
+  if (views_are_as_trained(options)) return "";
   const TrainConfig trained = model.folder.read_config();
   SceneDifference difference;
   if (fs::exists(model.folder.cameras())) {
@@ -313,6 +318,7 @@ std::string results_variant(const LoadedModel& model, const ModelOptions& option
   } else if (difference.sizes && !difference.views) {
     variant = scene;  // same views, but photographs of another size
   }
+  if (model.config.lenses != trained.lenses) variant += (variant.empty() ? "" : "_") + model.config.lenses;
   return variant;
 }
 

@@ -22,6 +22,7 @@ struct ModelOptions {
   int iteration = -1;
   std::string source_path;
   int resolution = 0;
+  std::string lenses = "trained";
   std::string device = "auto";
   int threads = 0;
   bool quiet = false;
@@ -35,6 +36,8 @@ void visit_fields(ModelOptions& c, Visitor&& field) {
         "COLMAP scene folder, if not the one used for training");
   field(Option{"resolution", 'r', {"data_factor"}}.common(), c.resolution, AtLeast{-1},
         "image size, as in b3dgs train (0 = as in training)");
+  field(Option{"lenses"}, c.lenses, OneOf{{"trained", "undistort", "native", "auto"}},
+        "photographs in their lens or undistorted, as in b3dgs train (trained: as in training)");
   field(Option{"device", '\0', {"data_device"}}.common(), c.device, OneOf{{"auto", "cpu", "cuda"}},
         "where to render; auto: on a GPU if there is one");
   field(Option{"threads"}, c.threads, AtLeast{0}, "CPU threads (0 = all cores)");
@@ -51,7 +54,7 @@ struct LoadedModel {
 };
 
 /// Reads config and PLY of the model folder. The views, without photographs, are those in its cameras.json, or those of
-/// the scene if the options name a scene or a resolution. @throws InputError
+/// the scene if the options name a scene, a resolution or lenses. @throws InputError
 LoadedModel load_model_cameras(const ModelOptions& options, StatusLine& status);
 
 /// Loads Gaussians from a file (model/formats/splat_formats.h), without views. @throws InputError
@@ -97,8 +100,9 @@ struct ModelRenderer {
   Rasterizer rasterizer;
 };
 
-/// Suffix for ModelFolder::results_key(). Empty if views and image sizes are those of the training, even if the scene
-/// folder has moved; else the scene's name, "r4" for another resolution, or both.
+/// Suffix for ModelFolder::results_key(). Empty if views, image sizes and lenses are those of the training, even if the
+/// scene folder has moved; else the scene's name, "r4" for another resolution, "undistort" for other lenses, or
+/// several.
 std::string results_variant(const LoadedModel& model, const ModelOptions& options);
 
 /// Folder for images of a split or camera path, named as by the original 3DGS: MODEL/test/ours_7000.

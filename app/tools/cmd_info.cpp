@@ -136,6 +136,7 @@ void describe_model(const std::string& path) {
 void describe_scene(const std::string& path) {
   SceneOptions options;
   options.source_path = path;
+  options.lenses = TrainConfig{}.lenses;
   options.load_images = false;
   StatusLine status = StatusLine::for_stderr(/*quiet=*/true);
   const Scene scene = open_scene(options, status);

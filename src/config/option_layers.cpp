@@ -68,6 +68,7 @@ void stored_config_from_json(TrainConfig& config, const nlohmann::ordered_json& 
   // Splits of earlier versions, which were worse.
   if (known.contains("split") && (known["split"] == "cover" || known["split"] == "samples"))
     known["split"] = "preserve";
+  if (known.is_object()) known.emplace("lenses", "undistort");  // what earlier versions did
   config_from_json(config, known, place);
 }
 

@@ -57,7 +57,8 @@ TrainConfig preset_options(const TrainConfig& config);
 bool has_removed_options(const nlohmann::ordered_json& options);
 
 /// config_from_json() for the options of a model's config.json or a checkpoint, also of an earlier version. Removed
-/// options are ignored: the file also holds the values that they set (max_gaussians for pixels_per_gaussian).
+/// options are ignored: the file also holds the values that they set (max_gaussians for pixels_per_gaussian). Options
+/// that it does not have keep their values, but for `lenses`.
 void stored_config_from_json(TrainConfig& config, const nlohmann::ordered_json& options, const std::string& place);
 
 /// The value as on the command line; "none" for an empty text or list, "on" or "off" for a flag.

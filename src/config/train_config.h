@@ -31,7 +31,7 @@ struct TrainConfig {
   bool eval = false;
   std::string init_ply;
   std::string depths;
-  std::string lenses = "undistort";
+  std::string lenses = "auto";
   std::string masks;
   bool invert_masks = false;
   std::string mask_mode = "ignore";

@@ -33,10 +33,12 @@ struct LensParams {
   Real max_angle = 0;
 };
 
-/// Whether depth is the distance from the camera's centre rather than along its axis: the axis is nothing special to a
-/// lens that sees sideways.
-B3DGS_HD bool has_radial_depth(LensKind kind) {
-  return kind == LensKind::kFisheye || kind == LensKind::kEquirectangular;
+/// Whether depth is the distance from the camera's centre rather than along its axis, where that says little: a
+/// panorama, and a fisheye that sees more than 80 degrees from its axis. Other fisheyes blend in the order of pinholes,
+/// which is that of other programs' viewers.
+template <class Real>
+B3DGS_HD bool has_radial_depth(const LensParams<Real>& lens) {
+  return lens.kind == LensKind::kEquirectangular || (lens.kind == LensKind::kFisheye && lens.max_angle > Real(1.3963));
 }
 
 using ViewLens = LensParams<float>;

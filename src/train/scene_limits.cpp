@@ -43,6 +43,7 @@ SceneOptions scene_options(const TrainConfig& config) {
   options.white_background = config.white_background;
   options.tracks = !config.depths.empty();
   options.lenses = config.lenses;
+  if (config.antialiasing && config.lenses == "auto") options.lenses = "undistort";  // it needs pinholes
   options.masks = config.masks;
   options.invert_masks = config.invert_masks;
   options.empty_background = config.mask_mode == "segment";

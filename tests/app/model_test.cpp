@@ -258,5 +258,26 @@ TEST_F(TrainedModel, ResultsOfAnotherSizeOrSceneStandBesideItsOwn) {
   EXPECT_NEAR(found["ours_3"]["PSNR"].get<double>(), own["PSNR"].get<double>(), 1e-3);
 }
 
+TEST_F(TrainedModel, OfAWideLensIsEvaluatedInItAndOnRequestUndistorted) {
+  ASSERT_EQ(run_b3dgs({"synth", "orbit", path("wide"), "--points", "300", "--views", "9", "--width", "64", "--height",
+                       "64", "--lens", "OPENCV_FISHEYE", "--fov", "190", "--quiet"})
+                .exit_code,
+            0);
+  ASSERT_EQ(run_b3dgs({"train", path("wide"), "-m", path("model"), "--overwrite", "--eval", "--iterations", "3",
+                       "--test_iterations", "3", "--device", "cpu", "--quiet"})
+                .exit_code,
+            0);
+  EXPECT_NE(read_bytes(folder_ / "model/cameras.json").find("FISHEYE"), std::string::npos) << "auto keeps it";
+  const nlohmann::json own = results();
+  ASSERT_EQ(own.size(), 1u);
+  ASSERT_EQ(run_b3dgs({"eval", path("model"), "--lenses", "undistort"}).exit_code, 0);
+  const nlohmann::json found = results();
+  ASSERT_EQ(found.size(), 2u);
+  for (const auto& [key, value] : found.items()) {
+    EXPECT_EQ(key.find("undistort") != std::string::npos, !own.contains(key)) << key;
+  }
+  EXPECT_EQ(found.at(own.begin().key()), own.begin().value());
+}
+
 }  // namespace
 }  // namespace b3dgs

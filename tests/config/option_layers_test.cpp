@@ -107,6 +107,9 @@ TEST(FormerOptions, OfAFileAreLeftOut) {
   TrainConfig config;
   stored_config_from_json(config, {{"split", "cover"}, {"opacity_decay", 0.9}}, "config.json");
   EXPECT_EQ(config.split, "preserve") << "the former splits are gone";
+  EXPECT_EQ(config.lenses, "undistort") << "as before lenses could be chosen";
+  stored_config_from_json(config, {{"lenses", "native"}}, "config.json");
+  EXPECT_EQ(config.lenses, "native");
 }
 
 TEST(FormerOptions, FormerNamesOfValuesAreReadAndNamed) {

@@ -54,7 +54,7 @@ struct Place {
 
 /// On the axis and off it at the angles where formulas change, in four directions; of panoramas also both sides of the
 /// seam and near the poles.
-std::vector<Place> places(LensKind kind) {
+std::vector<Place> places(const LensParams<double>& lens) {
   std::vector<Place> found;
   const auto at = [&](double angle, double azimuth) {
     const double t = 1.7, r = t * std::sin(angle * kDegree);
@@ -63,10 +63,10 @@ std::vector<Place> places(LensKind kind) {
   };
   at(0, 0);
   for (const double angle : {0.01, 1.0, 5.0, 5.7, 5.8, 30.0, 60.0, 89.0, 91.0, 120.0, 170.0}) {
-    if (angle > 90 && !has_radial_depth(kind)) continue;
+    if (angle > 90 && !has_radial_depth(lens)) continue;
     for (const double azimuth : {0.0, 0.6, 2.2, 4.0}) at(angle, azimuth);
   }
-  if (kind == LensKind::kEquirectangular) {
+  if (lens.kind == LensKind::kEquirectangular) {
     for (const double longitude : {179.9, -179.9, 90.0}) {
       for (const double latitude : {0.0, 40.0, -85.0}) {
         const double h = 2 * std::cos(latitude * kDegree);
@@ -90,7 +90,7 @@ double step_at(const Vec3<double>& point) {
 
 TEST(Lens, JacobianAgreesWithFiniteDifferences) {
   for (const LensRow& row : lenses()) {
-    for (const Place& place : places(row.lens.kind)) {
+    for (const Place& place : places(row.lens)) {
       SCOPED_TRACE(std::string(row.name) + ", " + place.name);
       const LensPoint<double> seen = lens_point(row.lens, kScale, place.point);
       const auto x = [&](const std::vector<double>& c) {
@@ -110,7 +110,7 @@ TEST(Lens, JacobianAgreesWithFiniteDifferences) {
 TEST(Lens, HessianAgreesWithFiniteDifferencesOfTheJacobian) {
   const Vec3<double> f{0.7, -1.1, 0.4}, g{-0.3, 0.8, 1.3};
   for (const LensRow& row : lenses()) {
-    for (const Place& place : places(row.lens.kind)) {
+    for (const Place& place : places(row.lens)) {
       SCOPED_TRACE(std::string(row.name) + ", " + place.name);
       const auto value = [&](const std::vector<double>& c) {
         const LensPoint<double> seen = lens_point<double>(row.lens, kScale, {c[0], c[1], c[2]});
@@ -129,6 +129,11 @@ TEST(Lens, ProjectsAsByHand) {
   EXPECT_NEAR(lens_point(fisheye, kScale, right).pixel.x, 9.5 + 41 * 100 * kDegree, 1e-12);
   EXPECT_NEAR(lens_point(fisheye, kScale, right).pixel.y, 33.25, 1e-12);
   EXPECT_NEAR(lens_depth(fisheye, right), 2, 1e-12);
+  const LensParams<double> narrow = make_lens(LensKind::kFisheye, 79, {});
+  EXPECT_EQ(lens_depth<double>(narrow, {3, 0, 1.5}), 1.5);
+  EXPECT_EQ(lens_shrink<double>(narrow, {3, 0, 1.5}, 9), 1);
+  EXPECT_EQ(lens_shrink<double>(fisheye, {0, 0, -3}, 1.5), 1);
+  EXPECT_EQ(lens_shrink<double>(fisheye, {0, 0, -3}, 3), 0.5);
 
   const LensParams<double> panorama = make_lens(LensKind::kEquirectangular, 0, {});
   const LensScale<double> scale{360 / 6.283185307179586, 180 / 3.141592653589793, 180, 90};  // 360 x 180 px
@@ -154,9 +159,13 @@ TEST(Lens, LinearisesBeyondItsLimitAtTheNearestPoint) {
   EXPECT_TRUE(place.is_clamped);
   EXPECT_NEAR(place.at.y, 3 * std::sin(100 * kDegree), 1e-12);
   EXPECT_NEAR(place.at.z, 3 * std::cos(100 * kDegree), 1e-12);
-  EXPECT_FALSE(is_out_of_lens(fisheye, point, 0.1));
-  EXPECT_TRUE(is_out_of_lens(fisheye, point, 1.6)) << "it surrounds the camera";
-  EXPECT_TRUE(is_out_of_lens(fisheye, {0, 0.01, -3}, 0.1)) << "it is behind a lens of 200 degrees";
+  EXPECT_FALSE(is_out_of_lens(fisheye, point));
+  EXPECT_TRUE(is_out_of_lens(fisheye, {0, 0.01, -3})) << "it is behind a lens of 200 degrees";
+
+  const LensPlace<double> behind = lens_place<double>(fisheye, {0, 0, -3});
+  EXPECT_TRUE(behind.is_clamped);
+  EXPECT_NEAR(behind.at.x, 3 * std::sin(100 * kDegree), 1e-12);
+  EXPECT_EQ(behind.at.y, 0);
 
   const LensParams<double> distorted = make_lens(LensKind::kDistorted, 45, {-0.1});
   const LensPlace<double> beside = lens_place<double>(distorted, {3, 0, 2});
@@ -177,9 +186,9 @@ TEST(Lens, IsAccurateInSinglePrecision) {
     for (int i = 0; i < kLensCoefficients; ++i) lens.k[i] = static_cast<float>(row.lens.k[i]);
     LensParams<double> same = row.lens;
     for (int i = 0; i < kLensCoefficients; ++i) same.k[i] = double{lens.k[i]};
-    for (const Place& place : places(row.lens.kind)) {
+    for (const Place& place : places(row.lens)) {
       const bool is_sideways = place.point.z < 0.1;  // where perspective lenses are clamped
-      if (is_sideways && !has_radial_depth(row.lens.kind)) continue;
+      if (is_sideways && !has_radial_depth(row.lens)) continue;
       SCOPED_TRACE(std::string(row.name) + ", " + place.name);
       const Vec3<float> point{static_cast<float>(place.point.x), static_cast<float>(place.point.y),
                               static_cast<float>(place.point.z)};
@@ -211,9 +220,9 @@ TEST(Lens, SmallGaussiansLookAsAlongExactRays) {
   // The exponent of the projected ellipse against half the least squared Mahalanobis distance along the pixel's ray.
   const Shape<double> shape = make_shape<double>({-6.1, -6.6, -7.2}, {0.9, 0.2, -0.3, 0.1});  // up to 0.002 of 1.7
   for (const LensRow& row : lenses()) {
-    for (const Place& place : places(row.lens.kind)) {
+    for (const Place& place : places(row.lens)) {
       const Vec3<double> c = place.point;
-      const bool is_sideways = !has_radial_depth(row.lens.kind) && c.z < 0.2;
+      const bool is_sideways = !has_radial_depth(row.lens) && c.z < 0.2;
       if (lens_place(row.lens, c).is_clamped || is_sideways) continue;
       SCOPED_TRACE(std::string(row.name) + ", " + place.name);
       const LensPoint<double> seen = lens_point(row.lens, kScale, c);
@@ -249,7 +258,7 @@ TEST(Lens, GradientOfTheProjectionAgreesWithFiniteDifferences) {
   const auto view = make_view_transform<double>(camera);
   const Mat3<double> factor{{0.1, -0.03, 0.02, 0.05, 0.08, -0.04, -0.03, 0.06, 0.05}};
   for (const LensRow& row : lenses()) {
-    for (const Place& place : places(row.lens.kind)) {
+    for (const Place& place : places(row.lens)) {
       if (lens_place(row.lens, place.point).is_clamped) continue;
       SCOPED_TRACE(std::string(row.name) + ", " + place.name);
       const Projection<double> p = project_gaussian(view, row.lens, place.point, factor);

@@ -68,7 +68,7 @@ TEST(CameraLens, RaysArePutBackWhereTheyComeFrom) {
         ASSERT_TRUE(place) << name << " at " << x << ", " << y;
         EXPECT_NEAR(place->x, x, 1e-6) << name;
         EXPECT_NEAR(place->y, y, 1e-6) << name;
-        EXPECT_NEAR(place->depth, has_radial_depth(camera.lens.kind) ? 1 : (*ray)[2], 1e-12) << name;
+        EXPECT_NEAR(place->depth, has_radial_depth(camera.lens) ? 1 : (*ray)[2], 1e-12) << name;
       }
     }
     EXPECT_GT(n_shown, 150) << name;

@@ -29,8 +29,9 @@ auto with_lens(const LensParams<Real>& lens, Visit&& visit) {
 inline constexpr double kMaxLatitude = 86;
 // A Gaussian is not seen by a fisheye if its centre is farther beyond max_angle than this, rad.
 inline constexpr double kAngleMargin = 0.35;
-// Gaussians whose standard deviation is a larger share of their distance are not seen by a fisheye or a panorama: they
-// surround the camera, and no affine image resembles theirs.
+// A lens with radial depth draws a Gaussian whose largest standard deviation is a larger share of its distance as if it
+// were of this share: such Gaussians surround the camera, and no affine image resembles theirs. Were they left out,
+// training would never remove them, and pinholes would show them.
 inline constexpr double kMaxSpreadOfDistance = 0.5;
 
 /// The point of the base projection, and its gradients with respect to x, y, z.
@@ -257,8 +258,9 @@ B3DGS_HD LensPlace<Real> lens_place(const LensParams<Real>& lens, const Vec3<Rea
   const Real rho = sqrt(c.x * c.x + c.y * c.y);
   if (lens.kind == LensKind::kFisheye) {
     if (atan2(rho, c.z) <= lens.max_angle) return {c, false};
-    const Real t = sqrt(rho * rho + c.z * c.z), scale = rho > 0 ? t * sin(lens.max_angle) / rho : 0;
-    return {{scale * c.x, scale * c.y, t * cos(lens.max_angle)}, true};
+    const Real t = sqrt(rho * rho + c.z * c.z), at = t * sin(lens.max_angle);
+    if (rho == 0) return {{at, 0, t * cos(lens.max_angle)}, true};  // on the axis, behind the camera
+    return {{at / rho * c.x, at / rho * c.y, t * cos(lens.max_angle)}, true};
   }
   const Real limit = c.z * tan(lens.max_angle);
   if (rho <= limit) return {c, false};
@@ -269,16 +271,21 @@ B3DGS_HD LensPlace<Real> lens_place(const LensParams<Real>& lens, const Vec3<Rea
 template <class Real>
 B3DGS_HD Real lens_depth(const LensParams<Real>& lens, const Vec3<Real>& c) {
   using std::sqrt;
-  return has_radial_depth(lens.kind) ? sqrt(dot(c, c)) : c.z;
+  return has_radial_depth(lens) ? sqrt(dot(c, c)) : c.z;
 }
 
-/// Whether the lens cannot see a Gaussian with this centre and largest standard deviation, whatever its depth.
+/// Factor of the size of a Gaussian with this centre and largest standard deviation; see kMaxSpreadOfDistance.
 template <class Real>
-B3DGS_HD bool is_out_of_lens(const LensParams<Real>& lens, const Vec3<Real>& c, Real sigma) {
+B3DGS_HD Real lens_shrink(const LensParams<Real>& lens, const Vec3<Real>& c, Real sigma) {
+  const Real most = Real(kMaxSpreadOfDistance) * lens_depth(lens, c);
+  return has_radial_depth(lens) && sigma > most ? most / sigma : 1;
+}
+
+/// Whether the lens cannot see a Gaussian with this centre, whatever its depth.
+template <class Real>
+B3DGS_HD bool is_out_of_lens(const LensParams<Real>& lens, const Vec3<Real>& c) {
   using std::atan2;
   using std::sqrt;
-  if (!has_radial_depth(lens.kind)) return false;
-  if (sigma > Real(kMaxSpreadOfDistance) * lens_depth(lens, c)) return true;
   return lens.kind == LensKind::kFisheye &&
          atan2(sqrt(c.x * c.x + c.y * c.y), c.z) > lens.max_angle + Real(kAngleMargin);
 }

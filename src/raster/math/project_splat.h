@@ -78,8 +78,7 @@ B3DGS_HD ProjectedGaussian project_splat(const GaussianArrays& gaussians, std::i
   }
   const Shape<float> shape = make_shape(smoothed.log_scales, quat);
   if constexpr (!std::is_same_v<Lens, Pinhole>) {
-    const float longest = std::fmax(std::fmax(smoothed.log_scales.x, smoothed.log_scales.y), smoothed.log_scales.z);
-    if (is_out_of_lens(lens, point, std::exp(longest))) return result;
+    if (is_out_of_lens(lens, point)) return result;
   }
   const Projection<float> p = project_gaussian(view, lens, point, shape.factor);
   if constexpr (kAntialiasing) {

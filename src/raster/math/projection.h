@@ -58,7 +58,9 @@ struct Projection {
   Vec3<Real> spread_x, spread_y;  // M^T axis: cov.xy = spread_x . spread_y
   Real slope_x, slope_y;          // x/z and y/z at which J is evaluated
   bool slope_x_clamped, slope_y_clamped;
-  LensPlace<Real> place;  // of lenses instead of the slopes: where J is evaluated
+  // Of lenses instead of the slopes: where J is evaluated, and lens_shrink(), by which it is multiplied.
+  LensPlace<Real> place;
+  Real shrink;
 };
 
 /// From the axes to the ellipse. The determinant is a sum of positive terms (Lagrange's identity), so thin splats keep
@@ -105,6 +107,19 @@ B3DGS_HD LensScale<Real> lens_scale(const ViewTransform<Real>& view) {
   return {view.fx, view.fy, view.cx, view.cy};
 }
 
+/// Largest standard deviation of a Gaussian, from M = R S.
+template <class Real>
+B3DGS_HD Real longest_axis(const Mat3<Real>& factor) {
+  using std::sqrt;
+  Real most = 0;
+  for (int k = 0; k < 3; ++k) {
+    const Vec3<Real> axis{factor(0, k), factor(1, k), factor(2, k)};
+    const Real square = dot(axis, axis);
+    most = square > most ? square : most;
+  }
+  return sqrt(most);
+}
+
 /// By the affine approximation at place.at, which is the centre unless that is clamped.
 template <class Real>
 B3DGS_HD Projection<Real> project_gaussian(const ViewTransform<Real>& view, const LensParams<Real>& lens,
@@ -114,8 +129,9 @@ B3DGS_HD Projection<Real> project_gaussian(const ViewTransform<Real>& view, cons
   const LensPoint<Real> seen = lens_point(lens, lens_scale(view), p.place.at);
   const Vec3<Real> beyond = point - p.place.at;
   p.mean2d = {seen.pixel.x + dot(seen.row_x, beyond), seen.pixel.y + dot(seen.row_y, beyond)};
-  p.axis_x = transpose_times(view.rotation, seen.row_x);
-  p.axis_y = transpose_times(view.rotation, seen.row_y);
+  p.shrink = lens_shrink(lens, point, longest_axis(factor));
+  p.axis_x = p.shrink * transpose_times(view.rotation, seen.row_x);
+  p.axis_y = p.shrink * transpose_times(view.rotation, seen.row_y);
   set_ellipse(p, factor);
   return p;
 }
@@ -205,7 +221,8 @@ B3DGS_HD ProjectionGrad<Real> project_backward(const ViewTransform<Real>& view, 
   return grad;
 }
 
-/// Nothing passes through the place of a clamped linearisation: there J does not move with the Gaussian.
+/// Nothing passes through the place of a clamped linearisation, where J does not move with the Gaussian, nor through
+/// the factor by which a Gaussian is shrunk.
 template <class Real>
 B3DGS_HD ProjectionGrad<Real> project_backward(const ViewTransform<Real>& view, const LensParams<Real>& lens,
                                                Vec3<Real> point, const Mat3<Real>& factor, const Projection<Real>& p,
@@ -214,13 +231,15 @@ B3DGS_HD ProjectionGrad<Real> project_backward(const ViewTransform<Real>& view, 
   ProjectionGrad<Real> grad;
   set_mean_and_factor(p, grad_mean, grad_spread, grad);
   // The rows of J, from those of J W.
-  const Vec3<Real> row_x = view.rotation * p.axis_x, row_y = view.rotation * p.axis_y;
+  const Vec3<Real> row_x = (1 / p.shrink) * (view.rotation * p.axis_x);
+  const Vec3<Real> row_y = (1 / p.shrink) * (view.rotation * p.axis_y);
   grad.point = grad.mean2d.x * row_x + grad.mean2d.y * row_y;
   if (!p.place.is_clamped) {
-    grad.point = grad.point + lens_hessian(lens, lens_scale(view), p.place.at, view.rotation * (factor * grad_spread.x),
-                                           view.rotation * (factor * grad_spread.y));
+    const Vec3<Real> grad_row_x = p.shrink * (view.rotation * (factor * grad_spread.x));
+    const Vec3<Real> grad_row_y = p.shrink * (view.rotation * (factor * grad_spread.y));
+    grad.point = grad.point + lens_hessian(lens, lens_scale(view), p.place.at, grad_row_x, grad_row_y);
   }
-  if (has_radial_depth(lens.kind)) {
+  if (has_radial_depth(lens)) {
     grad.point = grad.point + (grad_depth / lens_depth(lens, point)) * point;
   } else {
     grad.point.z += grad_depth;

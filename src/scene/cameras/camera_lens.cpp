@@ -42,7 +42,7 @@ Camera native_camera(const Lens& lens, ImageSize size, const std::string& place)
   camera.lens = lens.params();
   if (camera.lens.kind == LensKind::kEquirectangular) return camera;
   constexpr int kAzimuths = 64, kAngles = 2000;
-  const double limit = has_radial_depth(camera.lens.kind) ? kMaxFisheyeAngle : kMaxPerspectiveAngle;
+  const double limit = camera.lens.kind == LensKind::kFisheye ? kMaxFisheyeAngle : kMaxPerspectiveAngle;
   double fold = limit, corner = 0;
   std::vector<double> azimuths;
   azimuths.reserve(kAzimuths);

@@ -80,13 +80,6 @@ torch::Tensor sh_colors(const GaussianTensors& gaussians, const torch::Tensor& m
   return (basis.unsqueeze(2) * coefficients).sum(1) + 0.5;
 }
 
-/// [N, 3] standard deviations, of the 3D filter if there is one.
-torch::Tensor filtered(const GaussianTensors& leaves, const RenderSettings& settings) {
-  const torch::Tensor scales = leaves.log_scales.exp();
-  if (!settings.antialiasing || !leaves.filters.defined()) return scales;
-  return (scales.square() + leaves.filters.square().unsqueeze(1)).sqrt();
-}
-
 /// x / z or y / z, clamped to the extended image, for the Jacobian of the projection.
 torch::Tensor clamp_slope(const torch::Tensor& slope, double focal, double center, double size) {
   const double margin = kMargin * 0.5 * size / focal;
@@ -99,7 +92,8 @@ constexpr double kMaxLatitude = 86 * kPi / 180;
 constexpr double kAngleMargin = 0.35, kMaxSpread = 0.5;
 
 bool sees_all_around(const CameraView& view) {
-  return view.lens.kind == LensKind::kFisheye || view.lens.kind == LensKind::kEquirectangular;
+  return view.lens.kind == LensKind::kEquirectangular ||
+         (view.lens.kind == LensKind::kFisheye && view.lens.max_angle > 80 * kPi / 180);
 }
 
 /// [N] angles to the axis of points [N, 3].
@@ -294,11 +288,6 @@ DenseView dense_render(const GaussianTensors& leaves, const CameraView& view, co
   const torch::Tensor all_rows = torch::arange(leaves.size(), torch::kInt64);
   hazards.add("near plane", is_near(all_depths, settings.near_plane), all_rows);
   torch::Tensor is_before = all_depths >= double{settings.near_plane};
-  if (is_radial) {
-    const torch::Tensor spread = filtered(leaves, settings).detach().amax(1) / all_depths;
-    hazards.add("largest spread", is_near(spread, kMaxSpread), all_rows);
-    is_before = is_before & (spread <= kMaxSpread);
-  }
   if (view.lens.kind == LensKind::kFisheye) {
     const torch::Tensor angles = angles_to_axis(all_centers.detach());
     hazards.add("largest angle", is_near(angles, view.lens.max_angle + kAngleMargin), all_rows);
@@ -358,8 +347,14 @@ DenseView dense_render(const GaussianTensors& leaves, const CameraView& view, co
     filtered_scales = (scales.square() + leaves.filters.index_select(0, rows).square().unsqueeze(1)).sqrt();
     opacity = opacity * (scales / filtered_scales).prod(1);
   }
+  torch::Tensor drawn_scales = filtered_scales;
+  if (is_radial) {  // at most kMaxSpread of the distance, without a gradient through the factor
+    const torch::Tensor share = filtered_scales.detach().amax(1) / depth.detach();
+    hazards.add("largest spread", is_near(share, kMaxSpread), rows);
+    drawn_scales = filtered_scales * (kMaxSpread / share).clamp_max(1.0).unsqueeze(1);
+  }
   const torch::Tensor spread =
-      torch::matmul(rotations(leaves.quats.index_select(0, rows)), torch::diag_embed(filtered_scales));
+      torch::matmul(rotations(leaves.quats.index_select(0, rows)), torch::diag_embed(drawn_scales));
   const torch::Tensor half = torch::matmul(torch::matmul(jacobian, pose.rotation), spread);
   const torch::Tensor sharp_covariance = torch::matmul(half, half.transpose(1, 2));
   const torch::Tensor covariance = sharp_covariance + kBlur * torch::eye(2, torch::kFloat64);

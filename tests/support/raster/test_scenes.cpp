@@ -488,10 +488,10 @@ TestScene lens_scene(const CameraView& view, double max_angle, std::uint64_t see
     SphereSplat splat;
     splat.camera = {distance * std::sin(angle) * std::cos(azimuth), distance * std::sin(angle) * std::sin(azimuth),
                     distance * std::cos(angle)};
-    if (!has_radial_depth(view.lens.kind)) {
+    if (!has_radial_depth(view.lens)) {
       for (double& value : splat.camera) value /= std::cos(angle);
     }
-    for (double& size : splat.size) size = distance * random.log_uniform(0.01, i % 20 == 0 ? 0.6 : 0.1);
+    for (double& size : splat.size) size = distance * random.log_uniform(0.01, i % 20 == 0 ? 0.9 : 0.1);
     for (double& c : splat.quat) c = random.uniform(-1, 1);
     splat.opacity = random.uniform(0.1, 0.8);
     splat.color = random.uniform3(0.2, 0.9);
@@ -538,7 +538,7 @@ TestScene fisheye_lens() {
 TestScene prism_fisheye_lens() {
   return lens_scene(lens_view(LensKind::kFisheye, 25, 66,
                               {-0.04f, 0.01f, 0.003f, -0.001f, 0, 0, 0, 0.006f, -0.008f, 0.003f, -0.002f}),
-                    90, 36);
+                    75, 36);
 }
 
 TestScene panorama() {
