@@ -18,6 +18,9 @@ namespace fs = std::filesystem;
 constexpr const char* kInstall =
     "install it: apt install colmap (other systems: https://colmap.github.io/install.html)";
 
+// Panoramas before and after each that it is matched with, if not with all. COLMAP's own number is 10 photographs.
+constexpr std::size_t kNeighbours = 5;
+
 // Models with larger IDs came with COLMAP 4.
 constexpr int kNewestInAllVersions = static_cast<int>(CameraModel::kThinPrismFisheye);
 
@@ -102,6 +105,7 @@ void ColmapProgram::check_options() {
                 ") was built without CUDA; leave --use_gpu out, or install a COLMAP with CUDA");
   }
   const CameraModel model = camera_model_from_name(options_.camera_model, "--camera_model");
+  if (model == CameraModel::kEquirectangular) return;  // COLMAP gets their faces
   if (static_cast<int>(model) <= kNewestInAllVersions) return;
   // Newer versions list the models in their help.
   std::string help;
@@ -147,6 +151,11 @@ void ColmapProgram::add(std::vector<std::string>& command, const std::vector<std
   }
 }
 
+void ColmapProgram::use_faces(const std::string& params, std::size_t n_faces) {
+  face_params_ = params;
+  n_faces_ = n_faces;
+}
+
 std::vector<std::string> ColmapProgram::extract_command(const fs::path& list, bool is_single_camera,
                                                         std::optional<std::size_t> camera) {
   std::vector<std::string> command{"colmap",
@@ -158,7 +167,8 @@ std::vector<std::string> ColmapProgram::extract_command(const fs::path& list, bo
                                    "--image_list_path",
                                    list.string(),
                                    "--ImageReader.camera_model",
-                                   options_.camera_model};
+                                   face_params_.empty() ? options_.camera_model : "PINHOLE"};
+  if (!face_params_.empty()) add(command, {"ImageReader.camera_params"}, face_params_);
   const char* const sharing = is_single_camera                  ? "ImageReader.single_camera"
                               : options_.camera_per == "folder" ? "ImageReader.single_camera_per_folder"
                                                                 : "ImageReader.single_camera_per_image";
@@ -182,6 +192,8 @@ std::vector<std::string> ColmapProgram::match_command(const std::string& matcher
     // COLMAP says how far it is, and stores what it has, once per block of pairs.
     const std::size_t block = std::clamp<std::size_t>(n_photographs / 8, 16, 50);
     add(command, {"ExhaustiveMatching.block_size", "ExhaustivePairing.block_size"}, std::to_string(block));
+  } else if (!face_params_.empty()) {
+    add(command, {"SequentialMatching.overlap", "SequentialPairing.overlap"}, std::to_string(kNeighbours * n_faces_));
   }
   return command;
 }
@@ -192,6 +204,11 @@ std::vector<std::string> ColmapProgram::map_command() {
                                    "--image_path",    folders_.images.string(),
                                    "--output_path",   folders_.models.string()};
   if (options_.threads > 0) add(command, {"Mapper.num_threads"}, std::to_string(options_.threads));
+  if (!face_params_.empty()) {
+    for (const char* refined : {"Mapper.ba_refine_focal_length", "Mapper.ba_refine_extra_params"}) {
+      add(command, {refined}, "0");
+    }
+  }
   return command;
 }
 

@@ -34,6 +34,10 @@ class ColmapProgram {
   /// The first lines of its help, such as "COLMAP 3.8 (... without CUDA)".
   const std::string& version() const { return version_; }
 
+  /// The photographs are faces of panoramas, `n_faces` of each, one after the other: pinholes with these parameters,
+  /// which COLMAP keeps.
+  void use_faces(const std::string& params, std::size_t n_faces);
+
   /// Extracts the features of the photographs that the file `list` names, one per line. With `is_single_camera` they
   /// get one camera: `camera`, or a new one.
   std::vector<std::string> extract_command(const std::filesystem::path& list, bool is_single_camera,
@@ -56,6 +60,8 @@ class ColmapProgram {
   ProgramLog& log_;
   std::string version_;
   std::map<std::string, std::set<std::string>> known_;  // options by command
+  std::string face_params_;                             // empty: they are no faces
+  std::size_t n_faces_ = 1;
 };
 
 /// Options in the help text of a COLMAP command: the words that begin with two hyphens.

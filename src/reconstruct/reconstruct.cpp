@@ -10,12 +10,13 @@
 #include "core/files/own_files.h"
 #include "core/text.h"
 #include "reconstruct/colmap_program.h"
+#include "reconstruct/panoramas.h"
 #include "reconstruct/photographs.h"
 #include "reconstruct/program_log.h"
+#include "reconstruct/reconstruct_input.h"
 #include "reconstruct/scene_folder.h"
 #include "reconstruct/stage_record.h"
 #include "reconstruct/video_frames.h"
-#include "scene/images/image_folder.h"
 
 namespace b3dgs {
 namespace {
@@ -28,22 +29,6 @@ constexpr std::size_t kMostExhaustive = 300;  // photographs; pairs grow with th
 constexpr const char* kHowToPhotograph =
     "photograph again with two thirds of overlap between neighbours, sharp, from many places, with the same zoom";
 
-bool is_there(const fs::path& path) {
-  std::error_code error;
-  return fs::exists(path, error);
-}
-
-bool is_same_place(const fs::path& a, const fs::path& b) {
-  std::error_code error;
-  return a == b || fs::equivalent(a, b, error);
-}
-
-/// Whether `path` lies below `folder`. Both without links.
-bool is_inside(const fs::path& path, const fs::path& folder) {
-  const fs::path relative = path.lexically_relative(folder);
-  return !relative.empty() && *relative.begin() != ".." && relative != ".";
-}
-
 class Reconstruction {
  public:
   Reconstruction(const ReconstructOptions& options, const ReconstructProgress& progress, const std::atomic<int>* stop,
@@ -51,25 +36,27 @@ class Reconstruction {
       : options_(options),
         progress_(progress),
         warn_(warn),
-        source_(real_path(options.input)),
-        places_(real_path(options.output)) {
-    check_input();
+        places_(real_path(options.output)),
+        input_(check_input(options, places_, warn)) {
+    is_panoramas_ = options.camera_model == camera_model_name(CameraModel::kEquirectangular);
     folder_.emplace(places_, warn_);
     make_way(places_.log);
     log_.emplace(places_.log, stop);
     OwnFiles::of(places_.log)->add(places_.log, /*is_growing=*/true);
-    colmap_.emplace(options_, ColmapFolders{places_.database, places_.images, places_.models}, *log_);
+    const fs::path& images = is_panoramas_ ? places_.faces : places_.images;
+    colmap_.emplace(options_, ColmapFolders{places_.database, images, places_.models}, *log_);
     record_.emplace(places_.record);
   }
 
   ReconstructResult run() {
-    const std::vector<std::string> names = is_video_ ? use_video() : use_photographs();
+    const std::vector<std::string> names = input_.is_video ? use_video() : use_photographs();
     const CheckedPhotographs photographs = check(names);
-    extract_features(photographs);
-    match(photographs.names.size());
-    map(photographs.names.size());
+    const CheckedPhotographs images = is_panoramas_ ? cut_faces(photographs) : photographs;
+    extract_features(images);
+    match(photographs.names.size(), images.names.size());
+    map(photographs, images.names.size());
     accept(photographs.names.size());
-    return std::move(result_);
+    return result_;
   }
 
  private:
@@ -82,63 +69,10 @@ class Reconstruction {
     if (warn_) warn_(line);
   }
 
-  /// Before anything is written.
-  void check_input() {
-    if (!is_there(source_)) input_error("photographs not found: ", options_.input, " (expected a folder or a video)");
-    is_video_ = !fs::is_directory(source_);
-    if (is_video_ && has_image_extension(source_)) {
-      input_error(options_.input, ": only one photograph (expected a folder of photographs, or a video)");
-    }
-    if (!is_video_ && options_.frames > 0) {
-      input_error("--frames has no effect on photographs (", options_.input,
-                  " is a folder); it is an option of videos");
-    }
-    if (is_there(places_.root) && !fs::is_directory(places_.root)) {
-      input_error("not a folder: ", options_.output, " (expected the scene folder to make)");
-    }
-    if (options_.frames == 1) input_error("--frames 1: expected at least 2 frames, each from another place");
-    check_work_folder(places_);
-    if (!is_video_) list_input();
-    check_colmap_is_installed();
-    if (is_video_) check_ffmpeg_is_installed();
-    if (is_stage_record(places_.record)) return;
-    // What was there before the first call is the user's.
-    for (const fs::path& folder : {places_.sparse / "0", places_.sparse, places_.root}) {
-      if (!colmap_format(folder)) continue;
-      input_error(folder.string(), ": there is a COLMAP model already, which `b3dgs train ",
-                  shell_quote(options_.output), "` takes; choose another scene folder to reconstruct it again");
-    }
-    if (!is_in_place() && holds_files(places_.images)) {
-      input_error(places_.images.string(), ": there are files already; to use them, give this folder as PHOTOS, ",
-                  "otherwise choose another scene folder");
-    }
-  }
-
-  void list_input() {
-    if (is_same_place(source_, places_.root)) {
-      // Photographs beside SCENE/images would be found twice the next time.
-      if (!is_there(places_.images)) {
-        input_error(options_.output, ": is the folder of the photographs, too (expected another folder); ",
-                    "choose another scene folder, or move the photographs to ", places_.images.string());
-      }
-      source_ = places_.images;
-    }
-    std::vector<fs::path> except{places_.work};
-    if (is_inside(places_.root, source_)) except = {places_.root};
-    if (is_inside(places_.images, source_)) except.push_back(places_.images);
-    PhotographList list = list_photographs(source_, except);
-    listed_ = std::move(list.photographs);
-    if (list.unreadable.empty()) return;
-    warn(detail::one_line(detail::concat(list.unreadable.size(), " raw or HEIC files are left out (the first: ",
-                                         list.unreadable[0], "); convert them to JPEG to use them")));
-  }
-
-  bool is_in_place() const { return !is_video_ && is_same_place(source_, places_.images); }
-
   /// The name of the input in the record: that of an earlier call if it is the same place, whatever it is called now.
   std::string source_name(const char* stage, const char* key) const {
     const std::string earlier = record_->earlier_text(stage, key);
-    return !earlier.empty() && is_same_place(earlier, source_) ? earlier : source_.string();
+    return !earlier.empty() && is_same_place(earlier, input_.source) ? earlier : input_.source.string();
   }
 
   /// Runs a program, and records what it has written at the paths. Files that were there before and were not the
@@ -167,7 +101,7 @@ class Reconstruction {
   std::vector<std::string> use_photographs() {
     Json files = Json::array();
     std::vector<std::string> names;
-    for (const Photograph& photograph : listed_) {
+    for (const Photograph& photograph : input_.photographs) {
       files.push_back({photograph.name, photograph.bytes, photograph.changed});
       names.push_back(photograph.name);
     }
@@ -175,8 +109,8 @@ class Reconstruction {
                                        [&](const std::string& name) { return is_there(places_.images / name); });
     const std::string source = source_name("photographs", "folder");
     if (record_->is_done("photographs", {{"folder", source}, {"files", files}}, are_there)) return names;
-    if (is_in_place()) {
-      if (const std::size_t n_turned = count_turned(source_, listed_); n_turned > 0) {
+    if (input_.is_in_place) {
+      if (const std::size_t n_turned = count_turned(input_.source, input_.photographs); n_turned > 0) {
         warn(detail::concat(n_turned, " of ", names.size(), " photographs lie on their side or upside down (EXIF ",
                             "orientation), and so will the views of the model; photographs that are copied from ",
                             "another folder are turned"));
@@ -189,22 +123,23 @@ class Reconstruction {
   }
 
   void place() {
-    const std::string other = find_in_the_way(source_, places_.images, listed_);
+    const std::string other = find_in_the_way(input_.source, places_.images, input_.photographs);
     if (!other.empty()) {
       folder_->move_aside(places_.images, detail::concat(other, " in ", places_.images.string(),
                                                          " is another file than in ", options_.input));
     }
-    const std::size_t n_turned = place_photographs(
-        source_, places_.images, listed_, [&](std::size_t done) { show("copying photographs", done, listed_.size()); });
+    const std::size_t n_turned =
+        place_photographs(input_.source, places_.images, input_.photographs,
+                          [&](std::size_t done) { show("copying photographs", done, input_.photographs.size()); });
     if (n_turned == 0) return;
-    warn(detail::concat(n_turned, " of ", listed_.size(), " photographs were turned upright, as their EXIF ",
+    warn(detail::concat(n_turned, " of ", input_.photographs.size(), " photographs were turned upright, as their EXIF ",
                         "orientation says: these copies are encoded again, with JPEG quality 98"));
   }
 
   std::vector<std::string> use_video() {
     const Json settings{{"video", source_name("frames", "video")},
-                        {"bytes", fs::file_size(source_)},
-                        {"changed", fs::last_write_time(source_).time_since_epoch().count()},
+                        {"bytes", fs::file_size(input_.source)},
+                        {"changed", fs::last_write_time(input_.source).time_since_epoch().count()},
                         {"frames", options_.frames}};
     if (!record_->is_done("frames", settings, is_there(places_.images / "frame_00001.jpg"))) {
       const std::vector<std::string> names = write_frames();
@@ -226,7 +161,7 @@ class Reconstruction {
     folder_->clear(places_.frames);
     try {
       std::vector<std::string> names =
-          extract_frames(source_, static_cast<std::size_t>(options_.frames), places_.frames, *log_,
+          extract_frames(input_.source, static_cast<std::size_t>(options_.frames), places_.frames, *log_,
                          [&](const char* stage, std::size_t done, std::size_t total) { show(stage, done, total); });
       folder_->add(places_.frames);
       return names;
@@ -249,14 +184,46 @@ class Reconstruction {
     }
     if (photographs.names.size() < 2) {
       input_error(options_.input, ": ", photographs.names.size(), " of ", names.size(),
-                  is_video_ ? " frames" : " photographs", " can be read (expected at least 2)",
+                  input_.is_video ? " frames" : " photographs", " can be read (expected at least 2)",
                   damaged.empty() ? "" : "; the first that cannot: " + damaged.front());
     }
+    check_sizes(photographs);
     return photographs;
   }
 
+  void check_sizes(const CheckedPhotographs& photographs) const {
+    const std::vector<ImageSize>& sizes = photographs.sizes;
+    const auto other = std::find_if_not(sizes.begin(), sizes.end(), has_panorama_size);
+    if (is_panoramas_ && other != sizes.end()) {
+      input_error((places_.images / photographs.names[static_cast<std::size_t>(other - sizes.begin())]).string(),
+                  ": expected a panorama of 360 x 180 degrees, twice as wide as high (--camera_model ",
+                  options_.camera_model, "), found ", other->width, " x ", other->height, " px; leave it out of ",
+                  options_.input, ", or give the camera model of these photographs");
+    }
+    if (other == sizes.end() && options_.camera_model == ReconstructOptions{}.camera_model) {
+      warn(
+          "all photographs are twice as wide as high; if they are panoramas of 360 degrees, stop and add "
+          "--camera_model EQUIRECTANGULAR");
+    }
+  }
+
+  /// What COLMAP gets instead of panoramas.
+  CheckedPhotographs cut_faces(const CheckedPhotographs& panoramas) {
+    const std::vector<Camera> cameras = panorama_faces(panoramas.sizes);
+    const ImageSize size{cameras[0].width, cameras[0].height};
+    colmap_->use_faces(pinhole_params(cameras[0]), cameras.size());
+    const Json settings{{"panoramas", panoramas.names}, {"faces", cameras.size()}, {"side", size.width}};
+    if (!record_->is_done("faces", settings, true) && !record_->was_begun()) folder_->clear(places_.faces);
+    CheckedPhotographs faces;
+    faces.names = cut_panoramas(places_.images, places_.faces, panoramas,
+                                [&](std::size_t done) { show("cutting panoramas", done, panoramas.names.size()); });
+    faces.sizes.assign(faces.names.size(), size);
+    record_->finish();
+    return faces;
+  }
+
   void extract_features(const CheckedPhotographs& photographs) {
-    const std::vector<CameraGroup> groups = group_by_camera(photographs, options_.camera_per);
+    const std::vector<CameraGroup> groups = group_by_camera(photographs, is_panoramas_ ? "size" : options_.camera_per);
     if (extract_groups(groups, photographs.names.size())) return;
     // COLMAP was ended before it had said which camera the first photographs of a group got. The others would get a
     // second one, so all begin again.
@@ -310,10 +277,10 @@ class Reconstruction {
     record_->finish();
   }
 
-  void match(std::size_t n_photographs) {
+  void match(std::size_t n_photographs, std::size_t n_images) {
     std::string matcher = options_.matcher;
-    if (matcher == "auto") matcher = is_video_ || n_photographs > kMostExhaustive ? "sequential" : "exhaustive";
-    if (options_.matcher == "auto" && !is_video_ && n_photographs > kMostExhaustive) {
+    if (matcher == "auto") matcher = input_.is_video || n_images > kMostExhaustive ? "sequential" : "exhaustive";
+    if (options_.matcher == "auto" && !input_.is_video && n_images > kMostExhaustive) {
       warn(detail::concat(
           n_photographs,
           " photographs: only those with neighbouring names are matched; if they were not taken in this ",
@@ -324,22 +291,22 @@ class Reconstruction {
     const auto on_line = [&](const std::string& line) {
       if (const auto step = colmap_step(line)) show("matching", step->done, step->total);
     };
-    run(colmap_->match_command(matcher, n_photographs), on_line, database_files());
+    run(colmap_->match_command(matcher, n_images), on_line, database_files());
     record_->finish();
   }
 
-  void map(std::size_t n_photographs) {
+  void map(const CheckedPhotographs& photographs, std::size_t n_images) {
     const bool are_there = colmap_format(places_.ordered / "0") || colmap_format(places_.sparse / "0");
     if (record_->is_done("models", Json::object(), are_there)) return;
     folder_->clear(places_.models);
     folder_->clear(places_.ordered);
     create_folder(places_.models);
-    show("registering photographs", 0, n_photographs);
+    show("registering photographs", 0, n_images);
     std::string failure;
     try {
       const auto on_line = [&](const std::string& line) {
         if (const auto step = colmap_step(line))
-          show("registering photographs", std::min(step->done, n_photographs), n_photographs);
+          show("registering photographs", std::min(step->done, n_images), n_images);
       };
       std::vector<fs::path> written = database_files();
       written.push_back(places_.models);
@@ -349,7 +316,11 @@ class Reconstruction {
     }
     // Without a model, some versions of the mapper fail, and others only say so.
     if (failure.find("killed") != std::string::npos) input_error(failure);
-    const std::size_t n_models = order_models(places_.models, places_.ordered);
+    if (is_panoramas_) {
+      folder_->clear(places_.joined);
+      join_models(places_.models, places_.joined, photographs);
+    }
+    const std::size_t n_models = order_models(is_panoramas_ ? places_.joined : places_.models, places_.ordered);
     folder_->add(places_.ordered);
     if (n_models == 0) {
       const bool is_no_pair =
@@ -391,15 +362,15 @@ class Reconstruction {
     folder_->move_aside(places_.sparse);
     folder_->own().move(places_.ordered, places_.sparse);
     folder_->own().remove(places_.models);
+    folder_->own().remove(places_.joined);
   }
 
   const ReconstructOptions& options_;
   const ReconstructProgress& progress_;
   const WarnFn& warn_;
-  fs::path source_;
   ScenePlaces places_;
-  bool is_video_ = false;
-  std::vector<Photograph> listed_;  // unless it is a video
+  ReconstructInput input_;
+  bool is_panoramas_ = false;
   std::optional<SceneFolder> folder_;
   std::optional<ProgramLog> log_;
   std::optional<ColmapProgram> colmap_;

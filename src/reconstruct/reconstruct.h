@@ -41,7 +41,7 @@ void visit_fields(ReconstructOptions& c, Visitor&& field) {
   field(Option{"matcher"}.common(), c.matcher, OneOf{{"auto", "exhaustive", "sequential"}},
         "all pairs, or neighbours in the order of names; auto: all pairs up to 300");
   field(Option{"camera_model"}.common(), c.camera_model, OneOf{supported_camera_model_names()},
-        "COLMAP's camera model");
+        "COLMAP's camera model; EQUIRECTANGULAR: panoramas of 360 degrees");
   field(Option{"camera_per"}.common(), c.camera_per, OneOf{{"size", "folder", "photo"}},
         "photographs of one size, of one folder, or none share a camera (lens and zoom)");
   field(Option{"use_gpu"}, c.use_gpu, OneOf{{"auto", "0", "1"}},
@@ -64,7 +64,8 @@ struct ReconstructResult {
 using ReconstructProgress = std::function<void(const std::string& stage, std::size_t done, std::size_t total)>;
 
 /// Makes a scene of the photographs or the video `options.input`: SCENE/images and SCENE/sparse/0, of several models
-/// the largest. What an earlier call with the same input and options has done is not done again. If `*stop` becomes
+/// the largest. COLMAP gets panoramas (camera model EQUIRECTANGULAR) as perspective images, and the scene is one of
+/// panoramas. What an earlier call with the same input and options has done is not done again. If `*stop` becomes
 /// other than 0, the program that runs is ended. `warn` gets one line for each thing to know, such as a photograph that
 /// is left out, also if an error follows.
 /// @throws InputError if the input cannot be used, a program is missing or fails, or too few photographs can be

@@ -61,7 +61,9 @@ ScenePlaces::ScenePlaces(const fs::path& scene)
       record(work / "stages.json"),
       database(work / "database.db"),
       frames(work / "frames"),
+      faces(work / "faces"),
       models(work / "models"),
+      joined(work / "panoramas"),
       ordered(work / "sparse") {}
 
 void check_work_folder(const ScenePlaces& places) {

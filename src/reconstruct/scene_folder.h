@@ -21,7 +21,9 @@ struct ScenePlaces {
   std::filesystem::path root, images, sparse, log;
   std::filesystem::path work, record, database;
   std::filesystem::path frames;   // of a video, until all are written
+  std::filesystem::path faces;    // of panoramas
   std::filesystem::path models;   // as the mapper writes them
+  std::filesystem::path joined;   // the same of panoramas, if those are of faces
   std::filesystem::path ordered;  // by size, until they are accepted
 };
 

@@ -105,8 +105,10 @@ seq -f frame_%05.0f.jpg "$first" $((first + n - 1)) |
 constexpr const char* kOptions[] = {
     "  --ImageReader.single_camera arg (=0)\n  --ImageReader.single_camera_per_folder arg (=0)\n"
     "  --ImageReader.single_camera_per_image arg (=0)\n  --ImageReader.existing_camera_id arg (=-1)\n"
-    "  --SiftExtraction.max_num_features arg (=8192)\n  --ExhaustiveMatching.block_size arg (=50)\n"
-    "  --Mapper.num_threads arg (=-1)\n",
+    "  --ImageReader.camera_params arg\n  --SiftExtraction.max_num_features arg (=8192)\n"
+    "  --ExhaustiveMatching.block_size arg (=50)\n  --SequentialMatching.overlap arg (=10)\n"
+    "  --Mapper.num_threads arg (=-1)\n  --Mapper.ba_refine_focal_length arg (=1)\n"
+    "  --Mapper.ba_refine_extra_params arg (=1)\n",
     "  --SiftExtraction.use_gpu arg (=1)\n  --SiftExtraction.num_threads arg (=-1)\n"
     "  --SiftMatching.use_gpu arg (=1)\n  --SiftMatching.num_threads arg (=-1)\n",
     "  --FeatureExtraction.use_gpu arg (=1)\n  --FeatureExtraction.num_threads arg (=-1)\n"
@@ -155,6 +157,19 @@ void FakePrograms::set_models(const std::vector<int>& sizes) const {
     model.points.push_back(point);
     write_colmap_model(folder_ / ("models/" + std::to_string(i)), model, ColmapFormat::kBinary);
   }
+}
+
+void FakePrograms::set_model(const ColmapModel& model) const {
+  remove_tree(folder_ / "models");
+  write_colmap_model(folder_ / "models/0", model, ColmapFormat::kText);
+  std::ostringstream points;  // with tracks, which the program's own writer leaves empty
+  for (const ColmapPoint& point : model.points) {
+    points << point.id << " " << point.position[0] << " " << point.position[1] << " " << point.position[2] << " 0 0 0 "
+           << point.error;
+    for (const std::uint32_t image : point.image_ids) points << " " << image << " 0";
+    points << "\n";
+  }
+  write_bytes(folder_ / "models/0/points3D.txt", points.str());
 }
 
 void FakePrograms::set_colmap_prelude(const std::string& commands) const {

@@ -5,6 +5,7 @@
 #include <string>
 #include <vector>
 
+#include "scene/colmap/colmap.h"
 #include "support/temp_dir.h"
 
 namespace b3dgs::test {
@@ -19,6 +20,8 @@ class FakePrograms {
 
   /// How many of the photographs each model that the mapper writes has. Without models, it fails as COLMAP does.
   void set_models(const std::vector<int>& sizes) const;
+  /// The model that the mapper writes, with tracks.
+  void set_model(const ColmapModel& model) const;
   /// Shell commands that the next calls of colmap run first, for example "exit 3"; $1 is the command, such as mapper.
   void set_colmap_prelude(const std::string& commands) const;
   /// The options of this version: "3.8" or "3.13".

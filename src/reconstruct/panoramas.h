@@ -1,0 +1,44 @@
+// Panoramas of 360 x 180 degrees as perspective images, which COLMAP can register, and the model of these as one of
+// panoramas.
+#pragma once
+
+#include <cstddef>
+#include <filesystem>
+#include <functional>
+#include <string>
+#include <vector>
+
+#include "reconstruct/photographs.h"
+#include "scene/cameras/camera.h"
+#include "scene/colmap/colmap.h"
+
+namespace b3dgs {
+
+/// Whether a photograph of this size can be a panorama.
+bool has_panorama_size(ImageSize size);
+
+/// The cameras that see the faces of a panorama, in its frame: one pinhole turned to the front, the left, the right and
+/// the back. Not up and down: there are tripods, the photographer's head, and the sky. All panoramas of a scene have
+/// faces of one size.
+std::vector<Camera> panorama_faces(const std::vector<ImageSize>& panoramas);
+
+/// COLMAP's parameters of this pinhole.
+std::string pinhole_params(const Camera& face);
+
+/// Writes the faces of the panoramas in `images` to `faces`/PANORAMA/0.jpg and so on, except those that are there.
+/// @return their names. @throws IoError; what `progress` throws
+std::vector<std::string> cut_panoramas(const std::filesystem::path& images, const std::filesystem::path& faces,
+                                       const CheckedPhotographs& panoramas,
+                                       const std::function<void(std::size_t done)>& progress);
+
+/// The model of the panoramas, from one of their faces that was read with tracks. The faces of a panorama have one
+/// place and known rotations: its pose is the mean of those that agree. The others are dropped, and points that are
+/// then not seen from two panoramas.
+ColmapModel join_faces(const ColmapModel& faces, const CheckedPhotographs& panoramas);
+
+/// join_faces() of each model in `from`, to a folder of the same name in `to`. Folders that hold no readable model are
+/// passed over. @throws IoError
+void join_models(const std::filesystem::path& from, const std::filesystem::path& to,
+                 const CheckedPhotographs& panoramas);
+
+}  // namespace b3dgs
