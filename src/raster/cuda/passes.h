@@ -72,7 +72,7 @@ struct ProjectCudaArgs {
 };
 void project(const ProjectCudaArgs& args, const LaunchContext& context);
 
-/// Of a panorama, when the colours of the first N rows are known: gives them to the others.
+/// Of a panorama, after a ColorPass: gives the colours of the first N rows to the others.
 void copy_second_colors(const ProjectOutputs& projected, std::int64_t n_gaussians, const LaunchContext& context);
 
 /// Counts and list lengths of a view without splats. project() and load_rows() begin with it.

@@ -4,7 +4,7 @@
 //     tiles' lists (tile_spans.cuh).
 //   Shared memory: the rows of tiles of the block's splats. Barriers: around these, and for the number of splats.
 //   Of a panorama, the thread writes its second splat to row N + i, after the block has counted the first.
-//   copy_second_colors_kernel, once colours are known: a thread per Gaussian.
+//   copy_second_colors_kernel, after a ColorPass: a thread per Gaussian.
 //   For the host: ViewCounts, read once per forward pass to size the buffers of binning.
 
 #include <cstdint>
@@ -23,32 +23,25 @@ constexpr int kThreads = 256;
 /// Instead of an SH degree: a ColorPass computes the colours.
 constexpr int kNoColors = -1;
 
-/// Writes what a row has besides its radius and colour.
-__device__ __forceinline__ void write_row(const ProjectOutputs& out, std::int64_t row,
-                                          const ProjectedGaussian& projected) {
-  float4* const words = reinterpret_cast<float4*>(out.splats + row);
-  words[0] = reinterpret_cast<const float4*>(&projected.splat)[0];
-  words[1] = reinterpret_cast<const float4*>(&projected.splat)[1];
-  out.extents[row] = projected.extent;
-}
-
 /// Projects Gaussian i and writes its row. Returns the rows of tiles that its splat touches, none if it is not seen.
 template <int kShDegree, bool kAntialiasing, class Lens>
-__device__ __forceinline__ TileRows project_one(const ProjectCudaArgs& args, std::int64_t i,
-                                                ProjectedGaussian& projected) {
+__device__ __forceinline__ TileRows project_one(const ProjectCudaArgs& args, std::int64_t i) {
   const GaussianArrays& g = args.gaussians;
   const ViewTransform<float> view = make_view_transform<float>(args.view);
-  projected = project_splat<TileCount::kAny, kAntialiasing>(g, i, view, lens_of<Lens>(args.view), args.near_plane,
-                                                            args.culling, args.grid);
+  const ProjectedGaussian projected = project_splat<TileCount::kAny, kAntialiasing>(
+      g, i, view, lens_of<Lens>(args.view), args.near_plane, args.culling, args.grid);
   const bool is_seen = projected.outcome == Outcome::kSeen;
   bool is_valid = projected.outcome != Outcome::kInvalid;
   if (is_seen) {
-    write_row(args.out, i, projected);
+    float4* const words = reinterpret_cast<float4*>(args.out.splats + i);
+    words[0] = reinterpret_cast<const float4*>(&projected.splat)[0];
+    words[1] = reinterpret_cast<const float4*>(&projected.splat)[1];
     if constexpr (kShDegree != kNoColors) {
       const float4 color = splat_color<kShDegree>(g, args.view.center, i, g.shN + rest_floats(g.sh_degree_max) * i);
       is_valid = is_usable_color(color.x, color.y, color.z);
-      reinterpret_cast<float4*>(args.out.splats + i)[2] = color;
+      words[2] = color;
     }
+    args.out.extents[i] = projected.extent;
   }
   args.out.radii[i] = is_seen ? projected.radius : 0;
   if (!is_valid) note_invalid(args.out.counts, i);
@@ -56,34 +49,44 @@ __device__ __forceinline__ TileRows project_one(const ProjectCudaArgs& args, std
   return tile_rows(args.grid, args.culling, projected.splat, projected.extent, projected.radius);
 }
 
-/// The same for the second splat of a panorama's Gaussian.
-__device__ __forceinline__ TileRows second_splat(const ProjectCudaArgs& args, std::int64_t i,
-                                                 const ProjectedGaussian& first) {
-  ProjectedGaussian second;
-  if (first.outcome == Outcome::kSeen) {
-    second = across_the_seam<TileCount::kAny>(first, full_turn(args.view.fx), args.culling, args.grid);
-  }
+/// The same for the second splat of a panorama's Gaussian, from what the thread has written.
+template <int kShDegree>
+__device__ __forceinline__ TileRows project_second(const ProjectCudaArgs& args, std::int64_t i) {
   const std::int64_t row = args.gaussians.n_gaussians + i;
-  args.out.radii[row] = second.n_tiles > 0 ? second.radius : 0;
-  if (second.n_tiles == 0) return no_tile_rows(args.culling);
-  write_row(args.out, row, second);
-  return tile_rows(args.grid, args.culling, second.splat, second.extent, second.radius);
+  const auto* const words = reinterpret_cast<const float4*>(args.out.splats + i);
+  ProjectedGaussian splat;
+  splat.radius = args.out.radii[i];
+  if (splat.radius > 0) {
+    reinterpret_cast<float4*>(&splat.splat)[0] = words[0];
+    reinterpret_cast<float4*>(&splat.splat)[1] = words[1];
+    splat.extent = args.out.extents[i];
+    splat = across_the_seam<TileCount::kAny>(splat, full_turn(args.view.fx), args.culling, args.grid);
+  }
+  const bool is_seen = splat.n_tiles > 0;
+  args.out.radii[row] = is_seen ? splat.radius : 0;
+  if (!is_seen) return no_tile_rows(args.culling);
+  auto* const out = reinterpret_cast<float4*>(args.out.splats + row);
+  out[0] = reinterpret_cast<const float4*>(&splat.splat)[0];
+  out[1] = reinterpret_cast<const float4*>(&splat.splat)[1];
+  if constexpr (kShDegree != kNoColors) out[2] = words[2];
+  args.out.extents[row] = splat.extent;
+  return tile_rows(args.grid, args.culling, splat.splat, splat.extent, splat.radius);
 }
 
 template <int kShDegree, bool kAntialiasing, class Lens>
 __global__ void __launch_bounds__(kThreads) project_kernel(const ProjectCudaArgs args) {
   __shared__ SpanTasks<kThreads> tasks;
   const std::int64_t i = spread_row<kThreads>();
-  const bool has_gaussian = i < args.gaussians.n_gaussians;
-  const auto count = [&](const TileRows& rows) {
-    if (args.out.list_growth != nullptr) count_spans(tasks, args.grid, rows, args.out.list_growth);
-    count_splats(rows.begin < rows.end, args.out.counts);
-  };
-  ProjectedGaussian projected;
-  count(has_gaussian ? project_one<kShDegree, kAntialiasing, Lens>(args, i, projected) : no_tile_rows(args.culling));
+  const TileRows rows = i < args.gaussians.n_gaussians ? project_one<kShDegree, kAntialiasing, Lens>(args, i)
+                                                       : no_tile_rows(args.culling);
+  if (args.out.list_growth != nullptr) count_spans(tasks, args.grid, rows, args.out.list_growth);
+  count_splats(rows.begin < rows.end, args.out.counts);
   if constexpr (!std::is_same_v<Lens, Pinhole>) {
     if (splats_per_gaussian(args.view.lens) == 1) return;
-    count(has_gaussian ? second_splat(args, i, projected) : no_tile_rows(args.culling));
+    const TileRows second =
+        i < args.gaussians.n_gaussians ? project_second<kShDegree>(args, i) : no_tile_rows(args.culling);
+    if (args.out.list_growth != nullptr) count_spans(tasks, args.grid, second, args.out.list_growth);
+    count_splats(second.begin < second.end, args.out.counts);
   }
 }
 

@@ -200,13 +200,11 @@ class CudaBackend final : public RasterizerBackend {
   /// Without the colours if a ColorPass computes them: color_splats() must follow.
   ProjectOutputs project_gaussians(const GaussianArrays& gaussians, const CameraView& view,
                                    const RenderSettings& settings, const LaunchContext& context, bool is_drawn) {
-    const std::int64_t n = gaussians.n_gaussians;
-    const ProjectOutputs projected = begin(n * splats_per_gaussian(view.lens), view, settings, context, is_drawn);
-    const bool with_colors = settings.color_pass == nullptr;
+    const std::int64_t n_rows = gaussians.n_gaussians * splats_per_gaussian(view.lens);
+    const ProjectOutputs projected = begin(n_rows, view, settings, context, is_drawn);
     cuda::project({gaussians, view, settings.sh_degree, settings.near_plane, settings.culling, state_.grid, projected,
-                   with_colors, settings.antialiasing},
+                   settings.color_pass == nullptr, settings.antialiasing},
                   context);
-    if (with_colors && n_rows_ > n) copy_second_colors(projected, n, context);
     return projected;
   }
 
