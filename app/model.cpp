@@ -200,6 +200,7 @@ LoadedModel load_splat_file(const fs::path& file, const ModelOptions& options) {
   }
   LoadedModel model;
   model.splats = read_splats(file);
+  model.config.lenses = "undistort";  // as most programs train
   apply_options(model, options);
   use_frame_of_gaussians(model);
   return model;

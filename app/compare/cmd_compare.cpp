@@ -98,6 +98,7 @@ ComparisonPlan make_plan(const CommandLine& line, const CompareOptions& options)
   GivenOptions& given = plan.given;
   given.update(given_options(line, options.config));
   if (!options.resume) given.emplace("eval", default_config().eval);
+  if (options.resume) given.emplace("lenses", plan.base.lenses);  // earlier versions had another default
   plan.base = resolve_options(given).config;
   if (options.resume && !given.contains("preset") && plan.base.preset != planned_preset) {
     // The comparison was started by a version with another default preset.
@@ -138,6 +139,12 @@ ComparisonPlan make_plan(const CommandLine& line, const CompareOptions& options)
         plan.seeds.begin() + static_cast<std::ptrdiff_t>(i)) {
       input_error("--seeds: ", plan.seeds[i], " occurs twice");
     }
+  }
+  // All have one scene, and anti-aliasing needs pinholes (scene_options()).
+  const std::vector<Configuration> all = plan.configurations();
+  if (plan.base.lenses == "auto" &&
+      std::any_of(all.begin(), all.end(), [](const Configuration& own) { return own.config.antialiasing; })) {
+    given["lenses"] = plan.base.lenses = "undistort";
   }
   return plan;
 }

@@ -40,7 +40,7 @@ void visit_fields(CameraOptions& c, Visitor&& field) {
   field(Option{"projection"}, c.projection, OneOf{{"auto", "pinhole", "fisheye", "equirectangular"}},
         "of the images; auto: views in their lens, paths as a pinhole");
   field(Option{"fov"}, c.fov, InRange{0, 350},
-        "vertical angle of view of orbit, turntable and fisheye, degrees (0 = that of the cameras)");
+        "vertical field of view of orbit, turntable and fisheye, degrees (0 = that of the cameras)");
   field(Option{"elevation"}, c.elevation, InRange{-89, 89},
         "of the turntable above its centre, degrees (default: that of the cameras, or 15)");
   field(Option{"distance"}, c.distance, AtLeast{0},
@@ -65,11 +65,11 @@ bool needs_views(const CameraOptions& options);
 void check_camera_options(const CommandLine& line, const CameraOptions& options);
 
 /// The cameras that the options select, in the size that they ask for. `line`: which of them were given. A camera keeps
-/// its vertical angle of view and its square pixels if the size changes. @throws InputError, also for a bad camera file
+/// its vertical field of view and its square pixels if the size changes. @throws InputError, also for a bad camera file
 CameraChoice choose_cameras(const CommandLine& line, const CameraOptions& options, const Scene& scene,
                             const SplatCloud& splats);
 
-/// The camera for an image of another size: the vertical angle of view, the shape of pixels, and the distance of the
+/// The camera for an image of another size: the vertical field of view, the shape of pixels, and the distance of the
 /// principal point from the centre relative to the height stay the same.
 Camera fit_to_size(const Camera& camera, ImageSize size);
 

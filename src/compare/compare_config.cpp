@@ -16,9 +16,10 @@ namespace {
 
 /// Options that must be the same for all configurations: their times and images would not be comparable otherwise, or
 /// the scene, which is read once, has them.
-constexpr const char* kShared[] = {"source_path", "model_path", "images",       "resolution",       "eval",
-                                   "seed",        "device",     "threads",      "white_background", "train_test_exp",
-                                   "depths",      "masks",      "invert_masks", "mask_mode",        "host_memory_gb"};
+constexpr const char* kShared[] = {"source_path", "model_path",       "images",         "resolution",
+                                   "eval",        "lenses",           "seed",           "device",
+                                   "threads",     "white_background", "train_test_exp", "depths",
+                                   "masks",       "invert_masks",     "mask_mode",      "host_memory_gb"};
 
 /// Options closest to the original 3DGS trainer. Its loss, optimizer and projection cannot be selected.
 constexpr const char *kNaiveKernels = "naive-kernels", *kFormerNaiveKernels = "original";

@@ -23,7 +23,8 @@ inline void check_render_args(const GaussianArrays& gaussians, const CameraView&
   check_image_size(view);
   B3DGS_CHECK(settings.sh_degree >= 0 && settings.sh_degree <= gaussians.sh_degree_max, "SH degree is ",
               settings.sh_degree, ", expected 0 to ", gaussians.sh_degree_max);
-  B3DGS_CHECK(gaussians.n_gaussians <= kIndexMax, "too many Gaussians for 32-bit indices: ", gaussians.n_gaussians);
+  B3DGS_CHECK(gaussians.n_gaussians <= kIndexMax / splats_per_gaussian(view.lens),
+              "too many Gaussians for 32-bit indices: ", gaussians.n_gaussians);
   B3DGS_CHECK(settings.near_plane > 0, "near plane is ", settings.near_plane, ", expected above 0");
 }
 

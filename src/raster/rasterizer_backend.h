@@ -89,7 +89,8 @@ class RasterizerBackend {
                                   const SplatRecordArrays& out) = 0;
 
   /// The first pass of forward() alone: writes the splats of the Gaussians that the view sees, in the order of the
-  /// Gaussians, to the memory that `allocate` returns. There is no last forward() after it.
+  /// Gaussians (on a GPU, the second splats of a panorama follow), to the memory that `allocate` returns. There is no
+  /// last forward() after it.
   virtual void project(const GaussianArrays& gaussians, const CameraView& view, const RenderSettings& settings,
                        const SplatAllocator& allocate) = 0;
 

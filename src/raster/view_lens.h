@@ -28,17 +28,22 @@ template <class Real>
 struct LensParams {
   LensKind kind = LensKind::kPinhole;
   Real k[kLensCoefficients] = {};
-  // Angle to the axis (rad) up to which the formulas hold and a little beyond the image. Gaussians farther out are
-  // linearised there, or not seen. Not used by pinholes and panoramas.
+  // Largest angle to the axis (rad) at which the lens is evaluated: 1.15 times that of the image's corners, or less if
+  // the formula ends before. Gaussians farther out are linearised there, or not seen. Not used by pinholes and
+  // panoramas.
   Real max_angle = 0;
 };
 
-/// Whether depth is the distance from the camera's centre rather than along its axis, where that says little: a
-/// panorama, and a fisheye that sees more than 80 degrees from its axis. Other fisheyes blend in the order of pinholes,
-/// which is that of other programs' viewers.
+// rad: 80 degrees
+inline constexpr double kMostForDepthAlongAxis = 80 * 3.14159265358979323846 / 180;
+
+/// Whether depth is the distance from the camera's centre rather than along its axis. True where depth along the axis
+/// is hardly meaningful: of a panorama, and of a fisheye with a max_angle above 80 degrees. Other fisheyes blend in the
+/// order of pinholes, which is that of other programs' viewers.
 template <class Real>
 B3DGS_HD bool has_radial_depth(const LensParams<Real>& lens) {
-  return lens.kind == LensKind::kEquirectangular || (lens.kind == LensKind::kFisheye && lens.max_angle > Real(1.3963));
+  return lens.kind == LensKind::kEquirectangular ||
+         (lens.kind == LensKind::kFisheye && lens.max_angle > Real(kMostForDepthAlongAxis));
 }
 
 using ViewLens = LensParams<float>;

@@ -213,7 +213,8 @@ ColmapModel join_faces(const ColmapModel& faces, const CheckedPhotographs& panor
 }
 
 void join_models(const fs::path& from, const fs::path& to, const CheckedPhotographs& panoramas) {
-  for (const fs::directory_entry& entry : fs::directory_iterator(from)) {
+  std::error_code error;
+  for (const fs::directory_entry& entry : fs::directory_iterator(from, error)) {
     if (!colmap_format(entry.path())) continue;
     try {
       const ColmapModel faces = read_colmap_model(entry.path(), /*tracks=*/true);

@@ -1,5 +1,5 @@
-// Panoramas of 360 x 180 degrees as perspective images, which COLMAP can register, and the model of these as one of
-// panoramas.
+// Cuts panoramas of 360 x 180 degrees into perspective images (faces) for COLMAP, and turns the model of the faces into
+// a model of the panoramas.
 #pragma once
 
 #include <cstddef>
@@ -17,9 +17,8 @@ namespace b3dgs {
 /// Whether a photograph of this size can be a panorama.
 bool has_panorama_size(ImageSize size);
 
-/// The cameras that see the faces of a panorama, in its frame: one pinhole turned to the front, the left, the right and
-/// the back. Not up and down: there are tripods, the photographer's head, and the sky. All panoramas of a scene have
-/// faces of one size.
+/// The cameras of a panorama's faces, in its frame: front, right, left, back. Not up and down: there are tripods, the
+/// photographer's head, and the sky. All panoramas of a scene have faces of one size.
 std::vector<Camera> panorama_faces(const std::vector<ImageSize>& panoramas);
 
 /// COLMAP's parameters of this pinhole.
@@ -31,7 +30,7 @@ std::vector<std::string> cut_panoramas(const std::filesystem::path& images, cons
                                        const CheckedPhotographs& panoramas,
                                        const std::function<void(std::size_t done)>& progress);
 
-/// The model of the panoramas, from one of their faces that was read with tracks. The faces of a panorama have one
+/// Turns a model of faces, read with tracks, into a model of panoramas. The faces of a panorama have one
 /// place and known rotations: its pose is the mean of those that agree. The others are dropped, and points that are
 /// then not seen from two panoramas.
 ColmapModel join_faces(const ColmapModel& faces, const CheckedPhotographs& panoramas);

@@ -197,8 +197,9 @@ class Reconstruction {
     if (is_panoramas_ && other != sizes.end()) {
       input_error((places_.images / photographs.names[static_cast<std::size_t>(other - sizes.begin())]).string(),
                   ": expected a panorama of 360 x 180 degrees, twice as wide as high (--camera_model ",
-                  options_.camera_model, "), found ", other->width, " x ", other->height, " px; leave it out of ",
-                  options_.input, ", or give the camera model of these photographs");
+                  options_.camera_model, "), found ", other->width, " x ", other->height, " px; ",
+                  input_.is_video ? "" : "leave it out of " + options_.input + ", or ",
+                  "give the camera model of these photographs");
     }
     if (other == sizes.end() && options_.camera_model == ReconstructOptions{}.camera_model) {
       warn(

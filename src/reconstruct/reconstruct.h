@@ -69,7 +69,7 @@ using ReconstructProgress = std::function<void(const std::string& stage, std::si
 /// other than 0, the program that runs is ended. `warn` gets one line for each thing to know, such as a photograph that
 /// is left out, also if an error follows.
 /// @throws InputError if the input cannot be used, a program is missing or fails, or too few photographs can be
-/// registered (the models are then kept in SCENE/reconstruct/models); IoError
+/// registered (the models are then kept in SCENE/reconstruct/sparse); IoError
 ReconstructResult reconstruct(const ReconstructOptions& options, const ReconstructProgress& progress = {},
                               const std::atomic<int>* stop = nullptr,
                               const std::function<void(const std::string& line)>& warn = {});

@@ -31,14 +31,18 @@ Stepper::Stepper(Training& training)
   std::vector<CameraView> views;
   for (const View& view : training.scene.train) {
     if (config_.antialiasing && !view.camera.is_pinhole()) {
+      const bool is_panorama = view.camera.lens.kind == LensKind::kEquirectangular;
       input_error("--antialiasing: ", view.name, " is used in its lens, for which no filter sizes are known; remove ",
-                  "--antialiasing, or undistort the photographs with --lenses undistort");
+                  "--antialiasing", is_panorama ? "" : ", or undistort the photographs with --lenses undistort");
     }
     views.push_back(to_camera_view(view.camera));
   }
   largest_view_ = *std::max_element(views.begin(), views.end(), [](const CameraView& a, const CameraView& b) {
     return std::int64_t{a.width} * a.height < std::int64_t{b.width} * b.height;
   });
+  for (const CameraView& view : views) {  // memory is forecast for its size with the most splats
+    if (splats_per_gaussian(view.lens) > splats_per_gaussian(largest_view_.lens)) largest_view_.lens = view.lens;
+  }
   if (!config_.antialiasing) return;
   smoothing_filter_.emplace(views, static_cast<float>(config_.near_plane), training.device);
 }

@@ -125,7 +125,7 @@ TEST_F(Compare, SuggestsFewerIterationsOnACpuUnlessTheyWereChosen) {
 }
 
 TEST_F(Compare, ConfigurationsMayDifferInPresetAndLength) {
-  const std::string configs = "long:preset=inria+iterations=40,fast:preset=fast+iterations=20";
+  const std::string configs = "long:preset=inria+iterations=40,fast:preset=fast+iterations=20+antialiasing=true";
   const Words options{"--configs", configs, "--kernel", "shared-memory", "--chunk", "15", "--quiet"};
   test::RunOptions stop;
   stop.signal = SIGTERM;
@@ -151,6 +151,7 @@ TEST_F(Compare, ConfigurationsMayDifferInPresetAndLength) {
   const json fast = json::parse(read_bytes(output() / "fast/seed_0/config.json"));
   EXPECT_EQ(fast["preset"], "fast");
   EXPECT_EQ(fast["position_lr_max_steps"], 20);
+  EXPECT_EQ(fast["lenses"], "undistort") << "for anti-aliasing, and so for all";
 }
 
 TEST_F(Compare, NoiseMeasuresTheRunToRunVariation) {
@@ -343,10 +344,12 @@ TEST_F(Compare, AComparisonOfAVersionWithAnotherDefaultPresetKeepsItsPreset) {
   ASSERT_EQ(compare({"--preset", "inria", "--iterations", "4", "--quiet"}).exit_code, 0);
   json older = result();
   ASSERT_EQ(older["plan"]["given"].erase("preset"), 1u);
+  ASSERT_EQ(older["plan"]["config"].erase("lenses"), 1u);
   std::ofstream(output() / "compare.json") << older;
   const Outcome resumed = run_b3dgs({"compare", "--resume", "-m", output().string(), "--iterations", "6", "--quiet"});
   EXPECT_EQ(resumed.exit_code, 0) << resumed.err;
   EXPECT_EQ(result()["plan"]["config"]["preset"], "inria");
+  EXPECT_EQ(result()["plan"]["config"]["lenses"], "undistort");
   EXPECT_EQ(result()["plan"]["config"]["densify_until_iter"], 15000);
   EXPECT_EQ(result()["summary"]["done"], 6);
 }

@@ -3,6 +3,7 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 #include <map>
 
@@ -137,6 +138,15 @@ TEST(CameraLens, NamesModelsThatReadersKnow) {
     EXPECT_EQ(same.lens.max_angle, camera.lens.max_angle) << name;
     EXPECT_EQ(same.fx, camera.fx) << name;
     EXPECT_EQ(same.cy, camera.cy) << name;
+  }
+}
+
+TEST(CameraLens, APanoramaShowsWhatIsOnItsSeam) {
+  for (int height = 1; height <= 2048; ++height) {
+    const Camera panorama = native(CameraModel::kEquirectangular, {2.0 * height, 1.0 * height}, 2 * height, height);
+    const auto place = panorama.image_of({0, 0, -1});
+    ASSERT_TRUE(place) << height;
+    EXPECT_LT(std::min(place->x, 2 * height - place->x), 1e-6);
   }
 }
 

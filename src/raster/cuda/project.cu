@@ -2,9 +2,9 @@
 //   Grid: a thread per Gaussian. project_splat() (raster/math) decides whether the view sees it; the thread then writes
 //     splat, colour, extent and radius to the Gaussian's row, and the block adds its splats to the lengths of their
 //     tiles' lists (tile_spans.cuh).
-//   Shared memory: the rows of tiles of the block's splats. Barriers: around these, and for the number of splats.
-//   Of a panorama, the thread writes its second splat to row N + i, after the block has counted the first.
-//   copy_second_colors_kernel, after a ColorPass: a thread per Gaussian.
+//   Shared memory: the rows of tiles of the block's splats. Barriers: before and after its use, and to count splats.
+//   In a panorama, a Gaussian at the seam has a second splat, in row N + i: the thread writes it after the block has
+//     counted the first ones. copy_second_colors_kernel copies colours to them after a ColorPass.
 //   For the host: ViewCounts, read once per forward pass to size the buffers of binning.
 
 #include <cstdint>

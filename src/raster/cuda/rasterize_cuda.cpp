@@ -11,7 +11,6 @@
 #include "raster/cuda/device_buffer.h"
 #include "raster/cuda/passes.h"
 #include "raster/cuda/view_counts.h"
-#include "raster/math/project_splat.h"
 #include "raster/math/tiling.h"
 #include "raster/rasterizer_backend.h"
 

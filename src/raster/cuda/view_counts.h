@@ -12,7 +12,7 @@
 
 namespace b3dgs::cuda {
 
-/// @throws InvalidGaussianError if the view has found an invalid Gaussian
+/// @throws InvalidGaussianError if projection found an invalid Gaussian
 inline void check_valid(const ViewCounts& counts) {
   if (counts.first_invalid < 0) return;
   throw InvalidGaussianError(counts.first_invalid, detail::concat("Gaussian ", counts.first_invalid, kInvalidText));
@@ -25,7 +25,7 @@ class CountsReader {
     B3DGS_CUDA_CHECK(cudaMemcpyAsync(host_.get(), counts, sizeof(ViewCounts), cudaMemcpyDeviceToHost, context.stream));
     copied_.record(context.stream);
   }
-  /// @throws InvalidGaussianError if the view has found one
+  /// @throws InvalidGaussianError
   ViewCounts wait() {
     copied_.wait();
     check_valid(*host_.get());

@@ -1,5 +1,5 @@
-// Lenses other than the pinhole: where a point in front of (or beside) the camera is in the image, the Jacobian of that
-// and products with its Hessians.
+// Lenses other than the pinhole: the pixel of a point, its Jacobian, and products with its Hessians. Fisheyes and
+// panoramas also see points beside and behind the camera.
 //
 // A lens is a base projection (x, y, z) -> (a, b), then planar distortion (a, b) -> (D1, D2), then focal lengths and
 // principal point. Bases: tangent (x/z, y/z), equidistant (theta/rho (x, y), theta the angle to the axis), and

@@ -81,6 +81,12 @@ B3DGS_HD ProjectedGaussian project_splat(const GaussianArrays& gaussians, std::i
     if (is_out_of_lens(lens, point)) return result;
   }
   const Projection<float> p = project_gaussian(view, lens, point, shape.factor);
+  if constexpr (!std::is_same_v<Lens, Pinhole>) {
+    if (!(p.shrink > 0)) {  // too large for its square to be finite
+      result.outcome = Outcome::kInvalid;
+      return result;
+    }
+  }
   if constexpr (kAntialiasing) {
     log2_opacity += kLog2e * (smoothed.log_opacity_ratio + std::log(blur_ratio(p)) / 2);
     if (culling == Culling::kEllipse && log2_opacity < kLog2AlphaMin) return result;
@@ -114,7 +120,7 @@ B3DGS_HD ProjectedGaussian project_splat(const GaussianArrays& gaussians, std::i
 // of the second are added to those of the first before the backward projection.
 
 /// The second splat of a Gaussian that the view sees; its n_tiles is 0 if there is none. `turn`: width of a full turn,
-/// px, which is the image's unless that was reduced or cropped.
+/// px, which is the image's unless that was reduced.
 template <TileCount kCount>
 B3DGS_HD ProjectedGaussian across_the_seam(const ProjectedGaussian& first, float turn, Culling culling,
                                            const TileGrid& grid) {

@@ -128,7 +128,7 @@ std::optional<ImagePoint> Camera::image_of(const std::array<double, 3>& at) cons
     const Vec2<double> pixel = lens_point(lens, {fx, fy, cx, cy}, point).pixel;
     place.x = pixel.x;
     place.y = pixel.y;
-    if (is_panorama && place.x >= width) place.x -= full_turn(fx);
+    if (is_panorama && place.x >= width) place.x -= width;
     if (is_panorama) place.y = std::min(place.y, std::nextafter(height, 0.0));  // the lower pole
   }
   if (!(place.depth > 0)) return std::nullopt;

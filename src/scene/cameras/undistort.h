@@ -1,4 +1,4 @@
-// Turns photographs of a distorted camera into those of a pinhole camera, the only one that the rasterizer supports.
+// Turns photographs of a distorted camera into those of a pinhole camera.
 #pragma once
 
 #include <cstdint>

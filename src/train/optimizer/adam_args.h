@@ -74,7 +74,7 @@ struct RegularizationGrad {
   B3DGS_HD bool is_zero() const { return opacity == 0 && scale == 0; }
 };
 
-/// `n_seen`: M, the number of Gaussians that the view sees.
+/// `n_seen`: M, the number of splats of the view, which but for second ones of panoramas is that of Gaussians seen.
 inline RegularizationGrad regularization_grad(const RegularizationWeights& weights, std::int64_t n_seen) {
   if (n_seen == 0) return {};
   const double n = static_cast<double>(n_seen);
