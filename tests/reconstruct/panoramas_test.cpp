@@ -185,7 +185,7 @@ TEST(Panoramas, SmallErrorsOfFacesAreAveraged) {
 
 TEST(Panoramas, OfTwoFacesThatDisagreeTheOneWithMorePointsCounts) {
   Truth truth(6);
-  const Matrix& rotation = panorama_faces(truth.panoramas.sizes)[0].cam_from_world.rotation;
+  const Matrix rotation = panorama_faces(truth.panoramas.sizes)[0].cam_from_world.rotation;
   truth.set_face(0, 0, product(turn(0, 9), rotation), center_of(truth.poses[0]));
   truth.faces.images.erase(truth.faces.images.begin() + 2, truth.faces.images.begin() + 4);  // of the panorama 0
   truth.faces.points[0].image_ids = {truth.id_of(0, 1), truth.id_of(1, 1)};  // instead of its first face
