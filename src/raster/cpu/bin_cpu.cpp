@@ -36,7 +36,7 @@ std::uint64_t* sort_by_depth(std::uint64_t* keys, std::uint64_t* swap, std::int6
     parallel_pool(chunks.count, [&](std::int64_t chunk, int) {
       std::int64_t* const count = counts.data() + chunk * kDigits;
       std::fill(count, count + kDigits, 0);
-      for (std::int64_t i = chunks.begin(chunk); i < chunks.end(chunk); ++i) {
+      for (std::int64_t i = chunks.begin(chunk), end = chunks.end(chunk); i < end; ++i) {
         ++count[keys[i] >> shift & (kDigits - 1)];
       }
     });
@@ -51,7 +51,7 @@ std::uint64_t* sort_by_depth(std::uint64_t* keys, std::uint64_t* swap, std::int6
     }
     parallel_pool(chunks.count, [&](std::int64_t chunk, int) {
       std::int64_t* const next = counts.data() + chunk * kDigits;
-      for (std::int64_t i = chunks.begin(chunk); i < chunks.end(chunk); ++i) {
+      for (std::int64_t i = chunks.begin(chunk), end = chunks.end(chunk); i < end; ++i) {
         swap[next[keys[i] >> shift & (kDigits - 1)]++] = keys[i];
       }
     });
@@ -94,7 +94,7 @@ BinnedSplats bin(const BinArgs& args, BinBuffers& buffers, const PairLimit& limi
     std::vector<std::int32_t> tiles = std::move(buffers.tiles[static_cast<std::size_t>(chunk)]);
     tiles.clear();
     std::int64_t n_pairs = 0;
-    for (std::int64_t depth_index = chunks.begin(chunk); depth_index < chunks.end(chunk); ++depth_index) {
+    for (std::int64_t depth_index = chunks.begin(chunk), end = chunks.end(chunk); depth_index < end; ++depth_index) {
       prefetch_object(args.splats[ahead(depth_index)]);
       prefetch_object(args.extents[ahead(depth_index)]);
       prefetch_object(slot_offsets[ahead(depth_index)]);
@@ -148,7 +148,7 @@ BinnedSplats bin(const BinArgs& args, BinBuffers& buffers, const PairLimit& limi
   parallel_pool(chunks.count, [&](std::int64_t chunk, int) {
     std::int64_t* const next = counts + chunk * n_tiles;
     const std::int32_t* tile = buffers.tiles[static_cast<std::size_t>(chunk)].data();
-    for (std::int64_t depth_index = chunks.begin(chunk); depth_index < chunks.end(chunk); ++depth_index) {
+    for (std::int64_t depth_index = chunks.begin(chunk), end = chunks.end(chunk); depth_index < end; ++depth_index) {
       prefetch_object(slot_offsets[ahead(depth_index)]);
       const std::int32_t m = splat_of(keys[depth_index]);
       for (std::int64_t slot = slot_offsets[m]; slot < slot_offsets[m + 1]; ++slot) {

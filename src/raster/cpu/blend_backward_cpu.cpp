@@ -76,10 +76,10 @@ struct SplatGradLanes {
   Lanes depth;
 };
 
-/// Sums the gradient of the splat at `position` of the list over rows [row_begin, row_end). Returns false if no pixel
-/// of them blended it.
+/// Sums the gradient of the splat at `position` of the list over `vectors` of `rows`. Returns false if no pixel of them
+/// blended it.
 template <bool kDepth>
-HWY_INLINE bool backward_rows(TileGradients& tile, const Splat& splat, int row_begin, int row_end,
+HWY_INLINE bool backward_onto(TileGradients& tile, const Splat& splat, const PixelSpan& rows, const PixelSpan& vectors,
                               std::int32_t position, SplatGrad& out) {
   const auto shape = splat_shape<Lanes>(splat);
   const Lanes red(splat.red), green(splat.green), blue(splat.blue), depth(splat.depth);
@@ -89,11 +89,11 @@ HWY_INLINE bool backward_rows(TileGradients& tile, const Splat& splat, int row_b
   SplatGradLanes sums{zero, zero, zero, zero, zero, zero, zero, zero, zero, zero};
   bool any = false;
   const int lanes = lane_count();
-  for (int row = row_begin; row < row_end; ++row) {
-    if (tile.row_last[row] < position) continue;
-    const Lanes pixel_y(static_cast<float>(tile.rect.y_begin + row) + 0.5f);
-    for (int v = 0; v < tile.row_vectors; ++v) {
-      const Lanes pixel_x = Lanes::iota(static_cast<float>(tile.rect.x_begin + v * lanes) + 0.5f);
+  for (int v = vectors.begin; v < vectors.end; ++v) {
+    const Lanes pixel_x = Lanes::iota(static_cast<float>(tile.rect.x_begin + v * lanes) + 0.5f);
+    for (int row = rows.begin; row < rows.end; ++row) {
+      if (tile.row_last[row] < position) continue;
+      const Lanes pixel_y(static_cast<float>(tile.rect.y_begin + row) + 0.5f);
       const Footprint<Lanes> footprint = evaluate_footprint(shape, pixel_x, pixel_y);
       const int p = row * tile.stride + v * lanes;
       const LaneMask past{hn::RebindMask(FloatTag(), hn::Lt(hn::Load(di, tile.last + p), splat_position))};
@@ -125,7 +125,7 @@ void run_blend_backward(const BlendBackwardArgs& args, std::int64_t index) {
   constexpr std::int64_t kPrefetch = 16;  // entries to fetch ahead
   TileGradients tile;
   tile.begin(args, static_cast<std::int32_t>(index));
-  const float top = static_cast<float>(tile.rect.y_begin);
+  const float left = static_cast<float>(tile.rect.x_begin), top = static_cast<float>(tile.rect.y_begin);
   const std::int64_t first = args.bins.tile_offsets[index], last = args.bins.tile_offsets[index + 1];
   for (std::int64_t i = last - 1; i >= first; --i) {
     SplatGrad grad{};
@@ -137,10 +137,10 @@ void run_blend_backward(const BlendBackwardArgs& args, std::int64_t index) {
     if (position <= tile.tile_last) {
       const std::int32_t id = args.bins.splat_ids[i];
       const Splat& splat = args.splats[id];
-      const RowSpan reached = rows_reached(splat.mean_y, args.extents[id].y, top, 0, tile.rows);
-      const bool any = args.grad.depth != nullptr
-                           ? backward_rows<true>(tile, splat, reached.begin, reached.end, position, grad)
-                           : backward_rows<false>(tile, splat, reached.begin, reached.end, position, grad);
+      const PixelSpan rows = pixels_reached(splat.mean_y, args.extents[id].y, top, 0, tile.rows);
+      const PixelSpan vectors = vectors_reached(splat.mean_x, args.extents[id].x, left, args.grid.tile.width);
+      const bool any = args.grad.depth != nullptr ? backward_onto<true>(tile, splat, rows, vectors, position, grad)
+                                                  : backward_onto<false>(tile, splat, rows, vectors, position, grad);
       if (!any) grad = {};
     }
     args.pair_grads[args.bins.pair_slots[i]] = grad;

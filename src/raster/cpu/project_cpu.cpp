@@ -87,7 +87,7 @@ std::int64_t project(const ProjectArgs& args) {
   parallel_pool(chunks.count, [&](std::int64_t chunk, int) {
     Packed& chunk_packed = packed[static_cast<std::size_t>(chunk)];
     chunk_packed = {0, n};
-    for (std::int64_t i = chunks.begin(chunk); i < chunks.end(chunk); ++i) {
+    for (std::int64_t i = chunks.begin(chunk), end = chunks.end(chunk); i < end; ++i) {
       const std::int64_t begin = n_each * chunks.begin(chunk);
       Splat* const splats = args.splats + begin;
       Vec2f* const extents = args.extents + begin;
@@ -193,7 +193,7 @@ void add_parts(std::int64_t n, double* out, GetPart&& get_part) {
   std::vector<std::array<double, kCameraGradients>> sums_of_chunks(static_cast<std::size_t>(chunks.count));
   parallel_pool(chunks.count, [&](std::int64_t chunk, int) {
     std::array<double, kCameraGradients>& sums = sums_of_chunks[static_cast<std::size_t>(chunk)];
-    for (std::int64_t m = chunks.begin(chunk); m < chunks.end(chunk); ++m) {
+    for (std::int64_t m = chunks.begin(chunk), end = chunks.end(chunk); m < end; ++m) {
       const Part part = get_part(m);
       for (std::size_t k = 0; k < sums.size(); ++k) sums[k] += double{part[k]};
     }

@@ -55,14 +55,14 @@ HWY_INLINE IntVec units_of(Lanes value) {
   return hn::ConvertTo(IntTag(), (value * Lanes(kScoreUnits) + Lanes(0.5f)).v);
 }
 
-/// Steps the pixels of rows [row_begin, row_end) over one splat, and sums.
-HWY_INLINE ScoreSums score_rows(TileErrors& tile, const Splat& splat, int row_begin, int row_end) {
+/// Steps the pixels of `vectors` of `rows` over one splat, and sums.
+HWY_INLINE ScoreSums score_rows(TileErrors& tile, const Splat& splat, const PixelSpan& rows, const PixelSpan& vectors) {
   const auto shape = splat_shape<Lanes>(splat);
   const int lanes = lane_count();
   ScoreSums sums{0, 0, 0};
-  for (int row = row_begin; row < row_end; ++row) {
+  for (int row = rows.begin; row < rows.end; ++row) {
     const Lanes pixel_y(static_cast<float>(tile.rect.y_begin + row) + 0.5f);
-    for (int v = 0; v < tile.row_vectors; ++v) {
+    for (int v = vectors.begin; v < vectors.end; ++v) {
       const Lanes pixel_x = Lanes::iota(static_cast<float>(tile.rect.x_begin + v * lanes) + 0.5f);
       const Footprint<Lanes> footprint = evaluate_footprint(shape, pixel_x, pixel_y);
       if (none(footprint.contributes)) continue;
@@ -88,7 +88,7 @@ void run_score(const ScoreArgs& args, std::int64_t index) {
   constexpr std::int64_t kCheckInterval = 32;  // entries between tests whether all pixels are finished
   TileErrors tile;
   tile.begin(args, static_cast<std::int32_t>(index));
-  const auto top = static_cast<float>(tile.rect.y_begin);
+  const auto left = static_cast<float>(tile.rect.x_begin), top = static_cast<float>(tile.rect.y_begin);
   const std::int64_t first = args.bins.tile_offsets[index], last = args.bins.tile_offsets[index + 1];
   bool is_finished = false;
   for (std::int64_t i = first; i < last; ++i) {
@@ -97,8 +97,8 @@ void run_score(const ScoreArgs& args, std::int64_t index) {
     if (!is_finished) {
       const std::int32_t id = args.bins.splat_ids[i];
       const Splat& splat = args.splats[id];
-      const RowSpan reached = rows_reached(splat.mean_y, args.extents[id].y, top, 0, tile.rows);
-      sums = score_rows(tile, splat, reached.begin, reached.end);
+      sums = score_rows(tile, splat, pixels_reached(splat.mean_y, args.extents[id].y, top, 0, tile.rows),
+                        vectors_reached(splat.mean_x, args.extents[id].x, left, args.grid.tile.width));
     }
     args.sums[args.bins.pair_slots[i]] = sums;
   }

@@ -217,14 +217,15 @@ B3DGS_HD TileRows no_tile_rows(Culling culling) {
   return {culling, 0, 0, {0, 0}, {}};
 }
 
-/// Half-open interval of pixel rows.
-struct RowSpan {
+/// Half-open interval of pixel rows or columns.
+struct PixelSpan {
   std::int32_t begin, end;
 };
 
-/// Rows of [low, high) with a pixel centre within `extent` of `mean`, all counted from pixel row `top` of the image.
-B3DGS_HD RowSpan rows_reached(float mean, float extent, float top, std::int32_t low, std::int32_t high) {
-  const float middle = mean - top - 0.5f;
+/// Rows of [low, high) with a pixel centre within `extent` of `mean`, all counted from pixel row `first` of the image;
+/// columns likewise.
+B3DGS_HD PixelSpan pixels_reached(float mean, float extent, float first, std::int32_t low, std::int32_t high) {
+  const float middle = mean - first - 0.5f;
   return {detail::floor_clamped(middle - extent, low - 1, high) + 1,
           detail::floor_clamped(middle + extent, low - 1, high - 1) + 1};
 }

@@ -44,7 +44,7 @@ struct TilePixels {
 
   Rect rect;        // pixels of the tile that are in the image
   int rows;         // number of them
-  RowSpan band;     // rows to blend and to write: all, unless begin() is followed by another choice
+  PixelSpan band;   // rows to blend and to write: all, unless begin() is followed by another choice
   int row_vectors;  // SIMD vectors per row
   int stride;       // pixels per row, with padding
 
@@ -93,22 +93,21 @@ struct TilePixels {
   }
 };
 
-/// Blends one splat, at `position` of the tile's list, onto rows [row_begin, row_end). kReached: the splat's box has
-/// pixels in these rows. A vector of a whole row is then blended without a test whether any pixel contributes:
-/// mispredicted branches would take longer than the test saves.
+/// Blends one splat, at `position` of the tile's list, onto `vectors` of `rows`. kReached: the splat's box has pixels
+/// in all of them. They are then blended without a test whether any pixel contributes: mispredicted branches would take
+/// longer than the test saves.
 template <bool kReached>
-HWY_INLINE void blend_onto_rows(TilePixels& tile, const Splat& splat, int row_begin, int row_end,
-                                std::int32_t position) {
+HWY_INLINE void blend_onto(TilePixels& tile, const Splat& splat, const PixelSpan& rows, const PixelSpan& vectors,
+                           std::int32_t position) {
   const SplatShape<Lanes> shape = splat_shape<Lanes>(splat);
   const Lanes red(splat.red), green(splat.green), blue(splat.blue), depth(splat.depth);
   const int lanes = lane_count();
-  for (int row = row_begin; row < row_end; ++row) {
-    const Lanes pixel_y(static_cast<float>(tile.rect.y_begin + row) + 0.5f);
-    for (int v = 0; v < tile.row_vectors; ++v) {
-      const Lanes pixel_x = Lanes::iota(static_cast<float>(tile.rect.x_begin + v * lanes) + 0.5f);
+  for (int v = vectors.begin; v < vectors.end; ++v) {
+    const Lanes pixel_x = Lanes::iota(static_cast<float>(tile.rect.x_begin + v * lanes) + 0.5f);
+    for (int row = rows.begin; row < rows.end; ++row) {
+      const Lanes pixel_y(static_cast<float>(tile.rect.y_begin + row) + 0.5f);
       const Footprint<Lanes> footprint = evaluate_footprint(shape, pixel_x, pixel_y);
-      const bool test = !kReached || lanes < kMaxLanes;
-      if (test && none(footprint.contributes)) continue;
+      if (!kReached && none(footprint.contributes)) continue;
       const int p = row * tile.stride + v * lanes;
       const Alpha<Lanes> alpha = evaluate_alpha(footprint.power);
       PixelState<Lanes> pixel{Lanes::load(tile.transmittance + p), Lanes::load(tile.red + p),
@@ -140,27 +139,27 @@ void run_pixel_wise(const BlendForwardArgs& args, std::int64_t index) {
     tile.live_rows(&live_begin, &live_end);
     if (live_begin >= live_end) break;
     for (std::int64_t i = batch; i < std::min(batch + kBatch, last); ++i) {
-      blend_onto_rows<false>(tile, args.splats[args.bins.splat_ids[i]], 0, tile.rows,
-                             static_cast<std::int32_t>(i - first));
+      blend_onto<false>(tile, args.splats[args.bins.splat_ids[i]], {0, tile.rows}, {0, tile.row_vectors},
+                        static_cast<std::int32_t>(i - first));
     }
   }
   tile.finish(args);
 }
 
-/// shared-memory, segmented: a batch of splats is copied side by side into the first-level cache, each with the rows of
-/// the tile that it reaches; other rows skip it. `band`: the rows to blend and to write.
-void run_staged(const BlendForwardArgs& args, std::int64_t index, const RowSpan& band) {
+/// shared-memory, segmented: a batch of splats is copied side by side into the first-level cache, each with the rows
+/// and vectors of the tile that it reaches; others skip it. `band`: the rows to blend and to write.
+void run_staged(const BlendForwardArgs& args, std::int64_t index, const PixelSpan& band) {
   TilePixels tile;
   tile.begin(args.grid, static_cast<std::int32_t>(index));
   tile.band = band;
   constexpr int kBatch = 32;  // about 2 KiB; unfinished rows are determined once per batch
   struct Staged {
     Splat splat;
-    RowSpan rows;
+    PixelSpan rows, vectors;
     std::int32_t position;
   };
   Staged staged[kBatch];
-  const float top = static_cast<float>(tile.rect.y_begin);
+  const float left = static_cast<float>(tile.rect.x_begin), top = static_cast<float>(tile.rect.y_begin);
   const std::int32_t* const list = args.bins.splat_ids + args.bins.tile_offsets[index];
   const std::int64_t end = args.bins.tile_offsets[index + 1] - args.bins.tile_offsets[index];
   for (std::int64_t batch = 0; batch < end; batch += kBatch) {
@@ -173,17 +172,20 @@ void run_staged(const BlendForwardArgs& args, std::int64_t index, const RowSpan&
       const std::int32_t id = list[i];
       Staged& next = staged[n_staged];
       next.splat = args.splats[id];
-      next.rows = rows_reached(next.splat.mean_y, args.extents[id].y, top, live_begin, live_end);
+      next.rows = pixels_reached(next.splat.mean_y, args.extents[id].y, top, live_begin, live_end);
+      next.vectors = vectors_reached(next.splat.mean_x, args.extents[id].x, left, args.grid.tile.width);
       next.position = static_cast<std::int32_t>(i);
       n_staged += next.rows.begin < next.rows.end;
     }
-    // The next batch arrives while this one is blended.
-    for (std::int64_t i = batch + kBatch; i < std::min<std::int64_t>(batch + 2 * kBatch, end); ++i) {
-      cpu::prefetch_object(args.splats[list[i]]);
-      cpu::prefetch_object(args.extents[list[i]]);
-    }
-    for (int s = 0; s < n_staged; ++s) {
-      blend_onto_rows<true>(tile, staged[s].splat, staged[s].rows.begin, staged[s].rows.end, staged[s].position);
+    // While this batch is blended, the next one arrives, splat by splat: all at once, fetches would wait for each
+    // other.
+    for (int s = 0; s < kBatch; ++s) {
+      const std::int32_t ahead = list[std::min<std::int64_t>(batch + kBatch + s, end - 1)];
+      cpu::prefetch_object(args.splats[ahead]);
+      cpu::prefetch_object(args.extents[ahead]);
+      if (s < n_staged) {
+        blend_onto<true>(tile, staged[s].splat, staged[s].rows, staged[s].vectors, staged[s].position);
+      }
     }
   }
   tile.finish(args);
@@ -215,10 +217,10 @@ namespace {
 /// Pixel rows of a tile.
 struct Band {
   std::int64_t tile;
-  RowSpan rows;
+  PixelSpan rows;
 };
 
-RowSpan rows_of(const BlendForwardArgs& args, std::int64_t tile) {
+PixelSpan rows_of(const BlendForwardArgs& args, std::int64_t tile) {
   const Rect rect = tile_pixels(args.grid, static_cast<std::int32_t>(tile));
   return {0, rect.y_end - rect.y_begin};
 }

@@ -11,21 +11,30 @@
 
 #include <cstdint>
 
+#include "raster/math/tiling.h"
+
 HWY_BEFORE_NAMESPACE();
 namespace b3dgs {
 namespace HWY_NAMESPACE {
 
 namespace hn = hwy::HWY_NAMESPACE;
 
-/// At most 16 lanes: a row of a 16 px wide tile.
-using FloatTag = hn::CappedTag<float, 16>;
+/// At most 16 lanes: a row of a tile 16 px wide.
+inline constexpr int kMaxLanes = 16;
+using FloatTag = hn::CappedTag<float, kMaxLanes>;
 using IntTag = hn::RebindToSigned<FloatTag>;
 using FloatVec = hn::Vec<FloatTag>;
 using IntVec = hn::Vec<IntTag>;
 
-inline constexpr int kMaxLanes = 16;
 HWY_INLINE int lane_count() {
   return static_cast<int>(hn::Lanes(FloatTag()));
+}
+
+/// Vectors of a tile's row that have a pixel centre within `extent` of `mean` (px). `left`: first column of the tile,
+/// which has `columns`.
+HWY_INLINE PixelSpan vectors_reached(float mean, float extent, float left, std::int32_t columns) {
+  const PixelSpan pixels = pixels_reached(mean, extent, left, 0, columns);
+  return {pixels.begin / lane_count(), (pixels.end + lane_count() - 1) / lane_count()};
 }
 
 struct LaneMask {
@@ -91,8 +100,9 @@ HWY_INLINE Lanes magnitude(Lanes a) {
 HWY_INLINE Lanes exp2_of(Lanes a) {
   const FloatTag d;
   const FloatVec x = hn::Max(a.v, hn::Set(d, -126.0f));
-  const FloatVec whole = hn::Round(x);
-  const FloatVec f = hn::Sub(x, whole);
+  // Adding 1.5 * 2^23 rounds to a whole number, which is then in the lowest bits of the sum.
+  const FloatVec shift = hn::Set(d, 12582912.0f), shifted = hn::Add(x, shift);
+  const FloatVec f = hn::Sub(x, hn::Sub(shifted, shift));
   // Polynomial for 2^f on [-0.5, 0.5], interpolated at Chebyshev nodes: relative error 2.5e-9 before rounding.
   FloatVec p = hn::Set(d, 0.000154614447f);
   p = hn::MulAdd(p, f, hn::Set(d, 0.00134004282f));
@@ -102,7 +112,7 @@ HWY_INLINE Lanes exp2_of(Lanes a) {
   p = hn::MulAdd(p, f, hn::Set(d, 0.693147207f));
   p = hn::MulAdd(p, f, hn::Set(d, 1.0f));
   const IntTag di;
-  const IntVec exponent = hn::ShiftLeft<23>(hn::ConvertTo(di, whole));
+  const IntVec exponent = hn::ShiftLeft<23>(hn::BitCast(di, shifted));
   return Lanes(hn::BitCast(d, hn::Add(hn::BitCast(di, p), exponent)));
 }
 
