@@ -17,7 +17,7 @@ struct OptionRow {
   std::vector<OptionValue> values;
 };
 
-/// Without --preset and --strategy. docs/recipes.md says what it gains over `inria`.
+/// Without --preset and --strategy. docs/benchmarks.md says what it gains over `inria`.
 inline constexpr const char* kDefaultPreset = "quality";
 
 /// A row for each name in kPresetNames (train_config.h), in that order. A row may choose a strategy, whose schedule is

@@ -25,7 +25,7 @@ void scale_schedule(TrainConfig& config, double factor, const GivenOptions& give
 /// The training photographs, as far as the length of a training depends on them.
 struct Photographs {
   std::size_t n = 0;
-  double overlap = 0;  // how many of them show the same point, on average (docs/glossary.md): from 1 to n
+  double overlap = 0;  // how many of them show the same point, on average (docs/recipes.md): from 1 to n
 
   Photographs() = default;
   Photographs(std::size_t count) : n(count), overlap(static_cast<double>(count)) {}  // all show the same

@@ -25,7 +25,7 @@ void check_scene_options(const TrainConfig& config, const Scene& scene);
 ///
 /// With few photographs, many Gaussians overfit the training views; with 50 or fewer, more than X = 1.2 allows help on
 /// some scenes and harm on others. Beyond 100, more photographs of a scene do not call for more (docs/benchmarks.md,
-/// Number of Gaussians). Pixels are those of the cameras; masked ones count.
+/// Few photographs). Pixels are those of the cameras; masked ones count.
 std::int64_t count_limit(const TrainConfig& config, const Scene& scene);
 
 /// The first iteration of the decay by --lr_final_scale: --lr_decay_from_iter, but no later than when each photograph
