@@ -3,6 +3,7 @@
 CPU (Debian: apt install blender).
 
 Usage: blender -b -P scripts/make_scenes.py -- OUTPUT [--scenes toy,room] [--views N] [--size PX] [--samples N]
+           [--fisheye DEGREES]
 
 Each scene is a folder OUTPUT/NAME with images/, transforms.json and points.ply, and OUTPUT/NAME_no_points with the same
 photographs and no points. points.ply has 20,000 places that rays through random pixels hit, with noise of 0.2 % of their
@@ -15,6 +16,8 @@ options: delete the folders to change them.
   room       a furnished room, seen from inside
   street     houses, trees and a sky, seen by somebody who walks
   exposure   the room from other cameras; the exposure of each photograph differs by up to one stop either way
+
+With --fisheye, photographs are squares in which an equidistant lens shows a circle; mask.pgm leaves out what is around it.
 """
 import argparse
 import json
@@ -292,14 +295,14 @@ SCENES = {"toy": (toy, 100), "wires": (wires, 100), "glossy": (glossy, 100), "ro
 
 # ------------------------------------------------------------------------------------------------------ rendering
 
-def empty_scene(size, samples, has_alpha):
+def empty_scene(size, samples, has_alpha, is_square):
     bpy.ops.wm.read_factory_settings(use_empty=True)
     scene = bpy.context.scene
     scene.render.engine = "CYCLES"
     scene.cycles.device, scene.cycles.samples = "CPU", samples
     scene.cycles.use_denoising = False  # Debian builds Blender without a denoiser
     scene.cycles.max_bounces = 6
-    scene.render.resolution_x, scene.render.resolution_y = size, size if has_alpha else round(0.75 * size)
+    scene.render.resolution_x, scene.render.resolution_y = size, size if is_square else round(0.75 * size)
     scene.render.film_transparent = has_alpha
     scene.render.image_settings.file_format = "PNG"
     scene.render.image_settings.color_mode = "RGBA" if has_alpha else "RGB"
@@ -308,22 +311,52 @@ def empty_scene(size, samples, has_alpha):
     return scene
 
 
-def points_of(views, folder, scene, has_alpha, chance):
+class Lens:
+    """A pinhole, or an equidistant fisheye that shows a circle as wide as the image. Its focal length is in px."""
+
+    def __init__(self, data, scene, millimetres, fisheye):
+        self.width, self.height = scene.render.resolution_x, scene.render.resolution_y
+        self.is_fisheye = fisheye > 0
+        if self.is_fisheye:
+            data.type, data.cycles.panorama_type = "PANO", "FISHEYE_EQUIDISTANT"
+            data.cycles.fisheye_fov = math.radians(fisheye)
+            self.focal = self.width / math.radians(fisheye)
+        else:
+            data.sensor_fit, data.sensor_width, data.lens = "HORIZONTAL", 36, millimetres
+            self.focal = data.lens / data.sensor_width * self.width
+
+    def shows(self, x, y):
+        return not self.is_fisheye or math.hypot(x - self.width / 2, y - self.height / 2) < self.width / 2 - 1
+
+    def ray(self, x, y):
+        """In the camera's frame, in which it looks along -z and +y is up."""
+        right, up = (x - self.width / 2) / self.focal, (self.height / 2 - y) / self.focal
+        angle = math.hypot(right, up)
+        if not self.is_fisheye or angle == 0:
+            return Vector((right, up, -1))
+        return Vector((math.sin(angle) * right / angle, math.sin(angle) * up / angle, -math.cos(angle)))
+
+    def write_mask(self, path):
+        with open(path, "wb") as file:
+            file.write(b"P5\n%d %d\n255\n" % (self.width, self.height))
+            file.write(bytes(255 * self.shows(x + 0.5, y + 0.5) for y in range(self.height) for x in range(self.width)))
+
+
+def points_of(views, folder, lens, scene, has_alpha, chance):
     """Where rays through random pixels hit, with the colours of the photographs there."""
-    width, height = scene.render.resolution_x, scene.render.resolution_y
+    width, height = lens.width, lens.height
     graph = bpy.context.evaluated_depsgraph_get()
     points = []
-    for name, matrix, focal in views:
+    for index, (name, matrix) in enumerate(views):
         image = bpy.data.images.load(os.path.join(folder, name))
         pixels = image.pixels[:]
         origin = matrix.translation
         for _ in range(4 * POINTS // len(views)):
-            if len(points) * len(views) >= POINTS * (views.index((name, matrix, focal)) + 1):
+            if len(points) * len(views) >= POINTS * (index + 1):
                 break
             x, y = chance.uniform(0, width), chance.uniform(0, height)
-            ray = matrix.to_3x3() @ Vector(((x - width / 2) / focal, (height / 2 - y) / focal, -1))
-            hit, place, _, _, _, _ = scene.ray_cast(graph, origin, ray)
-            if not hit:
+            hit, place, _, _, _, _ = scene.ray_cast(graph, origin, matrix.to_3x3() @ lens.ray(x, y))
+            if not hit or not lens.shows(x, y):
                 continue
             distance = (place - origin).length
             noisy = [value + chance.gauss(0, NOISE * distance) for value in place]
@@ -342,21 +375,20 @@ def write_ply(path, points):
             file.write(struct.pack("<3f3B", *place, *color))
 
 
-def make(name, output, views_wanted, size, samples):
+def make(name, output, views_wanted, size, samples, fisheye):
     folder, bare = os.path.join(output, name), os.path.join(output, name + "_no_points")
     if os.path.exists(os.path.join(bare, "transforms.json")):
         return
     build, n = SCENES[name]
     n = views_wanted or n
     has_alpha = name == "toy"
-    scene = empty_scene(size, samples, has_alpha)
+    scene = empty_scene(size, samples, has_alpha, is_square=has_alpha or fisheye > 0)
     place = build()
-    lens = bpy.data.cameras.new("camera")
-    camera = bpy.data.objects.new("camera", lens)
+    data = bpy.data.cameras.new("camera")
+    camera = bpy.data.objects.new("camera", data)
     scene.collection.objects.link(camera)
     scene.camera = camera
-    lens.sensor_fit, lens.sensor_width, lens.lens = "HORIZONTAL", 36, 35 if not has_alpha else 50
-    focal = lens.lens / lens.sensor_width * scene.render.resolution_x
+    lens = Lens(data, scene, 50 if has_alpha else 35, fisheye)
     chance = random.Random(name)
     views = []
     for i in range(n):
@@ -368,16 +400,20 @@ def make(name, output, views_wanted, size, samples):
         scene.render.filepath = os.path.join(folder, file)
         if not os.path.exists(scene.render.filepath):
             bpy.ops.render.render(write_still=True)
-        views.append((file, camera.matrix_world.copy(), focal))
-    points = points_of(views, folder, scene, has_alpha, chance)
+        views.append((file, camera.matrix_world.copy()))
+    points = points_of(views, folder, lens, scene, has_alpha, chance)
     write_ply(os.path.join(folder, "points.ply"), points)
-    json_of_scene = {"w": scene.render.resolution_x, "h": scene.render.resolution_y, "fl_x": focal, "fl_y": focal,
-                     "cx": scene.render.resolution_x / 2, "cy": scene.render.resolution_y / 2,
-                     "frames": [{"file_path": file, "transform_matrix": [list(row) for row in matrix]}
-                                for file, matrix, _ in views]}
+    json_of_scene = {"w": lens.width, "h": lens.height, "fl_x": lens.focal, "fl_y": lens.focal, "cx": lens.width / 2,
+                     "cy": lens.height / 2,
+                     "frames": [{"file_path": file, "transform_matrix": [list(row) for row in matrix],
+                                 **({"mask_path": "mask.pgm"} if fisheye else {})} for file, matrix in views]}
     os.makedirs(bare, exist_ok=True)
     if not os.path.lexists(os.path.join(bare, "images")):
         os.symlink(os.path.join("..", name, "images"), os.path.join(bare, "images"))
+    if fisheye:
+        json_of_scene["camera_model"] = "OPENCV_FISHEYE"
+        for place_of_mask in folder, bare:
+            lens.write_mask(os.path.join(place_of_mask, "mask.pgm"))
     with open(os.path.join(folder, "transforms.json"), "w") as file:
         json.dump({"ply_file_path": "points.ply", **json_of_scene}, file, indent=1)
     with open(os.path.join(bare, "transforms.json"), "w") as file:
@@ -391,11 +427,12 @@ def main():
     parser.add_argument("--views", type=int, default=0)
     parser.add_argument("--size", type=int, default=400)
     parser.add_argument("--samples", type=int, default=100)
+    parser.add_argument("--fisheye", type=float, default=0, help="width of the photographs, degrees; 0: pinholes")
     options = parser.parse_args(sys.argv[sys.argv.index("--") + 1:] if "--" in sys.argv else [])
     for name in options.scenes.split(","):
         if name not in SCENES:
             parser.error(f"unknown scene: {name} (expected some of {', '.join(SCENES)})")
-        make(name, options.output, options.views, options.size, options.samples)
+        make(name, options.output, options.views, options.size, options.samples, options.fisheye)
 
 
 main()
