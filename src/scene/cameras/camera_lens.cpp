@@ -158,16 +158,11 @@ std::vector<Camera> pinhole_faces(const Camera& camera) {
   for (const std::array<double, 9>& turn : kTurns) {
     if (turn[8] < 0 && angle < kPi - std::atan(std::sqrt(2.0))) break;  // the corners of the face behind
     Camera turned = face;
-    turned.cam_from_world = {};
     const Pose& pose = camera.cam_from_world;
-    for (std::size_t row = 0; row < 3; ++row) {
-      for (std::size_t k = 0; k < 3; ++k) {
-        turned.cam_from_world.translation[row] += turn[3 * row + k] * pose.translation[k];
-        turned.cam_from_world.rotation[3 * row + k] = 0;
-        for (std::size_t j = 0; j < 3; ++j) {
-          turned.cam_from_world.rotation[3 * row + k] += turn[3 * row + j] * pose.rotation[3 * j + k];
-        }
-      }
+    turned.cam_from_world.translation = rotated(turn, pose.translation);
+    for (std::size_t i = 0; i < 9; i += 3) {
+      const std::array<double, 3> row = rotated_back(pose.rotation, {turn[i], turn[i + 1], turn[i + 2]});
+      std::copy(row.begin(), row.end(), turned.cam_from_world.rotation.begin() + static_cast<std::ptrdiff_t>(i));
     }
     faces.push_back(turned);
   }
@@ -178,19 +173,12 @@ Warped warp_image(const Image8& image, const Camera& from, const Camera& to) {
   Warped warped{Image8(to.width, to.height, image.channels), Image8(to.width, to.height, 1)};
   const LensRays rays(to);
   const bool wraps = from.lens.kind == LensKind::kEquirectangular;
-  const auto *const a = from.cam_from_world.rotation.data(), *const b = to.cam_from_world.rotation.data();
   parallel_pool(to.height, [&](std::int64_t row, int) {
     for (int column = 0; column < to.width; ++column) {
       const auto ray = rays.at(column + 0.5, static_cast<double>(row) + 0.5);
       if (!ray) continue;
-      std::array<double, 3> world{}, at{};
-      for (std::size_t i = 0; i < 3; ++i) {
-        for (std::size_t k = 0; k < 3; ++k) world[i] += b[3 * k + i] * (*ray)[k];
-      }
-      for (std::size_t i = 0; i < 3; ++i) {
-        for (std::size_t k = 0; k < 3; ++k) at[i] += a[3 * i + k] * world[k];
-      }
-      const auto place = from.image_of(at);
+      const auto world = rotated_back(to.cam_from_world.rotation, *ray);
+      const auto place = from.image_of(rotated(from.cam_from_world.rotation, world));
       if (!place) continue;
       const std::size_t pixel =
           static_cast<std::size_t>(row) * static_cast<std::size_t>(to.width) + static_cast<std::size_t>(column);

@@ -3,6 +3,8 @@
 
 #include <cstdint>
 #include <filesystem>
+#include <string>
+#include <utility>
 #include <vector>
 
 #include "scene/cameras/camera.h"
@@ -41,6 +43,10 @@ void write_point_ply(const std::filesystem::path& path, const PointCloud& points
 /// colours become mid-grey. @throws InputError, also for values that are not finite
 WorldPoints read_point_ply(const std::filesystem::path& path);
 WorldPoints read_point_ply(FileReader& file);
+
+/// The header of a little-endian file of vertices with these properties: name and type.
+std::string ply_header(std::int64_t n_vertices, const std::vector<std::pair<std::string, const char*>>& properties,
+                       const std::string& comment = "");
 
 /// @throws InputError for SuperSplat's compressed PLY and models of 2D Gaussian Splatting, whose columns differ
 void refuse_other_ply(const PlyReader& reader);

@@ -26,19 +26,6 @@ constexpr float kUnseen = std::numeric_limits<float>::max();
 
 using Vec = std::array<double, 3>;
 
-Vec rotated(const std::array<double, 9>& r, const Vec& v) {
-  Vec result{};
-  for (std::size_t row = 0; row < 3; ++row)
-    result[row] = r[3 * row] * v[0] + r[3 * row + 1] * v[1] + r[3 * row + 2] * v[2];
-  return result;
-}
-
-Vec rotated_back(const std::array<double, 9>& r, const Vec& v) {
-  Vec result{};
-  for (std::size_t row = 0; row < 3; ++row) result[row] = r[row] * v[0] + r[3 + row] * v[1] + r[6 + row] * v[2];
-  return result;
-}
-
 /// Direction of a pixel in the camera's frame, with z = 1.
 Vec direction(const Camera& camera, double x, double y) {
   return {(x - camera.cx) / camera.fx, (y - camera.cy) / camera.fy, 1};
