@@ -70,18 +70,13 @@ void GzipReader::read_bytes(void* to, std::size_t bytes) {
   }
 }
 
-void GzipReader::skip_at_most(std::size_t bytes) {
-  std::vector<unsigned char> unused(kBlockBytes);
-  while (bytes > 0) {
-    const std::size_t n = read_some(unused.data(), bytes);
-    if (n == 0) return;
-    bytes -= n;
+void GzipReader::expect_end(std::size_t most_unread) {
+  std::vector<unsigned char> unread(most_unread + 1);
+  std::size_t n_unread = 0;
+  for (std::size_t n = 1; n > 0 && n_unread < unread.size(); n_unread += n) {
+    n = read_some(unread.data() + n_unread, unread.size() - n_unread);
   }
-}
-
-void GzipReader::expect_end() {
-  unsigned char extra = 0;
-  if (read_some(&extra, 1) > 0) {
+  if (n_unread > most_unread) {
     input_error(file_.name(),
                 ": expected the end of the compressed content, found more; the file is damaged or of a "
                 "later version");
@@ -104,31 +99,17 @@ GzipWriter::~GzipWriter() {
   deflateEnd(stream_.get());
 }
 
-void GzipWriter::deflate_all(const void* data, std::size_t bytes, int flush) {
+void GzipWriter::write(const void* data, std::size_t bytes, bool is_last) {
   stream_->next_in = const_cast<unsigned char*>(static_cast<const unsigned char*>(data));  // zlib does not write to it
   stream_->avail_in = static_cast<uInt>(bytes);
   int result = Z_OK;
   do {
     stream_->next_out = compressed_.data();
     stream_->avail_out = static_cast<uInt>(kBlockBytes);
-    result = deflate(stream_.get(), flush);
+    result = deflate(stream_.get(), is_last ? Z_FINISH : Z_NO_FLUSH);
     B3DGS_CHECK(result != Z_STREAM_ERROR, "zlib: inconsistent state");
     file_.write(compressed_.data(), kBlockBytes - stream_->avail_out);
-  } while (stream_->avail_out == 0 || (flush == Z_FINISH && result != Z_STREAM_END));
-}
-
-void GzipWriter::write(const void* data, std::size_t bytes) {
-  const auto* next = static_cast<const unsigned char*>(data);
-  while (bytes > 0) {
-    const std::size_t n = std::min<std::size_t>(bytes, 1 << 30);  // avail_in has 32 bits
-    deflate_all(next, n, Z_NO_FLUSH);
-    next += n;
-    bytes -= n;
-  }
-}
-
-void GzipWriter::finish() {
-  deflate_all(nullptr, 0, Z_FINISH);
+  } while (stream_->avail_out == 0 || (is_last && result != Z_STREAM_END));
 }
 
 }  // namespace b3dgs

@@ -27,11 +27,9 @@ class GzipReader {
   /// The next `bytes` of the content. @throws InputError if the stream is damaged or ends before
   void read_bytes(void* to, std::size_t bytes);
 
-  /// Reads past up to `bytes` of content that nobody wants.
-  void skip_at_most(std::size_t bytes);
-
-  /// @throws InputError if content or bytes of the file follow, or the checksum is wrong
-  void expect_end();
+  /// Reads the rest. @throws InputError if that is more than `most_unread` bytes of content, bytes of the file follow,
+  /// or the checksum is wrong
+  void expect_end(std::size_t most_unread = 0);
 
  private:
   /// 1 to `bytes` bytes, or 0 at the end of the stream.
@@ -53,15 +51,10 @@ class GzipWriter {
   GzipWriter(const GzipWriter&) = delete;
   GzipWriter& operator=(const GzipWriter&) = delete;
 
-  /// @throws IoError
-  void write(const void* data, std::size_t bytes);
-
-  /// Ends the stream; call after the last write(). @throws IoError
-  void finish();
+  /// At most 4 GiB. `is_last`: ends the stream. @throws IoError
+  void write(const void* data, std::size_t bytes, bool is_last = false);
 
  private:
-  void deflate_all(const void* data, std::size_t bytes, int flush);
-
   AtomicFile& file_;
   std::unique_ptr<z_stream_s> stream_;
   std::vector<unsigned char> compressed_;

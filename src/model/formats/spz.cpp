@@ -290,7 +290,7 @@ void write_spz(const std::filesystem::path& path, const SplatCloud& cloud, int s
     const float* const sh = cloud.shN.data() + 3 * rest * row;
     for (std::size_t k = 0; k < 3 * rest; ++k) bytes[k] = encode_sh(kShSigns[k / 3] * sh[k], sh_step);
   });
-  gzip.finish();
+  gzip.write(nullptr, 0, /*is_last=*/true);
   file.commit();
 }
 
@@ -348,8 +348,7 @@ SplatCloud read_spz(FileReader& file) {
     }
   });
   constexpr std::size_t kMaxExtensionBytes = 1 << 20;
-  if ((header.flags & ~kAntialiased) != 0) gzip.skip_at_most(kMaxExtensionBytes);
-  gzip.expect_end();
+  gzip.expect_end((header.flags & ~kAntialiased) != 0 ? kMaxExtensionBytes : 0);
   return cloud;
 }
 
