@@ -9,7 +9,6 @@
 #include <nlohmann/json.hpp>
 #include <optional>
 #include <string>
-#include <tuple>
 #include <vector>
 
 #include "core/check.h"
@@ -41,7 +40,11 @@ Json camera_to_json(std::size_t id, const View& view, const CoordinateFrame& fra
             {"fx", camera.fx},
             {"cx", camera.cx},
             {"cy", camera.cy}};
-  if (!camera.is_pinhole()) std::tie(json["camera_model"], json["params"]) = named_lens(camera);
+  if (!camera.is_pinhole()) {
+    const ColmapCamera named = colmap_camera(camera);
+    json["camera_model"] = camera_model_name(named.model);
+    json["params"] = named.params;
+  }
   return json;
 }
 

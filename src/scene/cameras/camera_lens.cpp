@@ -220,36 +220,4 @@ double undistorted_share(const Camera& camera) {
   return n_shown > 0 ? static_cast<double>(n_undistorted) / n_shown : 1;
 }
 
-std::pair<std::string, std::vector<double>> named_lens(const Camera& camera) {
-  const double* const k = camera.lens.k;
-  std::pair<std::string, std::vector<double>> named{"PINHOLE", {camera.fx, camera.fy, camera.cx, camera.cy}};
-  const auto add = [&](const char* name, std::initializer_list<double> coefficients) {
-    named.first = name;
-    named.second.insert(named.second.end(), coefficients);
-  };
-  switch (camera.lens.kind) {
-    case LensKind::kPinhole:
-      break;
-    case LensKind::kDistorted:
-      add("FULL_OPENCV", {k[0], k[1], k[7], k[8], k[2], k[4], k[5], k[6]});
-      break;
-    case LensKind::kFov:
-      add("FOV", {k[0]});
-      break;
-    case LensKind::kDivision:
-      add("DIVISION", {k[0]});
-      break;
-    case LensKind::kEucm:
-      add("EUCM", {k[0], k[1]});
-      break;
-    case LensKind::kFisheye:
-      add("THIN_PRISM_FISHEYE", {k[0], k[1], k[7], k[8], k[2], k[3], k[9], k[10]});
-      break;
-    case LensKind::kEquirectangular:
-      named = {"EQUIRECTANGULAR", {static_cast<double>(camera.width), static_cast<double>(camera.height)}};
-      break;
-  }
-  return named;
-}
-
 }  // namespace b3dgs

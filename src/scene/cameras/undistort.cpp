@@ -186,7 +186,10 @@ Camera Lens::pinhole(ImageSize size) const {
 }
 
 std::array<double, 2> distort(const Lens& lens, double x, double y) {
-  return lens.model->distort(lens.coefficients.data(), x, y);
+  const double* const k = lens.coefficients.data();
+  if (lens.model->distort != nullptr) return lens.model->distort(k, x, y);
+  const double factor = lens.model->radial_factor(k, std::sqrt(x * x + y * y));
+  return {x * factor, y * factor};
 }
 
 double monotonic_radius(const Lens& lens, double limit) {
