@@ -3,16 +3,13 @@
 #include <algorithm>
 #include <filesystem>
 #include <map>
-#include <optional>
 #include <set>
 #include <tuple>
 
 #include "core/check.h"
 #include "scene/cameras/camera_lens.h"
-#include "scene/cameras/coordinate_frame.h"
 #include "scene/cameras/undistort.h"
 #include "scene/colmap/colmap.h"
-#include "scene/images/image.h"
 #include "scene/images/image_folder.h"
 #include "scene/scene_model.h"
 #include "scene/view_image.h"

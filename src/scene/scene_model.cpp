@@ -4,9 +4,7 @@
 #include <optional>
 
 #include "core/check.h"
-#include "scene/colmap/colmap.h"
 #include "scene/images/image.h"
-#include "scene/points/point_cloud.h"
 #include "scene/transforms/transforms.h"
 
 namespace b3dgs {

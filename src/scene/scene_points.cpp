@@ -6,13 +6,11 @@
 #include <mutex>
 #include <optional>
 #include <utility>
-#include <vector>
 
 #include "core/parallel.h"
 #include "scene/cameras/camera_lens.h"
 #include "scene/cameras/coordinate_frame.h"
 #include "scene/images/image.h"
-#include "scene/points/point_cloud.h"
 #include "scene/view_image.h"
 
 namespace b3dgs {
@@ -75,13 +73,12 @@ std::vector<SeedView> seed_views(const Scene& scene, const CoordinateFrame& fram
                                  const ProgressFn& progress) {
   const std::vector<const View*> views = chosen_views(scene);
   const std::size_t n = views.size();
-  std::vector<SeedView> seeds(n);
   std::vector<std::vector<SeedView>> faces_of_views(n);
   std::mutex mutex;
   std::size_t n_done = 0;
   parallel_pool(static_cast<std::int64_t>(n), [&](std::int64_t i, int) {
-    const View& view = *views[static_cast<std::size_t>(i)];
-    SeedView& seed = seeds[static_cast<std::size_t>(i)];
+    const View& view = *views[i];
+    SeedView seed;
     seed.camera = small_camera(change_frame(scene.frame, frame, view.camera));
     std::optional<Image8> content;
     if (photographs == Photographs::kRead) {
@@ -97,7 +94,7 @@ std::vector<SeedView> seed_views(const Scene& scene, const CoordinateFrame& fram
     }
     if (content) seed.content = resize_image(*content, seed.camera.width, seed.camera.height);
     if (view.valid) seed.valid = shrink_mask(*view.valid, seed.camera.width, seed.camera.height);
-    faces_of_views[static_cast<std::size_t>(i)] = faces_of(seed);
+    faces_of_views[i] = faces_of(seed);
     const std::lock_guard<std::mutex> lock(mutex);
     if (progress) progress("looking for points in the photographs", ++n_done, n);
   });
@@ -114,21 +111,19 @@ class PointBlocks {
   PointBlocks(const Camera& camera, const PointCloud& points)
       : size_(std::max(1, std::max(camera.width, camera.height) / 10)),
         n_columns_((camera.width + size_ - 1) / size_),
-        has_point_(static_cast<std::size_t>(n_columns_ * ((camera.height + size_ - 1) / size_))) {
+        has_point_(n_columns_ * ((camera.height + size_ - 1) / size_)) {
     constexpr std::int64_t kEnough = 200000;  // points, to know a few hundred blocks
     const std::int64_t step = std::max<std::int64_t>(1, points.size() / kEnough);
     for (std::int64_t i = 0; i < points.size(); i += step) {
-      const auto place = camera.project(&points.positions[static_cast<std::size_t>(3 * i)]);
+      const auto place = camera.project(&points.positions[3 * i]);
       if (place) has_point_[index(static_cast<int>(place->x), static_cast<int>(place->y))] = true;
     }
   }
   bool has_point(int column, int row) const { return has_point_[index(column, row)]; }
 
  private:
-  std::size_t index(int column, int row) const {
-    const int block = row / size_ * n_columns_ + column / size_;
-    return static_cast<std::size_t>(block);
-  }
+  int index(int column, int row) const { return row / size_ * n_columns_ + column / size_; }
+
   int size_, n_columns_;
   std::vector<bool> has_point_;
 };
@@ -137,19 +132,18 @@ class PointBlocks {
 double keep_parts_without_points(const PointCloud& points, std::vector<SeedView>& views) {
   std::vector<std::array<double, 2>> counts(views.size());  // without points, all
   parallel_pool(static_cast<std::int64_t>(views.size()), [&](std::int64_t i, int) {
-    SeedView& view = views[static_cast<std::size_t>(i)];
-    auto& [n_without, n_all] = counts[static_cast<std::size_t>(i)];
+    SeedView& view = views[i];
+    auto& [n_without, n_all] = counts[i];
     const PointBlocks blocks(view.camera, points);
     Image8 without(view.camera.width, view.camera.height, 1);
-    std::size_t pixel = 0;
     for (int row = 0; row < view.camera.height; ++row) {
-      for (int column = 0; column < view.camera.width; ++column, ++pixel) {
-        const auto is_set = [&](const Image8& mask) { return mask.pixels.empty() || mask.pixels[pixel] != 0; };
+      for (int column = 0; column < view.camera.width; ++column) {
+        const auto is_set = [&](const Image8& mask) { return mask.pixels.empty() || *mask.at(column, row) != 0; };
         if (!is_set(view.valid) || !is_set(view.content)) continue;
         n_all += 1;
         if (blocks.has_point(column, row)) continue;
         n_without += 1;
-        without.pixels[pixel] = 255;
+        *without.at(column, row) = 255;
       }
     }
     view.valid = std::move(without);

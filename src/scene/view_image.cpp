@@ -11,7 +11,6 @@
 #include "core/host_memory.h"
 #include "core/parallel.h"
 #include "scene/cameras/camera_lens.h"
-#include "scene/images/image.h"
 #include "scene/images/image_folder.h"
 
 namespace b3dgs {

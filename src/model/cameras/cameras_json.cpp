@@ -6,10 +6,7 @@
 #include <fstream>
 #include <iterator>
 #include <map>
-#include <nlohmann/json.hpp>
 #include <optional>
-#include <string>
-#include <vector>
 
 #include "core/check.h"
 #include "core/json_text.h"
@@ -17,7 +14,6 @@
 #include "scene/cameras/camera_lens.h"
 #include "scene/cameras/coordinate_frame.h"
 #include "scene/colmap/colmap.h"
-#include "scene/images/image.h"
 #include "scene/transforms/transforms.h"
 
 namespace b3dgs {

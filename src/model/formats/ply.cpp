@@ -8,9 +8,7 @@
 #include <string>
 
 #include "core/check.h"
-#include "core/files/atomic_file.h"
 #include "core/files/ply_reader.h"
-#include "scene/cameras/coordinate_frame.h"
 
 namespace b3dgs {
 namespace {

@@ -3,14 +3,11 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <cstdint>
 #include <cstring>
 #include <iterator>
 #include <string>
-#include <vector>
 
 #include "core/check.h"
-#include "core/files/atomic_file.h"
 #include "model/formats/gzip.h"
 
 namespace b3dgs {

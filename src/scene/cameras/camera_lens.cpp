@@ -78,7 +78,7 @@ LensRays::LensRays(const Camera& camera) : camera_(camera) {
   camera_.cx = camera_.cy = 0;
   for (int i = 0; i <= kSteps; ++i) {
     const Vec2<double> place = seen_at(camera_, direction(camera.lens.max_angle * i / kSteps, 0)).pixel;
-    radii_[static_cast<std::size_t>(i)] = std::hypot(place.x, place.y);
+    radii_[i] = std::hypot(place.x, place.y);
   }
   camera_ = camera;
 }
@@ -127,8 +127,7 @@ std::shared_ptr<const Image8> lens_mask(const Camera& camera) {
     for (int column = 0; column < camera.width; ++column) {
       const auto ray = rays.at(column + 0.5, static_cast<double>(row) + 0.5);
       const bool shows = ray && !(is_panorama && std::abs((*ray)[1]) > lowest);
-      mask->pixels[static_cast<std::size_t>(row) * static_cast<std::size_t>(camera.width) +
-                   static_cast<std::size_t>(column)] = shows ? 255 : 0;
+      *mask->at(column, static_cast<int>(row)) = shows ? 255 : 0;
       if (!shows) is_whole = false;
     }
   });
@@ -180,24 +179,17 @@ Warped warp_image(const Image8& image, const Camera& from, const Camera& to) {
       const auto world = rotated_back(to.cam_from_world.rotation, *ray);
       const auto place = from.image_of(rotated(from.cam_from_world.rotation, world));
       if (!place) continue;
-      const std::size_t pixel =
-          static_cast<std::size_t>(row) * static_cast<std::size_t>(to.width) + static_cast<std::size_t>(column);
-      warped.valid.pixels[pixel] = 255;
+      *warped.valid.at(column, static_cast<int>(row)) = 255;
       const double x = place->x - 0.5, y = place->y - 0.5, left = std::floor(x), top = std::floor(y);
-      const auto value = [&](int dx, int dy, int channel) {
+      const auto value = [&](int dx, int dy, int channel) -> double {
         int u = static_cast<int>(left) + dx;
         u = wraps ? (u + image.width) % image.width : std::clamp(u, 0, image.width - 1);
-        const int v = std::clamp(static_cast<int>(top) + dy, 0, image.height - 1);
-        return double{
-            static_cast<double>(image.pixels[(static_cast<std::size_t>(v) * static_cast<std::size_t>(image.width) +
-                                              static_cast<std::size_t>(u)) *
-                                                 static_cast<std::size_t>(image.channels) +
-                                             static_cast<std::size_t>(channel)])};
+        return image.at(u, std::clamp(static_cast<int>(top) + dy, 0, image.height - 1))[channel];
       };
       for (int channel = 0; channel < image.channels; ++channel) {
         const double upper = value(0, 0, channel) + (x - left) * (value(1, 0, channel) - value(0, 0, channel));
         const double lower = value(0, 1, channel) + (x - left) * (value(1, 1, channel) - value(0, 1, channel));
-        warped.image.pixels[pixel * static_cast<std::size_t>(image.channels) + static_cast<std::size_t>(channel)] =
+        warped.image.at(column, static_cast<int>(row))[channel] =
             static_cast<std::uint8_t>(std::lround(upper + (y - top) * (lower - upper)));
       }
     }

@@ -1,11 +1,9 @@
 // COLMAP's camera models as a table. The reader, the writer and undistortion take from it what they need of a model.
 #include <algorithm>
-#include <array>
 #include <cmath>
 
 #include "core/check.h"
 #include "scene/cameras/camera_lens.h"
-#include "scene/cameras/lens.h"
 #include "scene/colmap/colmap.h"
 
 namespace b3dgs {

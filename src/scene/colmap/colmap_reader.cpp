@@ -1,4 +1,5 @@
-// Finds the COLMAP model of a scene folder, and checks the values of its files.
+// Finds the COLMAP model of a scene folder, and checks the values of its files: whatever read_colmap_model() returns
+// must be usable.
 #include <algorithm>
 #include <cmath>
 #include <set>

@@ -7,7 +7,6 @@
 
 #include "core/check.h"
 #include "core/text.h"
-#include "scene/images/image.h"
 
 namespace b3dgs {
 namespace {

@@ -1,7 +1,5 @@
 #include "scene/images/image_memory.h"
 
-#include <algorithm>
-
 #include "core/check.h"
 
 namespace b3dgs {

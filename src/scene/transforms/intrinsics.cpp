@@ -1,10 +1,7 @@
 #include "scene/transforms/transforms.h"
 
 #include <algorithm>
-#include <array>
 #include <cmath>
-#include <string>
-#include <vector>
 
 namespace b3dgs::transforms {
 namespace {
