@@ -37,37 +37,26 @@ std::vector<const ColmapImage*> sorted_by_name(const ColmapModel& model) {
   return images;
 }
 
-/// Which photographs are undistorted, and which are used as they are (SceneOptions::lenses).
-class LensChoice {
- public:
-  explicit LensChoice(const std::string& lenses) : lenses_(lenses) {}
+/// Cameras of whole photographs without poses, by camera ID and size of the photograph.
+using PhotographCameras = std::map<std::tuple<std::uint32_t, int, int>, Camera>;
 
-  /// The camera of the whole photograph, without a pose.
-  Camera camera_of(const ViewSource& source) {
-    const bool is_panorama = source.lens.params().kind == LensKind::kEquirectangular;
-    if ((lenses_ == "undistort" && !is_panorama) || source.lens.is_pinhole()) {
-      return source.lens.pinhole(source.file_size);
-    }
-    const auto key = std::make_tuple(source.camera_id, source.file_size.width, source.file_size.height);
-    const auto [known, is_new] = cameras_.try_emplace(key);
-    if (is_new) {
-      known->second = native_camera(source.lens, source.file_size, source.camera_place);
-      if (lenses_ == "auto" && !is_panorama && undistorted_share(known->second) >= kEnoughUndistorted) {
-        known->second = source.lens.pinhole(source.file_size);
-      }
-    }
-    return known->second;
-  }
-
- private:
-  static constexpr double kEnoughUndistorted = 0.9;
-  const std::string lenses_;
-  std::map<std::tuple<std::uint32_t, int, int>, Camera> cameras_;
-};
+/// The camera of the photograph: a pinhole if it is undistorted, or with its lens (SceneOptions::lenses).
+Camera camera_of(const ViewSource& source, const std::string& lenses, PhotographCameras& cameras) {
+  constexpr double kEnoughUndistorted = 0.9;
+  const bool is_panorama = source.lens.params().kind == LensKind::kEquirectangular;
+  const Camera pinhole = source.lens.pinhole(source.file_size);
+  if ((lenses == "undistort" && !is_panorama) || source.lens.is_pinhole()) return pinhole;
+  const auto [known, is_new] =
+      cameras.try_emplace({source.camera_id, source.file_size.width, source.file_size.height});
+  if (!is_new) return known->second;
+  const Camera native = native_camera(source.lens, source.file_size, source.camera_place);
+  const bool is_undistorted = lenses == "auto" && !is_panorama && undistorted_share(native) >= kEnoughUndistorted;
+  return known->second = is_undistorted ? pinhole : native;
+}
 
 // Reads the photograph's header. Photographs may be smaller or larger than COLMAP's camera.
 ViewSource view_source(const ColmapImage& image, const SceneModel& model, const fs::path& file, int divisor,
-                       int resolution, LensChoice& lenses) {
+                       const SceneOptions& options, PhotographCameras& cameras) {
   const ColmapCamera& camera = model.model.cameras.at(image.camera_id);
   ViewSource source;
   source.name = image.name;
@@ -76,11 +65,11 @@ ViewSource view_source(const ColmapImage& image, const SceneModel& model, const 
   source.camera_id = camera.id;
   source.camera_place = model.camera_places.at(camera.id);
   source.file_size = read_image_size(file);
-  source.size = training_size(divided_size(source.file_size, divisor), resolution);
+  source.size = training_size(divided_size(source.file_size, divisor), options.resolution);
   source.lens = lens_of(camera, source.camera_place)
                     .scaled(source.file_size.width / static_cast<double>(camera.width),
                             source.file_size.height / static_cast<double>(camera.height));
-  source.camera = lenses.camera_of(source).scaled_to(source.size.width, source.size.height);
+  source.camera = camera_of(source, options.lenses, cameras).scaled_to(source.size.width, source.size.height);
   source.camera.cam_from_world = {rotation_from_quaternion(image.quat), image.translation};
   return source;
 }
@@ -136,14 +125,14 @@ Scene load_scene(const SceneOptions& options, const ProgressFn& progress) {
   const std::map<std::string, fs::path> files = find_photographs(model, folder);
   std::vector<ViewSource> sources;
   std::vector<std::string> missing;
-  LensChoice lenses(options.lenses);
+  PhotographCameras cameras;
   for (const ColmapImage* image : sorted_by_name(model.model)) {
     const auto file = files.find(image->name);
     if (file == files.end()) {
       missing.push_back(image->name);
       continue;
     }
-    sources.push_back(view_source(*image, model, file->second, folder.divisor(), options.resolution, lenses));
+    sources.push_back(view_source(*image, model, file->second, folder.divisor(), options, cameras));
     if (progress) progress("reading image headers", sources.size(), files.size());
   }
   if (sources.empty()) {

@@ -77,14 +77,11 @@ void check_image(const std::string& file, const ColmapImage& image, const Colmap
                 "rename the image in the model");
   }
   if (model.cameras.count(image.camera_id) == 0) {
+    constexpr std::size_t kMaxListed = 8;
     std::string known;
-    std::size_t listed = 0;
-    for (const auto& [id, camera] : model.cameras) {
-      if (++listed > 8) {
-        known += ", ...";
-        break;
-      }
-      known += (known.empty() ? "" : ", ") + std::to_string(id);
+    std::size_t n_listed = 0;
+    for (auto camera = model.cameras.begin(); camera != model.cameras.end() && n_listed <= kMaxListed; ++camera) {
+      known += (known.empty() ? "" : ", ") + (++n_listed > kMaxListed ? "..." : std::to_string(camera->first));
     }
     input_error(place, ": camera ", image.camera_id, " is not in the cameras file, which has ",
                 known.empty() ? "none" : known, "; the files belong to different models");
@@ -212,34 +209,28 @@ SparseModelFolder find_model_folder(const fs::path& source) {
         "points3D, as .bin or .txt files), and no transforms.json or transforms_train.json; `b3dgs reconstruct ",
         "PHOTOS SCENE` makes a scene from photographs, or choose another folder with -s");
   }
-  SparseModelFolder found;
-  if (candidates.size() == 1) {
-    found.folder = candidates.front().folder;
-    found.format = *colmap_format(found.folder);
-    return found;
-  }
+  const auto format_of = [](const Candidate& candidate) { return *colmap_format(candidate.folder); };
+  if (candidates.size() == 1) return {candidates[0].folder, format_of(candidates[0]), {}};
+  std::vector<std::string> notes;
   for (Candidate& candidate : candidates) {
     try {
       candidate.n_images = count_colmap_images(candidate.folder);
     } catch (const InputError& error) {  // reading this model reports it again if no other one is valid
-      found.notes.push_back(error.what());
+      notes.push_back(error.what());
     }
   }
   const auto best = std::max_element(candidates.begin(), candidates.end(), [](const Candidate& a, const Candidate& b) {
     return a.n_images < b.n_images;  // the first of equals
   });
-  found.folder = best->folder;
-  found.format = *colmap_format(best->folder);
   std::string others;
   for (const Candidate& candidate : candidates) {
     if (candidate.folder == best->folder) continue;
     others += detail::concat(others.empty() ? "" : ", ", candidate.folder.lexically_relative(source).string(), " (",
                              candidate.n_images, ")");
   }
-  found.notes.push_back(detail::concat(candidates.size(), " models: using ",
-                                       best->folder.lexically_relative(source).string(),
-                                       ", which has the most images (", best->n_images, "); ignoring ", others));
-  return found;
+  notes.push_back(detail::concat(candidates.size(), " models: using ", best->folder.lexically_relative(source).string(),
+                                 ", which has the most images (", best->n_images, "); ignoring ", others));
+  return {best->folder, format_of(*best), std::move(notes)};
 }
 
 }  // namespace b3dgs
