@@ -74,16 +74,19 @@ ViewSource view_source(const ColmapImage& image, const SceneModel& model, const 
   return source;
 }
 
-// A mask that the scene names comes before one of the mask folder.
-void find_masks(const SceneModel& model, const MaskFolder& folder, std::vector<ViewSource>& sources) {
-  if (folder.is_refused()) return;
+// A mask that the scene names comes before one of the folder, unless a folder was asked for.
+void find_masks(const SceneModel& model, const SceneOptions& options, std::vector<ViewSource>& sources) {
+  if (options.masks == "none") return;
+  const bool is_asked_for = !options.masks.empty();
+  const fs::path folder = find_mask_folder(options.source_path, options.masks);
   for (ViewSource& source : sources) {
     const auto named = model.masks.find(source.name);
-    source.mask = named != model.masks.end() && !folder.is_asked_for() ? named->second : folder.find(source.name);
+    source.mask = named != model.masks.end() && !is_asked_for ? named->second
+                                                              : find_mask(folder, source.name, options.images);
   }
   const bool is_any = std::any_of(sources.begin(), sources.end(), [](const ViewSource& s) { return !s.mask.empty(); });
-  if (folder.is_asked_for() && !is_any) {
-    input_error(folder.folder().string(), ": no mask for any of the ", sources.size(),
+  if (is_asked_for && !is_any) {
+    input_error(folder.string(), ": no mask for any of the ", sources.size(),
                 " photographs (expected a.png, a.jpg.png or a.mask.png for a.jpg, in the same sub-folders); choose ",
                 "another folder with --masks");
   }
@@ -141,7 +144,7 @@ Scene load_scene(const SceneOptions& options, const ProgressFn& progress) {
                                 : detail::concat("none of the ", missing.size(), " registered images found (first: ",
                                                  missing.front(), "); copy them there or choose their folder with -i"));
   }
-  find_masks(model, MaskFolder(source_path, options.masks, options.images), sources);
+  find_masks(model, options, sources);
   const std::shared_ptr<SceneImages> images = options.load_images ? prepare_images(sources, options) : nullptr;
 
   Scene scene;

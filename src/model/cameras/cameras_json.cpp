@@ -14,6 +14,7 @@
 #include "scene/cameras/camera_lens.h"
 #include "scene/cameras/coordinate_frame.h"
 #include "scene/colmap/colmap.h"
+#include "scene/images/image_folder.h"
 #include "scene/transforms/transforms.h"
 
 namespace b3dgs {
@@ -37,7 +38,7 @@ Json camera_to_json(std::size_t id, const View& view, const CoordinateFrame& fra
             {"cx", camera.cx},
             {"cy", camera.cy}};
   if (!camera.is_pinhole()) {
-    const ColmapCamera named = colmap_camera(camera);
+    const ColmapCamera named = to_colmap_camera(camera);
     json["camera_model"] = camera_model_name(named.model);
     json["params"] = named.params;
   }
@@ -223,7 +224,6 @@ void apply_refined_poses(const std::filesystem::path& path, std::vector<View>& v
 namespace {
 
 namespace fs = std::filesystem;
-using Json = nlohmann::ordered_json;
 
 constexpr double kMaxFps = 1000;
 constexpr const char* kExpected = "expected a cameras.json, a nerfstudio camera path or a transforms.json";
@@ -285,8 +285,6 @@ const Json& frames_of(const Json& json, const char* key, const std::string& file
   return frames;
 }
 
-// ------------------------------------------------------------------------------------------------ camera path
-
 Camera camera_of_path(const Json& frame, ImageSize size, const std::string& place) {
   if (!frame.is_object() || !frame.contains("camera_to_world") || !frame.contains("fov")) {
     input_error(place, ": expected camera_to_world[16] and fov, found ", json_excerpt(frame));
@@ -325,16 +323,13 @@ CameraFile read_camera_path(const Json& json, const std::string& file, ImageSize
   return result;
 }
 
-// -------------------------------------------------------------------------------------------- transforms.json
-
 /// Of frames without w and h: the size asked for, or that of the photograph.
 CameraFile read_transforms_cameras(const std::string& text, const fs::path& path, ImageSize size) {
   TransformsModel frames;
   const auto size_of = [&](const std::string& name) -> std::optional<ImageSize> {
     if (size.width > 0 && size.height > 0) return size;
     const fs::path& photograph = frames.files.at(name);
-    std::error_code error;
-    if (fs::is_regular_file(photograph, error)) return read_image_size(photograph);
+    if (is_file(photograph)) return read_image_size(photograph);
     input_error(path.string(), ": frame ", frames.model.images.size(), " (", name,
                 "): has no size (w, h), and no photograph; name a size with --width and --height");
   };
