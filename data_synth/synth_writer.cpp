@@ -49,7 +49,7 @@ void remove_unfinished(OwnFiles& own, const fs::path& folder) {
 ColmapModel colmap_model(const SynthConfig& config, const SynthScene& scene) {
   ColmapModel model;
   const Camera& shared = scene.cameras.front();  // all views share the intrinsics
-  ColmapCamera camera = colmap_camera(shared);
+  ColmapCamera camera = to_colmap_camera(shared);
   camera.id = 1;
   model.cameras[camera.id] = camera;
 

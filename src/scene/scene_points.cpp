@@ -153,11 +153,6 @@ double keep_parts_without_points(const PointCloud& points, std::vector<SeedView>
   return n_all > 0 ? n_without / n_all : 0;
 }
 
-void append(const PointCloud& more, PointCloud& points) {
-  points.positions.insert(points.positions.end(), more.positions.begin(), more.positions.end());
-  points.colors.insert(points.colors.end(), more.colors.begin(), more.colors.end());
-}
-
 }  // namespace
 
 std::int64_t add_points_of_photographs(Scene& scene, const ProgressFn& progress) {
@@ -176,7 +171,9 @@ std::int64_t add_points_of_photographs(Scene& scene, const ProgressFn& progress)
   const double share = keep_parts_without_points(scene.points, views);  // alpha also says where nothing is
   if (share <= kLargePart) return 0;
   const PointCloud found = seed_points(views, std::llround(share * count_for(scene)), SeedDepth::kClear);
-  append(found, scene.points);
+  PointCloud& points = scene.points;
+  points.positions.insert(points.positions.end(), found.positions.begin(), found.positions.end());
+  points.colors.insert(points.colors.end(), found.colors.begin(), found.colors.end());
   return found.size();
 }
 

@@ -126,7 +126,7 @@ TEST(CameraLens, OfAPanoramaLeavesOutThePoles) {
 
 TEST(CameraLens, NamesModelsThatReadersKnow) {
   for (const auto& [name, camera] : native_cameras()) {
-    const Camera same = native_camera(lens_of(colmap_camera(camera), ""), {camera.width, camera.height}, "");
+    const Camera same = native_camera(lens_of(to_colmap_camera(camera), ""), {camera.width, camera.height}, "");
     EXPECT_EQ(same.lens.kind, camera.lens.kind) << name;
     EXPECT_TRUE(std::equal(same.lens.k, same.lens.k + kLensCoefficients, camera.lens.k)) << name;
     EXPECT_EQ(same.lens.max_angle, camera.lens.max_angle) << name;

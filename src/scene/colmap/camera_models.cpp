@@ -140,7 +140,7 @@ Lens lens_of(const ColmapCamera& camera, const std::string& place) {
   return lens;
 }
 
-ColmapCamera colmap_camera(const Camera& camera) {
+ColmapCamera to_colmap_camera(const Camera& camera) {
   // Of the models of each LensKind, the one that has all its coefficients.
   constexpr std::array<CameraModel, 7> kModels{CameraModel::kPinhole,         CameraModel::kFullOpenCv,
                                                CameraModel::kFov,             CameraModel::kDivision,

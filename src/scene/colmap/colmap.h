@@ -83,7 +83,7 @@ CameraModel camera_model_from_name(const std::string& name, const std::string& p
 Lens lens_of(const ColmapCamera& camera, const std::string& place);
 
 /// The camera as COLMAP's files have it, with ID 0; parameters begin with two focal lengths if the model has any.
-ColmapCamera colmap_camera(const Camera& camera);
+ColmapCamera to_colmap_camera(const Camera& camera);
 
 enum class ColmapFormat { kBinary, kText };
 

@@ -16,20 +16,15 @@ namespace b3dgs {
 class FileReader;
 class PlyReader;
 
-struct PointCloud {
-  std::vector<float> positions;      // [N, 3] in the frame of the scene
+template <class Real>
+struct Points {
+  std::vector<Real> positions;       // [N, 3]
   std::vector<std::uint8_t> colors;  // [N, 3] RGB
 
   std::int64_t size() const { return static_cast<std::int64_t>(positions.size() / 3); }
 };
-
-/// The same as files have them.
-struct WorldPoints {
-  std::vector<double> positions;     // [N, 3] world
-  std::vector<std::uint8_t> colors;  // [N, 3] RGB
-
-  std::int64_t size() const { return static_cast<std::int64_t>(positions.size() / 3); }
-};
+using PointCloud = Points<float>;    // in the frame of the scene
+using WorldPoints = Points<double>;  // in world coordinates, as files have them
 
 PointCloud in_frame(const CoordinateFrame& frame, const WorldPoints& points);
 WorldPoints in_world(const CoordinateFrame& frame, const PointCloud& points);
