@@ -297,17 +297,16 @@ SplatCloud read_spz(const std::filesystem::path& path) {
 }
 
 SplatCloud read_spz(FileReader& file) {
-  const std::uint64_t compressed_bytes = file.remaining();
-  std::array<std::uint8_t, kHeaderBytes> bytes{};
   GzipReader gzip(file);
-  if (gzip.starts_with({kMagic, sizeof kMagic})) {
+  if (gzip.compressed().compare(0, sizeof kMagic, kMagic, sizeof kMagic) == 0) {
     input_error(file.name(),
                 ": expected SPZ version 1 to 3, found version 4 or later, which is compressed in another "
                 "way; convert it first: splat-transform IN.spz OUT.ply");
   }
+  std::array<std::uint8_t, kHeaderBytes> bytes{};
   gzip.read_bytes(bytes.data(), bytes.size());
   const Header header = parse_header(bytes.data(), file);
-  check_count(header, compressed_bytes, file);
+  check_count(header, gzip.compressed().size(), file);
 
   const std::uint64_t n = header.count;
   const std::size_t rest = header.rest();
