@@ -53,8 +53,8 @@ std::string cfg_args(const TrainConfig& config) {
                         ", model_path=", python_string(config.model_path), ", images=", python_string(config.images),
                         ", depths=", python_string(config.depths), ", resolution=", config.resolution,
                         ", white_background=", boolean(config.white_background),
-                        ", train_test_exp=", boolean(config.train_test_exp), ", data_device='cpu', eval=",
-                        boolean(config.eval), ")");
+                        ", train_test_exp=", boolean(config.train_test_exp),
+                        ", data_device='cpu', eval=", boolean(config.eval), ")");
 }
 
 }  // namespace
@@ -182,8 +182,7 @@ std::int64_t ply_bytes(std::int64_t n_gaussians, int sh_degree) {
   return kFloatBytes * n_gaussians * (parameters + kNormals);
 }
 
-std::string disk_warning(const fs::path& folder, std::int64_t free_bytes, const FirstFiles& files,
-                         int n_checkpoints) {
+std::string disk_warning(const fs::path& folder, std::int64_t free_bytes, const FirstFiles& files, int n_checkpoints) {
   const std::int64_t wanted = files.ply_bytes + (n_checkpoints + 1) * files.checkpoint_bytes;
   if (free_bytes < 0 || free_bytes >= wanted) return "";
   return detail::concat(

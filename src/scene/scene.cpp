@@ -46,8 +46,7 @@ Camera camera_of(const ViewSource& source, const std::string& lenses, Photograph
   const bool is_panorama = source.lens.params().kind == LensKind::kEquirectangular;
   const Camera pinhole = source.lens.pinhole(source.file_size);
   if ((lenses == "undistort" && !is_panorama) || source.lens.is_pinhole()) return pinhole;
-  const auto [known, is_new] =
-      cameras.try_emplace({source.camera_id, source.file_size.width, source.file_size.height});
+  const auto [known, is_new] = cameras.try_emplace({source.camera_id, source.file_size.width, source.file_size.height});
   if (!is_new) return known->second;
   const Camera native = native_camera(source.lens, source.file_size, source.camera_place);
   const bool is_undistorted = lenses == "auto" && !is_panorama && undistorted_share(native) >= kEnoughUndistorted;
@@ -81,8 +80,8 @@ void find_masks(const SceneModel& model, const SceneOptions& options, std::vecto
   const fs::path folder = find_mask_folder(options.source_path, options.masks);
   for (ViewSource& source : sources) {
     const auto named = model.masks.find(source.name);
-    source.mask = named != model.masks.end() && !is_asked_for ? named->second
-                                                              : find_mask(folder, source.name, options.images);
+    source.mask =
+        named != model.masks.end() && !is_asked_for ? named->second : find_mask(folder, source.name, options.images);
   }
   const bool is_any = std::any_of(sources.begin(), sources.end(), [](const ViewSource& s) { return !s.mask.empty(); });
   if (is_asked_for && !is_any) {
@@ -121,7 +120,7 @@ double scene_extent(const std::vector<View>& views) {
 Scene load_scene(const SceneOptions& options, const ProgressFn& progress) {
   check_resolution(options.resolution);
   const fs::path source_path = options.source_path;
-  check_scene_folder(source_path);
+  if (!holds_scene(source_path)) find_model_folder(source_path);  // says what is missing
   const ImageFolder folder(source_path, options.images);
   SceneModel model = read_scene_model(options, folder);
 

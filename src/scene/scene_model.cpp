@@ -162,10 +162,6 @@ bool holds_scene(const fs::path& source) {
   return find_transforms(source).found() || has_model_folder(source);
 }
 
-void check_scene_folder(const fs::path& source) {
-  if (!holds_scene(source)) find_model_folder(source);  // says what is missing
-}
-
 SceneModel read_scene_model(const SceneOptions& options, const ImageFolder& images) {
   const TransformsFiles files = find_transforms(options.source_path);
   if (files.found() && !has_model_folder(options.source_path)) return read_transforms_scene(options, files, images);

@@ -82,8 +82,7 @@ double fisheye_radial_factor(const double* k, double r) {
 }
 
 template <std::size_t N>
-inline constexpr LensModel kFisheyeLens{
-    fisheye_radial_factor<N>, nullptr, false, LensKind::kFisheye, {0, 1, 2, 3}};
+inline constexpr LensModel kFisheyeLens{fisheye_radial_factor<N>, nullptr, false, LensKind::kFisheye, {0, 1, 2, 3}};
 
 // THIN_PRISM_FISHEYE: the equidistant projection with radial, tangential and thin-prism distortion, as the ETH3D
 // benchmark defines it (Weng et al. 1992 for the thin prism).

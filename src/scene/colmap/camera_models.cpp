@@ -142,10 +142,10 @@ Lens lens_of(const ColmapCamera& camera, const std::string& place) {
 
 ColmapCamera to_colmap_camera(const Camera& camera) {
   // Of the models of each LensKind, the one that has all its coefficients.
-  constexpr std::array<CameraModel, 7> kModels{CameraModel::kPinhole,         CameraModel::kFullOpenCv,
-                                               CameraModel::kFov,             CameraModel::kDivision,
-                                               CameraModel::kEucm,            CameraModel::kThinPrismFisheye,
-                                               CameraModel::kEquirectangular};
+  constexpr std::array<CameraModel, 7> kModels{
+      CameraModel::kPinhole,        CameraModel::kFullOpenCv, CameraModel::kFov,
+      CameraModel::kDivision,       CameraModel::kEucm,       CameraModel::kThinPrismFisheye,
+      CameraModel::kEquirectangular};
   ColmapCamera named;
   named.model = kModels[static_cast<std::size_t>(camera.lens.kind)];
   named.width = static_cast<std::uint64_t>(camera.width);

@@ -155,12 +155,6 @@ std::optional<ColmapFormat> colmap_format(const fs::path& folder) {
   return binary >= text ? ColmapFormat::kBinary : ColmapFormat::kText;
 }
 
-std::uint64_t count_colmap_images(const fs::path& folder) {
-  const ColmapFormat format = colmap_format(folder).value_or(ColmapFormat::kBinary);
-  FileReader file(colmap::file_of(folder, "images", format));
-  return colmap::count_images(file, format);
-}
-
 ColmapModel read_colmap_model(const ColmapFiles& files, ColmapFormat format, bool tracks) {
   ColmapModel model = colmap::read_unchecked(files, format, tracks);
   for (const auto& [id, camera] : model.cameras) check_camera(files.cameras.name(), camera);

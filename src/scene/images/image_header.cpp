@@ -98,8 +98,7 @@ std::vector<Segment> segments_of(const Bytes& bytes) {
 }
 
 bool has_text(const Bytes& bytes, const Segment& segment, const char* text, std::size_t length) {
-  return segment.end - segment.begin >= 4 + length &&
-         std::memcmp(bytes.data() + segment.begin + 4, text, length) == 0;
+  return segment.end - segment.begin >= 4 + length && std::memcmp(bytes.data() + segment.begin + 4, text, length) == 0;
 }
 
 bool is_exif(const Bytes& bytes, const Segment& segment) {

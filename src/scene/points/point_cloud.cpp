@@ -21,8 +21,8 @@ void write_rows(AtomicFile& file, const WorldPoints& points) {
   constexpr std::size_t kRowBytes = 3 * sizeof(Value) + 3;
   const std::int64_t n = points.size();
   const char* const type = sizeof(Value) == sizeof(float) ? "float" : "double";
-  file.write(ply_header(
-      n, {{"x", type}, {"y", type}, {"z", type}, {"red", "uchar"}, {"green", "uchar"}, {"blue", "uchar"}}));
+  file.write(
+      ply_header(n, {{"x", type}, {"y", type}, {"z", type}, {"red", "uchar"}, {"green", "uchar"}, {"blue", "uchar"}}));
   std::vector<char> block;
   for (std::int64_t begin = 0; begin < n; begin += kRowsPerBlock) {
     const std::int64_t end = std::min(n, begin + kRowsPerBlock);
