@@ -39,8 +39,8 @@ Json camera_to_json(std::size_t id, const View& view, const CoordinateFrame& fra
             {"cy", camera.cy}};
   if (!camera.is_pinhole()) {
     const ColmapCamera named = to_colmap_camera(camera);
-    json["camera_model"] = camera_model_name(named.model);
     json["params"] = named.params;
+    json["camera_model"] = camera_model_name(named.model);
   }
   return json;
 }
