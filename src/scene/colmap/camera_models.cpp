@@ -146,6 +146,7 @@ ColmapCamera to_colmap_camera(const Camera& camera) {
       CameraModel::kPinhole,        CameraModel::kFullOpenCv, CameraModel::kFov,
       CameraModel::kDivision,       CameraModel::kEucm,       CameraModel::kThinPrismFisheye,
       CameraModel::kEquirectangular};
+  static_assert(kModels.size() == static_cast<std::size_t>(LensKind::kEquirectangular) + 1, "one for each kind");
   ColmapCamera named;
   named.model = kModels[static_cast<std::size_t>(camera.lens.kind)];
   named.width = static_cast<std::uint64_t>(camera.width);

@@ -77,11 +77,14 @@ void check_image(const std::string& file, const ColmapImage& image, const Colmap
                 "rename the image in the model");
   }
   if (model.cameras.count(image.camera_id) == 0) {
-    constexpr std::size_t kMaxListed = 8;
     std::string known;
-    std::size_t n_listed = 0;
-    for (auto camera = model.cameras.begin(); camera != model.cameras.end() && n_listed <= kMaxListed; ++camera) {
-      known += (known.empty() ? "" : ", ") + (++n_listed > kMaxListed ? "..." : std::to_string(camera->first));
+    std::size_t listed = 0;
+    for (const auto& [id, camera] : model.cameras) {
+      if (++listed > 8) {
+        known += ", ...";
+        break;
+      }
+      known += (known.empty() ? "" : ", ") + std::to_string(id);
     }
     input_error(place, ": camera ", image.camera_id, " is not in the cameras file, which has ",
                 known.empty() ? "none" : known, "; the files belong to different models");
