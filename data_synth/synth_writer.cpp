@@ -14,7 +14,6 @@
 #include "core/random.h"
 #include "core/text.h"
 #include "model/formats/splat_formats.h"
-#include "scene/cameras/camera_lens.h"
 #include "scene/colmap/colmap.h"
 #include "scene/images/image.h"
 
@@ -50,13 +49,8 @@ void remove_unfinished(OwnFiles& own, const fs::path& folder) {
 ColmapModel colmap_model(const SynthConfig& config, const SynthScene& scene) {
   ColmapModel model;
   const Camera& shared = scene.cameras.front();  // all views share the intrinsics
-  ColmapCamera camera;
+  ColmapCamera camera = to_colmap_camera(shared);
   camera.id = 1;
-  camera.width = static_cast<std::uint64_t>(shared.width);
-  camera.height = static_cast<std::uint64_t>(shared.height);
-  const auto [name, params] = named_lens(shared);
-  camera.model = camera_model_from_name(name, "lens");
-  camera.params = params;
   model.cameras[camera.id] = camera;
 
   for (std::size_t i = 0; i < scene.cameras.size(); ++i) {

@@ -3,13 +3,9 @@
 #include <zlib.h>
 
 #include <algorithm>
-#include <array>
 #include <charconv>
 #include <fstream>
-#include <nlohmann/json.hpp>
 #include <random>
-#include <sstream>
-#include <string_view>
 #include <system_error>
 
 #include "config/option_layers.h"
@@ -28,32 +24,16 @@ namespace {
 namespace fs = std::filesystem;
 using Json = nlohmann::ordered_json;
 
-/// N for "iteration_N" + suffix; -1 for other names.
-int iteration_of(const std::string& name, const std::string& suffix) {
-  const std::string prefix = "iteration_";
-  if (name.size() <= prefix.size() + suffix.size() || name.compare(0, prefix.size(), prefix) != 0) return -1;
-  if (name.compare(name.size() - suffix.size(), suffix.size(), suffix) != 0) return -1;
-  int iteration = -1;
-  const char *begin = name.data() + prefix.size(), *end = name.data() + name.size() - suffix.size();
-  const auto result = std::from_chars(begin, end, iteration);
-  return result.ec == std::errc() && result.ptr == end ? iteration : -1;
-}
-
-/// Iterations that the files in a folder are named after, ascending; empty if the folder does not exist.
+/// Iterations that the files iteration_N in a folder are named after, ascending; empty if the folder does not exist.
 std::vector<int> list_iterations(const fs::path& folder, const std::string& suffix) {
   std::vector<int> iterations;
   std::error_code error;
   for (fs::directory_iterator it(folder, error), end; !error && it != end; it.increment(error)) {
-    if (const int iteration = iteration_of(it->path().filename().string(), suffix); iteration >= 0) {
-      iterations.push_back(iteration);
-    }
+    const auto [iteration, rest] = numbered_name(it->path().filename().string(), "iteration_");
+    if (iteration >= 0 && rest == suffix) iterations.push_back(iteration);
   }
   std::sort(iterations.begin(), iterations.end());
   return iterations;
-}
-
-void write_json(const fs::path& path, const Json& json, int indent) {
-  write_file(path, json.dump(indent, ' ', false, Json::error_handler_t::replace) + "\n");
 }
 
 /// A Python string literal.
@@ -69,17 +49,27 @@ std::string python_string(const std::string& text) {
 /// For scripts of the original and the SIBR viewer: a namespace as Python prints it.
 std::string cfg_args(const TrainConfig& config) {
   const auto boolean = [](bool value) { return value ? "True" : "False"; };
-  std::ostringstream text;
-  text << "Namespace(sh_degree=" << config.sh_degree << ", source_path=" << python_string(config.source_path)
-       << ", model_path=" << python_string(config.model_path) << ", images=" << python_string(config.images)
-       << ", depths=" << python_string(config.depths) << ", resolution=" << config.resolution
-       << ", white_background=" << boolean(config.white_background)
-       << ", train_test_exp=" << boolean(config.train_test_exp) << ", data_device='cpu', eval=" << boolean(config.eval)
-       << ")";
-  return text.str();
+  return detail::concat("Namespace(sh_degree=", config.sh_degree, ", source_path=", python_string(config.source_path),
+                        ", model_path=", python_string(config.model_path), ", images=", python_string(config.images),
+                        ", depths=", python_string(config.depths), ", resolution=", config.resolution,
+                        ", white_background=", boolean(config.white_background),
+                        ", train_test_exp=", boolean(config.train_test_exp),
+                        ", data_device='cpu', eval=", boolean(config.eval), ")");
 }
 
 }  // namespace
+
+std::pair<int, std::string> numbered_name(const std::string& name, std::string_view prefix) {
+  int number = -1;
+  if (name.compare(0, prefix.size(), prefix) != 0) return {-1, ""};
+  const char* const end = name.data() + name.size();
+  const auto result = std::from_chars(name.data() + prefix.size(), end, number);
+  return {number, std::string(result.ptr, end)};
+}
+
+void write_json_file(const fs::path& path, const Json& json, int indent) {
+  write_file(path, json.dump(indent, ' ', false, Json::error_handler_t::replace) + "\n");
+}
 
 fs::path ModelFolder::ply(int iteration) const {
   return root_ / "point_cloud" / ("iteration_" + std::to_string(iteration)) / "point_cloud.ply";
@@ -112,30 +102,25 @@ std::string ModelFolder::training_id() const {
 }
 
 void ModelFolder::write_training_id(const std::string& id) const {
-  write_json(root_ / "training.json", {{"training_id", id}}, 2);
+  write_json_file(root_ / "training.json", {{"training_id", id}});
 }
 
 void ModelFolder::write_inputs(const TrainConfig& config, const Scene& scene) const {
   write_point_ply(root_ / "input.ply", scene.points, scene.frame);
-  write_json(cameras(), cameras_to_json(scene.test, scene.train, scene.frame), -1);
-  write_json(photographs(), photograph_fingerprints(scene), -1);
+  write_json_file(cameras(), cameras_to_json(scene.test, scene.train, scene.frame), -1);
+  write_json_file(photographs(), photograph_fingerprints(scene), -1);
   write_file(root_ / "cfg_args", cfg_args(config));
-  write_json(root_ / "config.json", config_to_json(config), 2);
+  write_json_file(root_ / "config.json", config_to_json(config));
 }
 
 void ModelFolder::write_poses(const Scene& scene, const std::vector<View>& refined_train) const {
-  write_json(cameras(), cameras_to_json(scene.test, refined_train, scene.frame), -1);
-  write_json(poses(), poses_to_json(scene.train, refined_train, scene.frame), 1);
+  write_json_file(cameras(), cameras_to_json(scene.test, refined_train, scene.frame), -1);
+  write_json_file(poses(), poses_to_json(scene.train, refined_train, scene.frame), 1);
 }
 
-void ModelFolder::remove_poses() const {
-  remove_own_file(poses());
-  make_way(poses());
-}
-
-void ModelFolder::remove_exposures() const {
-  remove_own_file(exposures());
-  make_way(exposures());
+void ModelFolder::clear(const fs::path& file) const {
+  remove_own_file(file);
+  make_way(file);
 }
 
 bool ModelFolder::has_config() const {
@@ -185,9 +170,9 @@ std::string training_id_for(const ModelFolder& folder) {
   return own.empty() || !folder.holds_model() ? new_training_id() : own;
 }
 
-std::int64_t free_disk_bytes(const std::filesystem::path& folder) {
+std::int64_t free_disk_bytes(const fs::path& folder) {
   std::error_code error;
-  const std::filesystem::space_info space = std::filesystem::space(folder, error);
+  const fs::space_info space = fs::space(folder, error);
   return error ? -1 : static_cast<std::int64_t>(space.available);
 }
 
@@ -197,8 +182,7 @@ std::int64_t ply_bytes(std::int64_t n_gaussians, int sh_degree) {
   return kFloatBytes * n_gaussians * (parameters + kNormals);
 }
 
-std::string disk_warning(const std::filesystem::path& folder, std::int64_t free_bytes, const FirstFiles& files,
-                         int n_checkpoints) {
+std::string disk_warning(const fs::path& folder, std::int64_t free_bytes, const FirstFiles& files, int n_checkpoints) {
   const std::int64_t wanted = files.ply_bytes + (n_checkpoints + 1) * files.checkpoint_bytes;
   if (free_bytes < 0 || free_bytes >= wanted) return "";
   return detail::concat(
@@ -207,14 +191,12 @@ std::string disk_warning(const std::filesystem::path& folder, std::int64_t free_
       " Gaussians that training starts with, before densification; free some space, or ", "lower --max_gaussians");
 }
 
-using Json = nlohmann::ordered_json;
-
 namespace {
 
 constexpr std::size_t kPiece = std::size_t{64} << 10;
 
 /// Whether a change of a pixel changes the size of the file or its end: PNG ends with a checksum of its pixels.
-bool is_compressed(const std::filesystem::path& path) {
+bool is_compressed(const fs::path& path) {
   const std::string extension = lower_case(path.extension().string());
   constexpr std::array<std::string_view, 4> kCompressed{".jpg", ".jpeg", ".png", ".webp"};
   return std::find(kCompressed.begin(), kCompressed.end(), extension) != kCompressed.end();
@@ -225,7 +207,7 @@ bool is_compressed(const std::filesystem::path& path) {
 Json photograph_fingerprint(const std::string& path) {
   std::ifstream file(path, std::ios::binary);
   std::error_code error;
-  const std::uintmax_t bytes = std::filesystem::file_size(path, error);
+  const std::uintmax_t bytes = fs::file_size(path, error);
   if (path.empty() || !file || error) return nullptr;
   std::string piece(kPiece, '\0');
   const auto add_piece = [&](uLong crc) {
@@ -254,7 +236,7 @@ Json photograph_fingerprints(const Scene& scene) {
   return fingerprints;
 }
 
-std::vector<std::string> changed_views(const std::filesystem::path& file, const std::vector<View>& views) {
+std::vector<std::string> changed_views(const fs::path& file, const std::vector<View>& views) {
   std::ifstream text(file);
   const Json saved = Json::parse(text, nullptr, /*allow_exceptions=*/false);
   std::vector<std::string> names;

@@ -7,6 +7,8 @@
 #include <nlohmann/json.hpp>
 #include <optional>
 #include <string>
+#include <string_view>
+#include <utility>
 #include <vector>
 
 #include "config/train_config.h"
@@ -84,9 +86,8 @@ class ModelFolder {
 
   /// Writes cameras.json with the refined poses of the training views, and poses.json. @throws IoError
   void write_poses(const Scene& scene, const std::vector<View>& refined_train) const;
-  /// Removes poses.json, or exposure.json, of an earlier session; moves one of the user's aside.
-  void remove_poses() const;
-  void remove_exposures() const;
+  /// Removes a file of an earlier session; moves one of the user's aside.
+  void clear(const std::filesystem::path& file) const;
 
   /// Whether there is a config.json: a training was started here.
   bool has_config() const;
@@ -112,6 +113,12 @@ class ModelFolder {
  private:
   std::filesystem::path root_;
 };
+
+/// Number and rest of the name PREFIX + number + rest; -1 for other names.
+std::pair<int, std::string> numbered_name(const std::string& name, std::string_view prefix);
+
+/// Writes a JSON file atomically; `indent` -1: on one line. @throws IoError
+void write_json_file(const std::filesystem::path& path, const nlohmann::ordered_json& json, int indent = 2);
 
 // Every training has a random ID, stored in the folder's training.json and in each of its checkpoints, so that no
 // training continues in a folder that holds another's model.

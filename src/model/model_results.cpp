@@ -1,10 +1,7 @@
 // What a model folder holds of single iterations: results of evaluations, and moving all of it aside.
 #include <algorithm>
-#include <charconv>
 #include <fstream>
-#include <nlohmann/json.hpp>
 #include <system_error>
-#include <utility>
 
 #include "core/check.h"
 #include "core/files/atomic_file.h"
@@ -16,10 +13,6 @@ namespace {
 
 namespace fs = std::filesystem;
 using Json = nlohmann::ordered_json;
-
-void write_json(const fs::path& path, const Json& json) {
-  write_file(path, json.dump(2, ' ', false, Json::error_handler_t::replace) + "\n");
-}
 
 /// The contents of a results file. Damaged and missing ones are empty: views can be evaluated again.
 Json read_results(const fs::path& path) {
@@ -35,12 +28,8 @@ Json to_json(const EvaluationSource& source) {
 
 /// N for "ours_N" and "ours_N_VARIANT"; -1 for other names.
 int iteration_of(const std::string& name) {
-  const std::string prefix = "ours_";
-  int iteration = -1;
-  if (name.compare(0, prefix.size(), prefix) != 0) return -1;
-  const char *begin = name.data() + prefix.size(), *end = name.data() + name.size();
-  const auto result = std::from_chars(begin, end, iteration);
-  return result.ec == std::errc() && (result.ptr == end || *result.ptr == '_') ? iteration : -1;
+  const auto [iteration, rest] = numbered_name(name, "ours_");
+  return rest.empty() || rest.front() == '_' ? iteration : -1;
 }
 
 /// Checkpoints, PLYs and folders of renders of later iterations.
@@ -154,8 +143,8 @@ void ModelFolder::write_results(const std::string& key, const Evaluation& evalua
     means[key]["lpips_network"] = evaluation.lpips_network;
     per_view[key]["LPIPS"] = of_views([](const ImageQuality& quality) { return quality.lpips.value(); });
   }
-  write_json(results_path, means);
-  write_json(per_view_path, per_view);
+  write_json_file(results_path, means);
+  write_json_file(per_view_path, per_view);
 }
 
 fs::path set_aside_after(const ModelFolder& folder, int iteration) {
@@ -172,8 +161,8 @@ fs::path set_aside_after(const ModelFolder& folder, int iteration) {
   const fs::path aside = new_folder(folder, iteration);
   for (const auto& [path, parts] : results) {
     if (parts.second.empty()) continue;
-    write_json(aside / path.filename(), parts.second);
-    write_json(path, parts.first);
+    write_json_file(aside / path.filename(), parts.second);
+    write_json_file(path, parts.first);
   }
   if (!lines.empty()) write_file(aside / folder.log().filename(), lines);
   for (const char* report : {"report.html", "report"}) {

@@ -3,16 +3,13 @@
 #include <algorithm>
 #include <filesystem>
 #include <map>
-#include <optional>
 #include <set>
 #include <tuple>
 
 #include "core/check.h"
 #include "scene/cameras/camera_lens.h"
-#include "scene/cameras/coordinate_frame.h"
 #include "scene/cameras/undistort.h"
 #include "scene/colmap/colmap.h"
-#include "scene/images/image.h"
 #include "scene/images/image_folder.h"
 #include "scene/scene_model.h"
 #include "scene/view_image.h"
@@ -40,37 +37,25 @@ std::vector<const ColmapImage*> sorted_by_name(const ColmapModel& model) {
   return images;
 }
 
-/// Which photographs are undistorted, and which are used as they are (SceneOptions::lenses).
-class LensChoice {
- public:
-  explicit LensChoice(const std::string& lenses) : lenses_(lenses) {}
+/// Cameras of whole photographs without poses, by camera ID and size of the photograph.
+using PhotographCameras = std::map<std::tuple<std::uint32_t, int, int>, Camera>;
 
-  /// The camera of the whole photograph, without a pose.
-  Camera camera_of(const ViewSource& source) {
-    const bool is_panorama = source.lens.params().kind == LensKind::kEquirectangular;
-    if ((lenses_ == "undistort" && !is_panorama) || source.lens.is_pinhole()) {
-      return source.lens.pinhole(source.file_size);
-    }
-    const auto key = std::make_tuple(source.camera_id, source.file_size.width, source.file_size.height);
-    const auto [known, is_new] = cameras_.try_emplace(key);
-    if (is_new) {
-      known->second = native_camera(source.lens, source.file_size, source.camera_place);
-      if (lenses_ == "auto" && !is_panorama && undistorted_share(known->second) >= kEnoughUndistorted) {
-        known->second = source.lens.pinhole(source.file_size);
-      }
-    }
-    return known->second;
-  }
-
- private:
-  static constexpr double kEnoughUndistorted = 0.9;
-  const std::string lenses_;
-  std::map<std::tuple<std::uint32_t, int, int>, Camera> cameras_;
-};
+/// The camera of the photograph: a pinhole if it is undistorted, or with its lens (SceneOptions::lenses).
+Camera camera_of(const ViewSource& source, const std::string& lenses, PhotographCameras& cameras) {
+  constexpr double kEnoughUndistorted = 0.9;
+  const bool is_panorama = source.lens.params().kind == LensKind::kEquirectangular;
+  const Camera pinhole = source.lens.pinhole(source.file_size);
+  if ((lenses == "undistort" && !is_panorama) || source.lens.is_pinhole()) return pinhole;
+  const auto [known, is_new] = cameras.try_emplace({source.camera_id, source.file_size.width, source.file_size.height});
+  if (!is_new) return known->second;
+  const Camera native = native_camera(source.lens, source.file_size, source.camera_place);
+  const bool is_undistorted = lenses == "auto" && !is_panorama && undistorted_share(native) >= kEnoughUndistorted;
+  return known->second = is_undistorted ? pinhole : native;
+}
 
 // Reads the photograph's header. Photographs may be smaller or larger than COLMAP's camera.
 ViewSource view_source(const ColmapImage& image, const SceneModel& model, const fs::path& file, int divisor,
-                       int resolution, LensChoice& lenses) {
+                       const SceneOptions& options, PhotographCameras& cameras) {
   const ColmapCamera& camera = model.model.cameras.at(image.camera_id);
   ViewSource source;
   source.name = image.name;
@@ -79,25 +64,28 @@ ViewSource view_source(const ColmapImage& image, const SceneModel& model, const 
   source.camera_id = camera.id;
   source.camera_place = model.camera_places.at(camera.id);
   source.file_size = read_image_size(file);
-  source.size = training_size(divided_size(source.file_size, divisor), resolution);
+  source.size = training_size(divided_size(source.file_size, divisor), options.resolution);
   source.lens = lens_of(camera, source.camera_place)
                     .scaled(source.file_size.width / static_cast<double>(camera.width),
                             source.file_size.height / static_cast<double>(camera.height));
-  source.camera = lenses.camera_of(source).scaled_to(source.size.width, source.size.height);
+  source.camera = camera_of(source, options.lenses, cameras).scaled_to(source.size.width, source.size.height);
   source.camera.cam_from_world = {rotation_from_quaternion(image.quat), image.translation};
   return source;
 }
 
-// A mask that the scene names comes before one of the mask folder.
-void find_masks(const SceneModel& model, const MaskFolder& folder, std::vector<ViewSource>& sources) {
-  if (folder.is_refused()) return;
+// A mask that the scene names comes before one of the folder, unless a folder was asked for.
+void find_masks(const SceneModel& model, const SceneOptions& options, std::vector<ViewSource>& sources) {
+  if (options.masks == "none") return;
+  const bool is_asked_for = !options.masks.empty();
+  const fs::path folder = find_mask_folder(options.source_path, options.masks);
   for (ViewSource& source : sources) {
     const auto named = model.masks.find(source.name);
-    source.mask = named != model.masks.end() && !folder.is_asked_for() ? named->second : folder.find(source.name);
+    source.mask =
+        named != model.masks.end() && !is_asked_for ? named->second : find_mask(folder, source.name, options.images);
   }
   const bool is_any = std::any_of(sources.begin(), sources.end(), [](const ViewSource& s) { return !s.mask.empty(); });
-  if (folder.is_asked_for() && !is_any) {
-    input_error(folder.folder().string(), ": no mask for any of the ", sources.size(),
+  if (is_asked_for && !is_any) {
+    input_error(folder.string(), ": no mask for any of the ", sources.size(),
                 " photographs (expected a.png, a.jpg.png or a.mask.png for a.jpg, in the same sub-folders); choose ",
                 "another folder with --masks");
   }
@@ -132,21 +120,21 @@ double scene_extent(const std::vector<View>& views) {
 Scene load_scene(const SceneOptions& options, const ProgressFn& progress) {
   check_resolution(options.resolution);
   const fs::path source_path = options.source_path;
-  check_scene_folder(source_path);
+  if (!holds_scene(source_path)) find_model_folder(source_path);  // says what is missing
   const ImageFolder folder(source_path, options.images);
   SceneModel model = read_scene_model(options, folder);
 
   const std::map<std::string, fs::path> files = find_photographs(model, folder);
   std::vector<ViewSource> sources;
   std::vector<std::string> missing;
-  LensChoice lenses(options.lenses);
+  PhotographCameras cameras;
   for (const ColmapImage* image : sorted_by_name(model.model)) {
     const auto file = files.find(image->name);
     if (file == files.end()) {
       missing.push_back(image->name);
       continue;
     }
-    sources.push_back(view_source(*image, model, file->second, folder.divisor(), options.resolution, lenses));
+    sources.push_back(view_source(*image, model, file->second, folder.divisor(), options, cameras));
     if (progress) progress("reading image headers", sources.size(), files.size());
   }
   if (sources.empty()) {
@@ -155,7 +143,7 @@ Scene load_scene(const SceneOptions& options, const ProgressFn& progress) {
                                 : detail::concat("none of the ", missing.size(), " registered images found (first: ",
                                                  missing.front(), "); copy them there or choose their folder with -i"));
   }
-  find_masks(model, MaskFolder(source_path, options.masks, options.images), sources);
+  find_masks(model, options, sources);
   const std::shared_ptr<SceneImages> images = options.load_images ? prepare_images(sources, options) : nullptr;
 
   Scene scene;

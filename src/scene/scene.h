@@ -41,7 +41,7 @@ struct SceneOptions {
   bool eval = false;              // hold out the views that the scene names, or every 8th by sorted name
   bool white_background = false;  // what RGBA images are composited on
   bool tracks = false;            // read which view sees which points
-  std::string masks;              // MaskFolder; "": masks/ inside source_path, if there is one
+  std::string masks;              // find_mask_folder(); "": masks/ inside source_path, if there is one; "none"
   bool invert_masks = false;      // white is left out instead of black
   bool empty_background = false;  // see View::empty
   std::string lenses = "undistort";  // or "native": keep distorted lenses; "auto": where undistorting shows too little

@@ -4,9 +4,7 @@
 #include <optional>
 
 #include "core/check.h"
-#include "scene/colmap/colmap.h"
 #include "scene/images/image.h"
-#include "scene/points/point_cloud.h"
 #include "scene/transforms/transforms.h"
 
 namespace b3dgs {
@@ -84,9 +82,8 @@ void check_reach(const fs::path& file, const fs::path& source, const std::string
 std::map<std::string, fs::path> existing(const std::map<std::string, fs::path>& files, const fs::path& source,
                                          const ImageFolder& images) {
   std::map<std::string, fs::path> found;
-  std::error_code error;
   for (const auto& [name, file] : files) {
-    if (!images.find(name).empty() || !fs::is_regular_file(file, error)) continue;
+    if (!images.find(name).empty() || !is_file(file)) continue;
     check_reach(file, source, detail::concat(source.string(), ": file_path of the photograph ", name));
     found[name] = file;
   }
@@ -130,11 +127,8 @@ SceneModel read_transforms_scene(const SceneOptions& options, const TransformsFi
     const fs::path in_folder = images.find_all({name})[name];
     if (!in_folder.empty()) return read_image_size(in_folder);
     const auto named = transforms.files.find(name);
-    std::error_code error;
-    if (named == transforms.files.end() || !fs::is_regular_file(named->second, error) ||
-        !is_within_reach(named->second, options.source_path)) {
-      return std::nullopt;
-    }
+    const bool is_there = named != transforms.files.end() && is_file(named->second);
+    if (!is_there || !is_within_reach(named->second, options.source_path)) return std::nullopt;
     return read_image_size(named->second);
   };
   read_transforms(files.train, size_of, transforms);
@@ -166,10 +160,6 @@ SceneModel read_transforms_scene(const SceneOptions& options, const TransformsFi
 
 bool holds_scene(const fs::path& source) {
   return find_transforms(source).found() || has_model_folder(source);
-}
-
-void check_scene_folder(const fs::path& source) {
-  if (!holds_scene(source)) find_model_folder(source);  // says what is missing
 }
 
 SceneModel read_scene_model(const SceneOptions& options, const ImageFolder& images) {

@@ -39,9 +39,6 @@ struct SceneModel {
 /// Whether the folder holds a COLMAP model, complete or not, or transforms.json files. Reads nothing.
 bool holds_scene(const std::filesystem::path& source);
 
-/// @throws InputError if the folder is missing or holds no scene. Reads nothing
-void check_scene_folder(const std::filesystem::path& source);
-
 /// Reads the COLMAP model of the scene, or else its transforms.json files; those of held-out views only if
 /// SceneOptions::eval is set. @throws InputError if there is no scene or it cannot be used
 SceneModel read_scene_model(const SceneOptions& options, const ImageFolder& images);

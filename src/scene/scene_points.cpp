@@ -6,13 +6,11 @@
 #include <mutex>
 #include <optional>
 #include <utility>
-#include <vector>
 
 #include "core/parallel.h"
 #include "scene/cameras/camera_lens.h"
 #include "scene/cameras/coordinate_frame.h"
 #include "scene/images/image.h"
-#include "scene/points/point_cloud.h"
 #include "scene/view_image.h"
 
 namespace b3dgs {
@@ -44,12 +42,6 @@ Camera small_camera(const Camera& camera) {
   return camera.scaled_to(side(camera.width), side(camera.height));
 }
 
-/// What seed_views() knows of them.
-enum class Photographs {
-  kMasksOnly,  // neither colours nor alpha: nothing is decoded
-  kRead,
-};
-
 /// The search needs pinholes: the view itself, or the faces of one that keeps its lens.
 std::vector<SeedView> faces_of(SeedView& view) {
   std::vector<SeedView> faces;
@@ -70,21 +62,21 @@ std::vector<SeedView> faces_of(SeedView& view) {
   return faces;
 }
 
-/// Small copies of the photographs of the chosen views; cameras are in `frame`.
-std::vector<SeedView> seed_views(const Scene& scene, const CoordinateFrame& frame, Photographs photographs,
+/// Small copies of the photographs of the chosen views; cameras are in `frame`. Without `decodes` they have masks only,
+/// neither colours nor alpha.
+std::vector<SeedView> seed_views(const Scene& scene, const CoordinateFrame& frame, bool decodes,
                                  const ProgressFn& progress) {
   const std::vector<const View*> views = chosen_views(scene);
   const std::size_t n = views.size();
-  std::vector<SeedView> seeds(n);
   std::vector<std::vector<SeedView>> faces_of_views(n);
   std::mutex mutex;
   std::size_t n_done = 0;
   parallel_pool(static_cast<std::int64_t>(n), [&](std::int64_t i, int) {
-    const View& view = *views[static_cast<std::size_t>(i)];
-    SeedView& seed = seeds[static_cast<std::size_t>(i)];
+    const View& view = *views[i];
+    SeedView seed;
     seed.camera = small_camera(change_frame(scene.frame, frame, view.camera));
     std::optional<Image8> content;
-    if (photographs == Photographs::kRead) {
+    if (decodes) {
       seed.image = resize_image(*view.image->read(), seed.camera.width, seed.camera.height);
       content = view.image->read_alpha();
     }
@@ -97,7 +89,7 @@ std::vector<SeedView> seed_views(const Scene& scene, const CoordinateFrame& fram
     }
     if (content) seed.content = resize_image(*content, seed.camera.width, seed.camera.height);
     if (view.valid) seed.valid = shrink_mask(*view.valid, seed.camera.width, seed.camera.height);
-    faces_of_views[static_cast<std::size_t>(i)] = faces_of(seed);
+    faces_of_views[i] = faces_of(seed);
     const std::lock_guard<std::mutex> lock(mutex);
     if (progress) progress("looking for points in the photographs", ++n_done, n);
   });
@@ -108,48 +100,35 @@ std::vector<SeedView> seed_views(const Scene& scene, const CoordinateFrame& fram
   return faces;
 }
 
-/// Whether there is a point in the block of pixels, about a tenth of the longer side wide, that a pixel belongs to.
-class PointBlocks {
- public:
-  PointBlocks(const Camera& camera, const PointCloud& points)
-      : size_(std::max(1, std::max(camera.width, camera.height) / 10)),
-        n_columns_((camera.width + size_ - 1) / size_),
-        has_point_(static_cast<std::size_t>(n_columns_ * ((camera.height + size_ - 1) / size_))) {
-    constexpr std::int64_t kEnough = 200000;  // points, to know a few hundred blocks
-    const std::int64_t step = std::max<std::int64_t>(1, points.size() / kEnough);
-    for (std::int64_t i = 0; i < points.size(); i += step) {
-      const auto place = camera.project(&points.positions[static_cast<std::size_t>(3 * i)]);
-      if (place) has_point_[index(static_cast<int>(place->x), static_cast<int>(place->y))] = true;
-    }
+/// Blocks of `side` pixels: 255 where the camera sees a point.
+Image8 blocks_with_points(const Camera& camera, const PointCloud& points, int side) {
+  constexpr std::int64_t kEnough = 200000;  // points, to know a few hundred blocks
+  Image8 blocks((camera.width + side - 1) / side, (camera.height + side - 1) / side, 1);
+  const std::int64_t step = std::max<std::int64_t>(1, points.size() / kEnough);
+  for (std::int64_t i = 0; i < points.size(); i += step) {
+    const auto place = camera.project(&points.positions[3 * i]);
+    if (place) *blocks.at(static_cast<int>(place->x) / side, static_cast<int>(place->y) / side) = 255;
   }
-  bool has_point(int column, int row) const { return has_point_[index(column, row)]; }
-
- private:
-  std::size_t index(int column, int row) const {
-    const int block = row / size_ * n_columns_ + column / size_;
-    return static_cast<std::size_t>(block);
-  }
-  int size_, n_columns_;
-  std::vector<bool> has_point_;
-};
+  return blocks;
+}
 
 /// Of the pixels that show something and count, the share in blocks without points; `valid` keeps only those.
 double keep_parts_without_points(const PointCloud& points, std::vector<SeedView>& views) {
   std::vector<std::array<double, 2>> counts(views.size());  // without points, all
   parallel_pool(static_cast<std::int64_t>(views.size()), [&](std::int64_t i, int) {
-    SeedView& view = views[static_cast<std::size_t>(i)];
-    auto& [n_without, n_all] = counts[static_cast<std::size_t>(i)];
-    const PointBlocks blocks(view.camera, points);
+    SeedView& view = views[i];
+    auto& [n_without, n_all] = counts[i];
+    const int side = std::max(1, std::max(view.camera.width, view.camera.height) / 10);
+    const Image8 blocks = blocks_with_points(view.camera, points, side);
     Image8 without(view.camera.width, view.camera.height, 1);
-    std::size_t pixel = 0;
     for (int row = 0; row < view.camera.height; ++row) {
-      for (int column = 0; column < view.camera.width; ++column, ++pixel) {
-        const auto is_set = [&](const Image8& mask) { return mask.pixels.empty() || mask.pixels[pixel] != 0; };
+      for (int column = 0; column < view.camera.width; ++column) {
+        const auto is_set = [&](const Image8& mask) { return mask.pixels.empty() || *mask.at(column, row) != 0; };
         if (!is_set(view.valid) || !is_set(view.content)) continue;
         n_all += 1;
-        if (blocks.has_point(column, row)) continue;
+        if (*blocks.at(column / side, row / side) != 0) continue;
         n_without += 1;
-        without.pixels[pixel] = 255;
+        *without.at(column, row) = 255;
       }
     }
     view.valid = std::move(without);
@@ -157,11 +136,6 @@ double keep_parts_without_points(const PointCloud& points, std::vector<SeedView>
   double n_without = 0, n_all = 0;
   for (const auto& [own_without, own_all] : counts) n_without += own_without, n_all += own_all;
   return n_all > 0 ? n_without / n_all : 0;
-}
-
-void append(const PointCloud& more, PointCloud& points) {
-  points.positions.insert(points.positions.end(), more.positions.begin(), more.positions.end());
-  points.colors.insert(points.colors.end(), more.colors.begin(), more.colors.end());
 }
 
 }  // namespace
@@ -172,17 +146,19 @@ std::int64_t add_points_of_photographs(Scene& scene, const ProgressFn& progress)
     std::vector<Camera> cameras;
     for (const View& view : scene.train) cameras.push_back(change_frame(scene.frame, {}, view.camera));
     const CoordinateFrame own = choose_frame(cameras, {});  // also where a training to resume gave the scene's frame
-    scene.points = in_frame(scene.frame, in_world(own, seed_points(seed_views(scene, own, Photographs::kRead, progress),
+    scene.points = in_frame(scene.frame, in_world(own, seed_points(seed_views(scene, own, /*decodes=*/true, progress),
                                                                    static_cast<std::int64_t>(count_for(scene)))));
     return scene.points.size();
   }
-  std::vector<SeedView> views = seed_views(scene, scene.frame, Photographs::kMasksOnly, {});
+  std::vector<SeedView> views = seed_views(scene, scene.frame, /*decodes=*/false, {});
   if (keep_parts_without_points(scene.points, views) <= kLargePart) return 0;
-  views = seed_views(scene, scene.frame, Photographs::kRead, progress);
+  views = seed_views(scene, scene.frame, /*decodes=*/true, progress);
   const double share = keep_parts_without_points(scene.points, views);  // alpha also says where nothing is
   if (share <= kLargePart) return 0;
   const PointCloud found = seed_points(views, std::llround(share * count_for(scene)), SeedDepth::kClear);
-  append(found, scene.points);
+  PointCloud& points = scene.points;
+  points.positions.insert(points.positions.end(), found.positions.begin(), found.positions.end());
+  points.colors.insert(points.colors.end(), found.colors.begin(), found.colors.end());
   return found.size();
 }
 

@@ -2,10 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
 #include <limits>
-#include <map>
-#include <set>
 
 #include "core/check.h"
 #include "core/text.h"
@@ -25,12 +22,6 @@ std::string join(const std::vector<std::string>& items) {
   std::string text;
   for (std::size_t i = 0; i < std::min(items.size(), kMaxListed); ++i) text += (i ? ", " : "") + items[i];
   return items.size() > kMaxListed ? concat(text, ", ... (", items.size(), " in total)") : text;
-}
-
-std::string rounded(double value, const char* format) {
-  char text[64];
-  std::snprintf(text, sizeof(text), format, value);
-  return text;
 }
 
 using Lines = std::vector<std::string>;
@@ -65,28 +56,34 @@ void for_each_view(const Scene& scene, Visit&& visit) {
   for (const View& view : scene.test) visit(view);
 }
 
+template <class Is>
+std::size_t count_sources(const SceneOrigin& origin, const Is& is) {
+  return static_cast<std::size_t>(std::count_if(origin.sources.begin(), origin.sources.end(), is));
+}
+
+bool has_mask(const ViewSource& source) {
+  return !source.mask.empty();
+}
+
+// Photographs that are used in their lens; "" if there are none.
+std::string describe_kept_lenses(const SceneOrigin& origin) {
+  const auto is_kept = [](const ViewSource& source) { return !source.camera.is_pinhole(); };
+  const std::size_t n = count_sources(origin, is_kept);
+  if (n == 0) return "";
+  const ViewSource& first = *std::find_if(origin.sources.begin(), origin.sources.end(), is_kept);
+  const std::string text = concat(n, n == 1 ? " image is" : " images are", " used as photographed, in the lens");
+  if (first.camera.lens.kind == LensKind::kEquirectangular) return text;
+  return concat(text, " (--lenses ", origin.options.lenses, "); undistorted, ", first.name, " would show ",
+                print_to_string("%.0f", 100 * undistorted_share(first.camera)), "% of its pixels");
+}
+
 std::string describe_distortion(const Scene& scene, const SceneOrigin& origin) {
-  const auto n_kept = std::count_if(origin.sources.begin(), origin.sources.end(),
-                                    [](const ViewSource& source) { return !source.camera.is_pinhole(); });
-  const auto n_distorted = std::count_if(origin.sources.begin(), origin.sources.end(), [](const ViewSource& source) {
-    return source.camera.is_pinhole() && !source.lens.is_pinhole();
-  });
-  std::string kept;
-  if (n_kept > 0) {
-    const auto first = std::find_if(origin.sources.begin(), origin.sources.end(),
-                                    [](const ViewSource& source) { return !source.camera.is_pinhole(); });
-    kept = concat(n_kept, n_kept == 1 ? " image is" : " images are", " used as photographed, in the lens");
-    if (first->camera.lens.kind != LensKind::kEquirectangular) {
-      kept += concat(" (--lenses ", origin.options.lenses, "); undistorted, ", first->name, " would show ",
-                     rounded(100 * undistorted_share(first->camera), "%.0f"), "% of its pixels");
-    }
-    if (n_distorted == 0) return kept;
-    kept += "; ";
-  }
-  if (n_distorted == 0) return "none";
+  std::string kept = describe_kept_lenses(origin);
+  const std::size_t n_distorted = count_sources(
+      origin, [](const ViewSource& source) { return source.camera.is_pinhole() && !source.lens.is_pinhole(); });
+  if (n_distorted == 0) return kept.empty() ? "none" : kept;
+  if (!kept.empty()) kept += "; ";
   if (!origin.options.load_images) return concat(kept, "in ", n_distorted, " images");
-  const auto n_masked = std::count_if(origin.sources.begin(), origin.sources.end(),
-                                      [](const ViewSource& source) { return !source.mask.empty(); });
   double share = 0;
   for_each_view(scene, [&](const View& view) {
     if (!view.valid) {
@@ -97,8 +94,8 @@ std::string describe_distortion(const Scene& scene, const SceneOrigin& origin) {
     share += static_cast<double>(std::count(mask.begin(), mask.end(), 255)) / static_cast<double>(mask.size());
   });
   const double percent = 100 * share / static_cast<double>(origin.sources.size());
-  return concat(kept, "removed from ", n_distorted, " images, ", rounded(percent, "%.2f"), "% of the pixels are valid",
-                n_masked > 0 ? " and not masked" : "");
+  return concat(kept, "removed from ", n_distorted, " images, ", print_to_string("%.2f", percent),
+                "% of the pixels are valid", count_sources(origin, has_mask) > 0 ? " and not masked" : "");
 }
 
 std::string describe_sizes(const SceneOrigin& origin) {
@@ -112,8 +109,7 @@ std::string describe_sizes(const SceneOrigin& origin) {
 }
 
 std::string describe_masks(const SceneOrigin& origin) {
-  const auto n = std::count_if(origin.sources.begin(), origin.sources.end(),
-                               [](const ViewSource& source) { return !source.mask.empty(); });
+  const std::size_t n = count_sources(origin, has_mask);
   if (n == 0) return "none";
   return concat(n, " of ", origin.sources.size(), " photographs",
                 origin.options.invert_masks ? ", white is left out" : ", black is left out");
@@ -177,7 +173,7 @@ std::vector<std::string> summarize(const Scene& scene, const SceneOrigin& origin
   const std::string& points = origin.model.points_description;
   add(lines, "points",
       points.empty() ? std::to_string(scene.points.size()) : concat(scene.points.size(), ": ", points));
-  add(lines, "extent", rounded(scene.extent * scene.frame.unit, "%.4g"));
+  add(lines, "extent", print_to_string("%.4g", scene.extent * scene.frame.unit));
   const auto count_views = [](std::size_t n) { return concat(n, n == 1 ? " view" : " views"); };
   add(lines, "training", count_views(scene.train.size()));
   const std::string rule = origin.model.has_split ? "the views of " + origin.model.split_description

@@ -11,7 +11,6 @@
 #include "core/host_memory.h"
 #include "core/parallel.h"
 #include "scene/cameras/camera_lens.h"
-#include "scene/images/image.h"
 #include "scene/images/image_folder.h"
 
 namespace b3dgs {
@@ -32,34 +31,32 @@ std::pair<std::shared_ptr<const Image8>, std::string> shown_by(const ViewSource&
                          "% of the pixels are beyond and left out")};
 }
 
-// Photographs with the same distorted camera and file size share a group and a mask.
+// Photographs with the same lens and file size share a group and a mask.
 void assign_lens_groups(std::vector<ViewSource>& sources, UndistorterCache& cache) {
-  using Key = std::tuple<std::uint32_t, int, int>;  // camera, width and height of the file
   struct Group {
-    int number;
+    int number = -1;
     std::shared_ptr<const Image8> valid;
+    std::string warning;
   };
-  std::map<Key, Group> groups;
-  std::map<Key, std::pair<std::shared_ptr<const Image8>, std::string>> native;
+  std::map<std::tuple<std::uint32_t, int, int>, Group> groups;  // by camera, width and height of the file
   for (ViewSource& source : sources) {
-    if (!source.camera.is_pinhole()) {
-      const Key key{source.camera_id, source.size.width, source.size.height};
-      const auto [known, is_new] = native.try_emplace(key);
-      if (is_new) known->second = shown_by(source);
-      std::tie(source.valid, source.warning) = known->second;
-      continue;
+    const bool keeps_lens = !source.camera.is_pinhole();
+    if (!keeps_lens && source.lens.is_pinhole()) continue;
+    const auto [known, is_new] =
+        groups.try_emplace({source.camera_id, source.file_size.width, source.file_size.height});
+    Group& group = known->second;
+    if (is_new && keeps_lens) {
+      std::tie(group.valid, group.warning) = shown_by(source);
+    } else if (is_new) {
+      group.number = cache.add_group(source.lens, source.file_size, source.camera_place);
+      group.valid = cache.get(group.number)->valid();
+      if (group.valid) {
+        group.valid = std::make_shared<Image8>(shrink_mask(*group.valid, source.size.width, source.size.height));
+      }
     }
-    if (source.lens.is_pinhole()) continue;
-    const Key key{source.camera_id, source.file_size.width, source.file_size.height};
-    auto found = groups.find(key);
-    if (found == groups.end()) {
-      const int number = cache.add_group(source.lens, source.file_size, source.camera_place);
-      std::shared_ptr<const Image8> valid = cache.get(number)->valid();
-      if (valid) valid = std::make_shared<Image8>(shrink_mask(*valid, source.size.width, source.size.height));
-      found = groups.emplace(key, Group{number, std::move(valid)}).first;
-    }
-    source.lens_group = found->second.number;
-    source.valid = found->second.valid;
+    source.lens_group = group.number;
+    source.valid = group.valid;
+    source.warning = group.warning;
   }
 }
 

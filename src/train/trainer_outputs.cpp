@@ -32,9 +32,9 @@ void Trainer::claim_folder() {
   folder.write_training_id(state.training_id);
   folder.write_inputs(training_->config, training_->scene);
   write_poses();
-  if (!state.poses.is_defined()) folder.remove_poses();
+  if (!state.poses.is_defined()) folder.clear(folder.poses());
   // Those of an earlier session; each PLY keeps its own beside it.
-  if (!state.appearance.exposures.defined()) folder.remove_exposures();
+  if (!state.appearance.exposures.defined()) folder.clear(folder.exposures());
 }
 
 void Trainer::warn_of_disk_space() {

@@ -126,13 +126,7 @@ TEST(CameraLens, OfAPanoramaLeavesOutThePoles) {
 
 TEST(CameraLens, NamesModelsThatReadersKnow) {
   for (const auto& [name, camera] : native_cameras()) {
-    const auto [model, params] = named_lens(camera);
-    ColmapCamera colmap;
-    colmap.model = camera_model_from_name(model, "");
-    colmap.width = static_cast<std::uint64_t>(camera.width);
-    colmap.height = static_cast<std::uint64_t>(camera.height);
-    colmap.params = params;
-    const Camera same = native_camera(lens_of(colmap, ""), {camera.width, camera.height}, "");
+    const Camera same = native_camera(lens_of(to_colmap_camera(camera), ""), {camera.width, camera.height}, "");
     EXPECT_EQ(same.lens.kind, camera.lens.kind) << name;
     EXPECT_TRUE(std::equal(same.lens.k, same.lens.k + kLensCoefficients, camera.lens.k)) << name;
     EXPECT_EQ(same.lens.max_angle, camera.lens.max_angle) << name;

@@ -6,11 +6,7 @@
 #include <fstream>
 #include <iterator>
 #include <map>
-#include <nlohmann/json.hpp>
 #include <optional>
-#include <string>
-#include <tuple>
-#include <vector>
 
 #include "core/check.h"
 #include "core/json_text.h"
@@ -18,7 +14,7 @@
 #include "scene/cameras/camera_lens.h"
 #include "scene/cameras/coordinate_frame.h"
 #include "scene/colmap/colmap.h"
-#include "scene/images/image.h"
+#include "scene/images/image_folder.h"
 #include "scene/transforms/transforms.h"
 
 namespace b3dgs {
@@ -41,7 +37,11 @@ Json camera_to_json(std::size_t id, const View& view, const CoordinateFrame& fra
             {"fx", camera.fx},
             {"cx", camera.cx},
             {"cy", camera.cy}};
-  if (!camera.is_pinhole()) std::tie(json["camera_model"], json["params"]) = named_lens(camera);
+  if (!camera.is_pinhole()) {
+    const ColmapCamera named = to_colmap_camera(camera);
+    json["params"] = named.params;
+    json["camera_model"] = camera_model_name(named.model);
+  }
   return json;
 }
 
@@ -224,7 +224,6 @@ void apply_refined_poses(const std::filesystem::path& path, std::vector<View>& v
 namespace {
 
 namespace fs = std::filesystem;
-using Json = nlohmann::ordered_json;
 
 constexpr double kMaxFps = 1000;
 constexpr const char* kExpected = "expected a cameras.json, a nerfstudio camera path or a transforms.json";
@@ -249,27 +248,26 @@ int side(const Json& json, const char* what, const std::string& place) {
 }
 
 /// 16 numbers, or 3 or 4 rows of 4. @throws InputError
-OpenGlMatrix matrix_from_json(const Json& json, const char* what, const std::string& place) {
-  OpenGlMatrix matrix{0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 1};
-  std::size_t count = 0;
+OpenGlMatrix camera_to_world(const Json& json, const std::string& place) {
+  std::vector<double> numbers;
+  bool is_matrix = json.is_array();
   const auto take = [&](const Json& value) {
-    if (count < 16 && value.is_number()) matrix[count] = value.get<double>();
-    count = value.is_number() ? count + 1 : 99;
+    is_matrix = is_matrix && value.is_number();
+    if (is_matrix) numbers.push_back(value.get<double>());
   };
-  if (json.is_array()) {
-    for (const Json& row : json) {
-      if (!row.is_array()) {
-        take(row);
-      } else if (row.size() == 4) {
-        for (const Json& value : row) take(value);
-      } else {
-        count = 99;
-      }
+  for (const Json& row : json) {
+    if (!row.is_array()) {
+      take(row);
+      continue;
     }
+    is_matrix = is_matrix && row.size() == 4;
+    for (const Json& value : row) take(value);
   }
-  if (count != 12 && count != 16) {
-    input_error(place, ": expected ", what, " of 4 x 4 numbers, found ", json_excerpt(json));
+  if (!is_matrix || (numbers.size() != 12 && numbers.size() != 16)) {
+    input_error(place, ": expected camera_to_world of 4 x 4 numbers, found ", json_excerpt(json));
   }
+  OpenGlMatrix matrix{0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 1};
+  std::copy(numbers.begin(), numbers.end(), matrix.begin());
   return matrix;
 }
 
@@ -277,25 +275,13 @@ void check_camera(const Camera& camera, const std::string& place) {
   if (const std::string fault = camera_fault(camera); !fault.empty()) input_error(place, ": ", fault);
 }
 
-/// The list of frames under `key`. @throws InputError
-const Json& frames_of(const Json& json, const char* key, const std::string& file) {
-  const Json& frames = json.at(key);
-  if (!frames.is_array() || frames.empty()) {
-    input_error(file, ": expected at least one frame in \"", key, "\", found ", json_excerpt(frames));
-  }
-  return frames;
-}
-
-// ------------------------------------------------------------------------------------------------ camera path
-
 Camera camera_of_path(const Json& frame, ImageSize size, const std::string& place) {
   if (!frame.is_object() || !frame.contains("camera_to_world") || !frame.contains("fov")) {
     input_error(place, ": expected camera_to_world[16] and fov, found ", json_excerpt(frame));
   }
   const double fov = positive_number(frame["fov"], "fov in degrees", place, 179.9);
-  const Camera camera = Camera::with_field_of_view(
-      size.width, size.height, fov,
-      pose_from_opengl(matrix_from_json(frame["camera_to_world"], "camera_to_world", place), place));
+  const Pose pose = pose_from_opengl(camera_to_world(frame["camera_to_world"], place), place);
+  const Camera camera = Camera::with_field_of_view(size.width, size.height, fov, pose);
   check_camera(camera, place);
   return camera;
 }
@@ -312,8 +298,12 @@ CameraFile read_camera_path(const Json& json, const std::string& file, ImageSize
   if (size.width <= 0 || size.height <= 0) {
     input_error(file, ": has no render_width and render_height; name a size with --width and --height");
   }
+  const Json& frames = json.at("camera_path");
+  if (!frames.is_array() || frames.empty()) {
+    input_error(file, ": expected at least one frame in \"camera_path\", found ", json_excerpt(frames));
+  }
   CameraFile result;
-  for (const Json& frame : frames_of(json, "camera_path", file)) {
+  for (const Json& frame : frames) {
     const std::string place = file + ": frame " + std::to_string(result.cameras.size());
     result.cameras.push_back({"", camera_of_path(frame, size, place)});
   }
@@ -326,16 +316,13 @@ CameraFile read_camera_path(const Json& json, const std::string& file, ImageSize
   return result;
 }
 
-// -------------------------------------------------------------------------------------------- transforms.json
-
 /// Of frames without w and h: the size asked for, or that of the photograph.
 CameraFile read_transforms_cameras(const std::string& text, const fs::path& path, ImageSize size) {
   TransformsModel frames;
   const auto size_of = [&](const std::string& name) -> std::optional<ImageSize> {
     if (size.width > 0 && size.height > 0) return size;
     const fs::path& photograph = frames.files.at(name);
-    std::error_code error;
-    if (fs::is_regular_file(photograph, error)) return read_image_size(photograph);
+    if (is_file(photograph)) return read_image_size(photograph);
     input_error(path.string(), ": frame ", frames.model.images.size(), " (", name,
                 "): has no size (w, h), and no photograph; name a size with --width and --height");
   };

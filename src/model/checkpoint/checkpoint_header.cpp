@@ -124,8 +124,6 @@ template void check_not_negative(const std::int32_t*, std::int64_t, const std::s
 
 namespace {
 
-using Json = nlohmann::ordered_json;
-
 constexpr const char* kRemedy = "; resume from another checkpoint (--resume auto chooses the newest valid one)";
 constexpr std::size_t kMaxDimensions = 8;
 

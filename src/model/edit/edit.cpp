@@ -127,12 +127,6 @@ std::size_t sh_rest_floats(int degree) {
   return 3 * static_cast<std::size_t>(sh_coefficient_count(degree) - 1);
 }
 
-/// Moves row `from` of an array with `width` values a row to row `to`, which is not below it.
-void move_row(std::vector<float>& values, std::size_t width, std::size_t from, std::size_t to) {
-  std::copy_n(values.begin() + static_cast<std::ptrdiff_t>(from * width), width,
-              values.begin() + static_cast<std::ptrdiff_t>(to * width));
-}
-
 template <class Visit>
 void visit_arrays(SplatCloud& cloud, Visit&& visit) {
   visit(cloud.means, std::size_t{3});
@@ -189,7 +183,9 @@ std::int64_t keep_if(const std::function<bool(std::size_t row)>& keeps, SplatClo
     if (keeps(row)) rows.push_back(row);
   }
   visit_arrays(cloud, [&](std::vector<float>& values, std::size_t width) {
-    for (std::size_t to = 0; to < rows.size(); ++to) move_row(values, width, rows[to], to);
+    for (std::size_t to = 0; to < rows.size(); ++to) {
+      std::copy_n(values.data() + rows[to] * width, width, values.data() + to * width);
+    }
     values.resize(rows.size() * width);
   });
   return static_cast<std::int64_t>(n - rows.size());
@@ -224,11 +220,11 @@ std::vector<double> opacity_times_area(const SplatCloud& cloud) {
 void limit_sh_degree(int degree, SplatCloud& cloud) {
   if (degree >= cloud.sh_degree) return;
   const std::size_t from = sh_rest_floats(cloud.sh_degree), to = sh_rest_floats(degree);
-  for (std::size_t row = 0; row < static_cast<std::size_t>(cloud.size()); ++row) {
-    std::copy_n(cloud.shN.begin() + static_cast<std::ptrdiff_t>(row * from), to,
-                cloud.shN.begin() + static_cast<std::ptrdiff_t>(row * to));
+  const auto n = static_cast<std::size_t>(cloud.size());
+  for (std::size_t row = 0; row < n; ++row) {
+    std::copy_n(cloud.shN.data() + row * from, to, cloud.shN.data() + row * to);
   }
-  cloud.shN.resize(static_cast<std::size_t>(cloud.size()) * to);
+  cloud.shN.resize(n * to);
   cloud.sh_degree = degree;
 }
 

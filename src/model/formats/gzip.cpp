@@ -3,21 +3,22 @@
 #include <zlib.h>
 
 #include <algorithm>
-#include <cstring>
+#include <array>
 #include <new>
+#include <vector>
 
 #include "core/check.h"
 
 namespace b3dgs {
 namespace {
 
-constexpr std::size_t kBlockBytes = 1 << 16;
 constexpr int kGzipWindow = 15 + 16;  // zlib's way to ask for a gzip header and checksum
 
 }  // namespace
 
 GzipReader::GzipReader(FileReader& file)
-    : file_(file), stream_(std::make_unique<z_stream_s>()), compressed_(kBlockBytes) {
+    : name_(file.name()), compressed_(file.remaining(), '\0'), stream_(std::make_unique<z_stream_s>()) {
+  file.read_bytes(compressed_.data(), compressed_.size());
   B3DGS_CHECK(inflateInit2(stream_.get(), kGzipWindow) == Z_OK, "zlib cannot start");
 }
 
@@ -25,75 +26,54 @@ GzipReader::~GzipReader() {
   inflateEnd(stream_.get());
 }
 
-bool GzipReader::fill() {
-  const auto n = static_cast<std::size_t>(std::min<std::uint64_t>(kBlockBytes, file_.remaining()));
-  file_.read_bytes(compressed_.data(), n);
-  stream_->next_in = compressed_.data();
-  stream_->avail_in = static_cast<uInt>(n);
-  return n > 0;
-}
-
-bool GzipReader::starts_with(std::string_view start) {
-  if (stream_->avail_in == 0) fill();
-  return stream_->avail_in >= start.size() && std::memcmp(stream_->next_in, start.data(), start.size()) == 0;
-}
-
 std::size_t GzipReader::read_some(void* to, std::size_t bytes) {
-  const std::size_t wanted = std::min(bytes, kBlockBytes);
-  stream_->next_out = static_cast<unsigned char*>(to);
-  stream_->avail_out = static_cast<uInt>(wanted);
-  while (!has_ended_ && stream_->avail_out == wanted) {
-    if (stream_->avail_in == 0 && !fill()) {
-      input_error(file_.name(), ": the compressed data end early; the file is truncated: copy or export it again");
+  constexpr std::size_t kMostAtOnce = 1 << 30;  // zlib's counters have 32 bits
+  std::size_t n = 0;
+  while (n < bytes && !has_ended_) {
+    if (stream_->avail_in == 0) {
+      const std::size_t more = std::min(kMostAtOnce, compressed_.size() - n_taken_);
+      if (more == 0) {
+        input_error(name_, ": the compressed data end early; the file is truncated: copy or export it again");
+      }
+      stream_->next_in = reinterpret_cast<unsigned char*>(compressed_.data() + n_taken_);
+      stream_->avail_in = static_cast<uInt>(more);
+      n_taken_ += more;
     }
+    const std::size_t wanted = std::min(kMostAtOnce, bytes - n);
+    stream_->next_out = static_cast<unsigned char*>(to) + n;
+    stream_->avail_out = static_cast<uInt>(wanted);
     const int result = inflate(stream_.get(), Z_NO_FLUSH);
+    n += wanted - stream_->avail_out;
     has_ended_ = result == Z_STREAM_END;
     if (result == Z_MEM_ERROR) throw std::bad_alloc();
     if (!has_ended_ && result != Z_OK && result != Z_BUF_ERROR) {
-      input_error(file_.name(), ": the compressed data are damaged (",
+      input_error(name_, ": the compressed data are damaged (",
                   stream_->msg != nullptr ? stream_->msg : "unknown reason", "); copy or export the file again");
     }
   }
-  return wanted - stream_->avail_out;
+  return n;
 }
 
 void GzipReader::read_bytes(void* to, std::size_t bytes) {
-  auto* next = static_cast<unsigned char*>(to);
-  while (bytes > 0) {
-    const std::size_t n = read_some(next, bytes);
-    if (n == 0) {
-      input_error(file_.name(), ": the compressed content ends ", bytes,
-                  " or more bytes early; the file is damaged: export it again");
-    }
-    next += n;
-    bytes -= n;
-  }
+  const std::size_t n = read_some(to, bytes);
+  if (n == bytes) return;
+  input_error(name_, ": the compressed content ends ", bytes - n,
+              " or more bytes early; the file is damaged: export it again");
 }
 
-void GzipReader::skip_at_most(std::size_t bytes) {
-  std::vector<unsigned char> unused(kBlockBytes);
-  while (bytes > 0) {
-    const std::size_t n = read_some(unused.data(), bytes);
-    if (n == 0) return;
-    bytes -= n;
-  }
-}
-
-void GzipReader::expect_end() {
-  unsigned char extra = 0;
-  if (read_some(&extra, 1) > 0) {
-    input_error(file_.name(),
+void GzipReader::expect_end(std::size_t most_unread) {
+  std::vector<unsigned char> unread(most_unread + 1);
+  if (read_some(unread.data(), unread.size()) > most_unread) {
+    input_error(name_,
                 ": expected the end of the compressed content, found more; the file is damaged or of a "
                 "later version");
   }
-  if (stream_->avail_in > 0) {
-    input_error(file_.name(), ": expected the end of the file after the compressed data, found more bytes");
+  if (stream_->avail_in > 0 || n_taken_ < compressed_.size()) {
+    input_error(name_, ": expected the end of the file after the compressed data, found more bytes");
   }
-  file_.expect_end();
 }
 
-GzipWriter::GzipWriter(AtomicFile& file)
-    : file_(file), stream_(std::make_unique<z_stream_s>()), compressed_(kBlockBytes) {
+GzipWriter::GzipWriter(AtomicFile& file) : file_(file), stream_(std::make_unique<z_stream_s>()) {
   constexpr int kMemoryLevel = 8;  // zlib's default
   B3DGS_CHECK(deflateInit2(stream_.get(), Z_DEFAULT_COMPRESSION, Z_DEFLATED, kGzipWindow, kMemoryLevel,
                            Z_DEFAULT_STRATEGY) == Z_OK,
@@ -104,31 +84,18 @@ GzipWriter::~GzipWriter() {
   deflateEnd(stream_.get());
 }
 
-void GzipWriter::deflate_all(const void* data, std::size_t bytes, int flush) {
+void GzipWriter::write(const void* data, std::size_t bytes, bool is_last) {
+  std::array<unsigned char, 1 << 16> compressed;
   stream_->next_in = const_cast<unsigned char*>(static_cast<const unsigned char*>(data));  // zlib does not write to it
   stream_->avail_in = static_cast<uInt>(bytes);
   int result = Z_OK;
   do {
-    stream_->next_out = compressed_.data();
-    stream_->avail_out = static_cast<uInt>(kBlockBytes);
-    result = deflate(stream_.get(), flush);
+    stream_->next_out = compressed.data();
+    stream_->avail_out = static_cast<uInt>(compressed.size());
+    result = deflate(stream_.get(), is_last ? Z_FINISH : Z_NO_FLUSH);
     B3DGS_CHECK(result != Z_STREAM_ERROR, "zlib: inconsistent state");
-    file_.write(compressed_.data(), kBlockBytes - stream_->avail_out);
-  } while (stream_->avail_out == 0 || (flush == Z_FINISH && result != Z_STREAM_END));
-}
-
-void GzipWriter::write(const void* data, std::size_t bytes) {
-  const auto* next = static_cast<const unsigned char*>(data);
-  while (bytes > 0) {
-    const std::size_t n = std::min<std::size_t>(bytes, 1 << 30);  // avail_in has 32 bits
-    deflate_all(next, n, Z_NO_FLUSH);
-    next += n;
-    bytes -= n;
-  }
-}
-
-void GzipWriter::finish() {
-  deflate_all(nullptr, 0, Z_FINISH);
+    file_.write(compressed.data(), compressed.size() - stream_->avail_out);
+  } while (stream_->avail_out == 0 || (is_last && result != Z_STREAM_END));
 }
 
 }  // namespace b3dgs

@@ -1,10 +1,10 @@
-// A gzip stream inside a file: decompressed and compressed piece by piece, so that memory does not depend on its size.
+// A gzip stream that is a whole file. Its content is decompressed and compressed piece by piece, so that memory does
+// not depend on what the content claims to be.
 #pragma once
 
 #include <cstddef>
 #include <memory>
-#include <string_view>
-#include <vector>
+#include <string>
 
 #include "core/files/atomic_file.h"
 #include "core/files/file_reader.h"
@@ -15,33 +15,28 @@ namespace b3dgs {
 
 class GzipReader {
  public:
-  /// Decompresses the rest of `file`, which has to outlive the reader.
+  /// Reads the compressed bytes of the rest of `file`.
   explicit GzipReader(FileReader& file);
   ~GzipReader();
   GzipReader(const GzipReader&) = delete;
   GzipReader& operator=(const GzipReader&) = delete;
 
-  /// Whether the stream's compressed bytes begin with `start`, of at most 16 bytes.
-  bool starts_with(std::string_view start);
+  const std::string& compressed() const { return compressed_; }
 
   /// The next `bytes` of the content. @throws InputError if the stream is damaged or ends before
   void read_bytes(void* to, std::size_t bytes);
 
-  /// Reads past up to `bytes` of content that nobody wants.
-  void skip_at_most(std::size_t bytes);
-
-  /// @throws InputError if content or bytes of the file follow, or the checksum is wrong
-  void expect_end();
+  /// Reads the rest. @throws InputError if that is more than `most_unread` bytes of content, other bytes follow, or the
+  /// checksum is wrong
+  void expect_end(std::size_t most_unread = 0);
 
  private:
-  /// 1 to `bytes` bytes, or 0 at the end of the stream.
+  /// Returns how many bytes there were, less than `bytes` only at the end of the stream.
   std::size_t read_some(void* to, std::size_t bytes);
-  /// Loads the next compressed bytes; false at the end of the file.
-  bool fill();
 
-  FileReader& file_;
+  std::string name_, compressed_;
+  std::size_t n_taken_ = 0;  // bytes of compressed_ that zlib has been given
   std::unique_ptr<z_stream_s> stream_;
-  std::vector<unsigned char> compressed_;
   bool has_ended_ = false;
 };
 
@@ -53,18 +48,12 @@ class GzipWriter {
   GzipWriter(const GzipWriter&) = delete;
   GzipWriter& operator=(const GzipWriter&) = delete;
 
-  /// @throws IoError
-  void write(const void* data, std::size_t bytes);
-
-  /// Ends the stream; call after the last write(). @throws IoError
-  void finish();
+  /// At most 4 GiB. `is_last`: ends the stream. @throws IoError
+  void write(const void* data, std::size_t bytes, bool is_last = false);
 
  private:
-  void deflate_all(const void* data, std::size_t bytes, int flush);
-
   AtomicFile& file_;
   std::unique_ptr<z_stream_s> stream_;
-  std::vector<unsigned char> compressed_;
 };
 
 }  // namespace b3dgs

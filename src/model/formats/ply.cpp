@@ -1,5 +1,4 @@
-// The properties of Gaussians in PLY files. Files hold the SH coefficients of f_rest channel by channel,
-// the transpose of SplatCloud::shN; only this file deals with that.
+// The properties of Gaussians in PLY files.
 #include "model/formats/splat_formats.h"
 
 #include <algorithm>
@@ -9,9 +8,7 @@
 #include <string>
 
 #include "core/check.h"
-#include "core/files/atomic_file.h"
 #include "core/files/ply_reader.h"
-#include "scene/cameras/coordinate_frame.h"
 
 namespace b3dgs {
 namespace {
@@ -29,43 +26,35 @@ constexpr const char* kOpacity = "opacity";
 // Opacities of 8 bits are often exactly 0 or 1, whose logits are infinite. At this one, opacity is 1 - 3e-7.
 constexpr double kLargestLogit = 15;
 
-std::vector<std::string> numbered(const char* prefix, int count) {
-  std::vector<std::string> names;
-  names.reserve(static_cast<std::size_t>(count));
-  for (int i = 0; i < count; ++i) names.push_back(prefix + std::to_string(i));
-  return names;
-}
+/// A property of the file, and where a SplatCloud has its values.
+struct Property {
+  std::string name;
+  std::vector<float> SplatCloud::*values;  // [N, width]
+  std::size_t width, column;
+};
 
 // Number of f_rest properties for a degree.
 int rest_count(int degree) {
   return 3 * (sh_coefficient_count(degree) - 1);
 }
 
-// Calls visit(names of the properties, array [N, number of names]) in the order of the file. Normals are not included:
-// they are written as 0 and not read.
-template <class Cloud, class Visit>
-void visit_fields(Cloud& cloud, Visit&& visit) {
-  visit(std::vector<std::string>{"x", "y", "z"}, cloud.means);
-  visit(numbered("f_dc_", 3), cloud.sh0);
-  visit(numbered("f_rest_", rest_count(cloud.sh_degree)), cloud.shN);
-  visit(std::vector<std::string>{kOpacity}, cloud.logit_opacities);
-  visit(numbered("scale_", 3), cloud.log_scales);
-  visit(numbered("rot_", 4), cloud.quats);
-}
-
-// Index in shN, [coefficient, channel], of the f_rest property `index`, [channel, coefficient].
-int memory_index(int index, int degree) {
-  const int n_coefficients = sh_coefficient_count(degree) - 1;
-  return (index % n_coefficients) * 3 + index / n_coefficients;
-}
-
-std::string header(std::int64_t count, const std::vector<std::pair<std::string, const char*>>& properties,
-                   const std::string& comment = "") {
-  std::string text = "ply\nformat binary_little_endian 1.0\n";
-  if (!comment.empty()) text += "comment " + comment + "\n";
-  text += "element vertex " + std::to_string(count) + "\n";
-  for (const auto& [name, type] : properties) text += std::string("property ") + type + " " + name + "\n";
-  return text + "end_header\n";
+// In the order of the file. Normals, after x, y and z, are not included: they are written as 0 and not read.
+std::vector<Property> properties_of(int sh_degree) {
+  std::vector<Property> properties{
+      {"x", &SplatCloud::means, 3, 0}, {"y", &SplatCloud::means, 3, 1}, {"z", &SplatCloud::means, 3, 2}};
+  const auto add = [&](const char* prefix, std::vector<float> SplatCloud::*values, std::size_t width) {
+    for (std::size_t i = 0; i < width; ++i) properties.push_back({prefix + std::to_string(i), values, width, i});
+  };
+  add("f_dc_", &SplatCloud::sh0, 3);
+  const auto n_rest = static_cast<std::size_t>(rest_count(sh_degree)), n_coefficients = n_rest / 3;
+  for (std::size_t i = 0; i < n_rest; ++i) {  // [channel, coefficient] in the file
+    const std::size_t column = i % n_coefficients * 3 + i / n_coefficients;
+    properties.push_back({"f_rest_" + std::to_string(i), &SplatCloud::shN, n_rest, column});
+  }
+  properties.push_back({kOpacity, &SplatCloud::logit_opacities, 1, 0});
+  add("scale_", &SplatCloud::log_scales, 3);
+  add("rot_", &SplatCloud::quats, 4);
+  return properties;
 }
 
 /// @throws InputError for formats of other programs that resemble a PLY of Gaussians
@@ -113,32 +102,29 @@ SplatPlyWriter::SplatPlyWriter(const std::filesystem::path& path, std::int64_t c
     : count_(count), sh_degree_(sh_degree), frame_(frame), file_(path) {
   B3DGS_CHECK(sh_degree >= 0 && sh_degree <= kMaxShDegree, "SH degree ", sh_degree);
   std::vector<std::pair<std::string, const char*>> properties;
-  SplatCloud none;
-  none.sh_degree = sh_degree;
-  visit_fields(none, [&](const std::vector<std::string>& names, const std::vector<float>& values) {
-    const bool are_means = &values == &none.means;
-    for (const std::string& name : names)
-      properties.emplace_back(name, are_means && frame.is_far() ? "double" : "float");
-    if (!are_means) return;
+  for (const Property& property : properties_of(sh_degree)) {
+    const bool is_mean = property.values == &SplatCloud::means;
+    properties.emplace_back(property.name, is_mean && frame.is_far() ? "double" : "float");
+    if (property.name != "z") continue;
     for (const char* name : {"nx", "ny", "nz"}) properties.emplace_back(name, "float");
-  });
-  file_.write(header(count, properties, antialiased ? kAntialiasedComment : ""));
+  }
+  file_.write(ply_header(count, properties, antialiased ? kAntialiasedComment : ""));
 }
 
 void SplatPlyWriter::append(const SplatCloud& rows) {
-  constexpr std::size_t kNormals = 3;
+  constexpr std::size_t kMeans = 3, kNormals = 3;
   const std::int64_t n = rows.size();
   B3DGS_CHECK(rows.sh_degree == sh_degree_ && n_written_ + n <= count_, "expected ", count_, " rows of SH degree ",
               sh_degree_, ", found ", n_written_ + n, " of SH degree ", rows.sh_degree);
-  std::size_t n_floats = kNormals;  // beside the means
-  visit_fields(rows, [&](const std::vector<std::string>& names, const std::vector<float>& values) {
-    B3DGS_CHECK(values.size() == names.size() * static_cast<std::size_t>(n), n, " Gaussians have ", values.size(),
-                " values of ", names.size(), " properties");
-    if (&values != &rows.means) n_floats += names.size();
-  });
+  const std::vector<Property> properties = properties_of(sh_degree_);
+  for (const Property& property : properties) {
+    const std::size_t found = (rows.*property.values).size();
+    B3DGS_CHECK(found == property.width * static_cast<std::size_t>(n), n, " Gaussians have ", found, " values of ",
+                property.width, " properties");
+  }
   const bool is_far = frame_.is_far();
-  const std::size_t mean_bytes = 3 * (is_far ? sizeof(double) : sizeof(float));
-  const std::size_t row_bytes = mean_bytes + n_floats * sizeof(float);
+  const std::size_t mean_bytes = kMeans * (is_far ? sizeof(double) : sizeof(float));
+  const std::size_t row_bytes = mean_bytes + (kNormals + properties.size() - kMeans) * sizeof(float);
   const double log_unit = std::log(frame_.unit);
   std::vector<char> block;
   for (std::int64_t begin = 0; begin < n; begin += kRowsPerBlock) {
@@ -149,7 +135,7 @@ void SplatPlyWriter::append(const SplatCloud& rows) {
     };
     for (std::int64_t row = begin; row < end; ++row) {
       const std::array<double, 3> world = frame_.to_world(&rows.means[static_cast<std::size_t>(3 * row)]);
-      for (std::size_t axis = 0; axis < 3; ++axis) {
+      for (std::size_t axis = 0; axis < kMeans; ++axis) {
         if (is_far) {
           put(row, axis * sizeof(double), world[axis]);
         } else {
@@ -158,18 +144,15 @@ void SplatPlyWriter::append(const SplatCloud& rows) {
       }
     }
     std::size_t offset = mean_bytes + kNormals * sizeof(float);
-    visit_fields(rows, [&](const std::vector<std::string>& names, const std::vector<float>& values) {
-      if (&values == &rows.means) return;
-      const bool are_scales = &values == &rows.log_scales;
-      const auto width = static_cast<int>(names.size());
-      for (int i = 0; i < width; ++i, offset += sizeof(float)) {
-        const int source = &values == &rows.shN ? memory_index(i, sh_degree_) : i;
-        for (std::int64_t row = begin; row < end; ++row) {
-          const float value = values[row * width + source];
-          put(row, offset, are_scales ? static_cast<float>(value + log_unit) : value);
-        }
+    for (std::size_t i = kMeans; i < properties.size(); ++i, offset += sizeof(float)) {
+      const Property& property = properties[i];
+      const float* const values = (rows.*property.values).data() + property.column;
+      const bool is_scale = property.values == &SplatCloud::log_scales;
+      for (std::int64_t row = begin; row < end; ++row) {
+        const float value = values[static_cast<std::size_t>(row) * property.width];
+        put(row, offset, is_scale ? static_cast<float>(value + log_unit) : value);
       }
-    });
+    }
     file_.write(block.data(), block.size());
   }
   n_written_ += n;
@@ -211,30 +194,28 @@ SplatCloud read_splat_ply(FileReader& file) {
   cloud.antialiased = std::find(comments.begin(), comments.end(), kAntialiasedComment) != comments.end();
   const std::uint64_t n = reader.vertices().count;
   std::vector<double> positions(3 * n);
+  const std::vector<Property> properties = properties_of(cloud.sh_degree);
   std::vector<std::string> columns;
-  visit_fields(cloud, [&](const std::vector<std::string>& names, std::vector<float>& values) {
-    columns.insert(columns.end(), names.begin(), names.end());
-    values.resize(n * names.size());
-  });
+  for (const Property& property : properties) {
+    columns.push_back(property.name);
+    (cloud.*property.values).resize(n * property.width);
+  }
   reader.read_vertices(columns, [&](std::uint64_t first, std::uint64_t n_rows, const double* rows) {
     for (std::uint64_t i = 0; i < n_rows; ++i) check_splat_row(reader, columns, first + i, rows + i * columns.size());
-    std::size_t column = 0;
-    visit_fields(cloud, [&](const std::vector<std::string>& names, std::vector<float>& values) {
-      const auto width = static_cast<int>(names.size());
-      for (int k = 0; k < width; ++k, ++column) {
-        const int target = &values == &cloud.shN ? memory_index(k, cloud.sh_degree) : k;
-        for (std::uint64_t i = 0; i < n_rows; ++i) {
-          const double value = rows[i * columns.size() + column];
-          if (&values == &cloud.means) {
-            positions[3 * (first + i) + static_cast<std::size_t>(k)] = value;
-            continue;
-          }
-          const bool is_infinite = std::isinf(static_cast<float>(value));  // only of an opacity
-          values[(first + i) * width + target] =
-              static_cast<float>(is_infinite ? std::copysign(kLargestLogit, value) : value);
+    for (std::size_t k = 0; k < properties.size(); ++k) {
+      const Property& property = properties[k];
+      float* const to = (cloud.*property.values).data() + property.column;
+      for (std::uint64_t i = 0; i < n_rows; ++i) {
+        const double value = rows[i * columns.size() + k];
+        if (property.values == &SplatCloud::means) {
+          positions[3 * (first + i) + property.column] = value;
+          continue;
         }
+        const bool is_infinite = std::isinf(static_cast<float>(value));  // only of an opacity
+        to[(first + i) * property.width] =
+            static_cast<float>(is_infinite ? std::copysign(kLargestLogit, value) : value);
       }
-    });
+    }
   });
   cloud.frame = frame_of_file(positions);
   for (std::size_t i = 0; i < positions.size(); i += 3) {

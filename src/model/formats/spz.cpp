@@ -3,14 +3,11 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <cstdint>
 #include <cstring>
 #include <iterator>
 #include <string>
-#include <vector>
 
 #include "core/check.h"
-#include "core/files/atomic_file.h"
 #include "model/formats/gzip.h"
 
 namespace b3dgs {
@@ -290,7 +287,7 @@ void write_spz(const std::filesystem::path& path, const SplatCloud& cloud, int s
     const float* const sh = cloud.shN.data() + 3 * rest * row;
     for (std::size_t k = 0; k < 3 * rest; ++k) bytes[k] = encode_sh(kShSigns[k / 3] * sh[k], sh_step);
   });
-  gzip.finish();
+  gzip.write(nullptr, 0, /*is_last=*/true);
   file.commit();
 }
 
@@ -300,17 +297,16 @@ SplatCloud read_spz(const std::filesystem::path& path) {
 }
 
 SplatCloud read_spz(FileReader& file) {
-  const std::uint64_t compressed_bytes = file.remaining();
-  std::array<std::uint8_t, kHeaderBytes> bytes{};
   GzipReader gzip(file);
-  if (gzip.starts_with({kMagic, sizeof kMagic})) {
+  if (gzip.compressed().compare(0, sizeof kMagic, kMagic, sizeof kMagic) == 0) {
     input_error(file.name(),
                 ": expected SPZ version 1 to 3, found version 4 or later, which is compressed in another "
                 "way; convert it first: splat-transform IN.spz OUT.ply");
   }
+  std::array<std::uint8_t, kHeaderBytes> bytes{};
   gzip.read_bytes(bytes.data(), bytes.size());
   const Header header = parse_header(bytes.data(), file);
-  check_count(header, compressed_bytes, file);
+  check_count(header, gzip.compressed().size(), file);
 
   const std::uint64_t n = header.count;
   const std::size_t rest = header.rest();
@@ -348,8 +344,7 @@ SplatCloud read_spz(FileReader& file) {
     }
   });
   constexpr std::size_t kMaxExtensionBytes = 1 << 20;
-  if ((header.flags & ~kAntialiased) != 0) gzip.skip_at_most(kMaxExtensionBytes);
-  gzip.expect_end();
+  gzip.expect_end((header.flags & ~kAntialiased) != 0 ? kMaxExtensionBytes : 0);
   return cloud;
 }
 

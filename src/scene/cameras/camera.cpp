@@ -71,31 +71,25 @@ std::array<double, 4> quaternion_from_rotation(const std::array<double, 9>& r) {
   // Four times the square of each component; dividing by the largest keeps the others accurate.
   const std::array<double, 4> squares{1 + r[0] + r[4] + r[8], 1 + r[0] - r[4] - r[8], 1 - r[0] + r[4] - r[8],
                                       1 - r[0] - r[4] + r[8]};
-  int largest = 0;
-  for (int i = 1; i < 4; ++i) {
-    if (squares[i] > squares[largest]) largest = i;
-  }
   const double wx = r[7] - r[5], wy = r[2] - r[6], wz = r[3] - r[1];  // four times w x, w y, w z
   const double xy = r[1] + r[3], xz = r[2] + r[6], yz = r[5] + r[7];
-  std::array<double, 4> q{};
-  switch (largest) {
-    case 0:
-      q = {squares[0], wx, wy, wz};
-      break;
-    case 1:
-      q = {wx, squares[1], xy, xz};
-      break;
-    case 2:
-      q = {wy, xy, squares[2], yz};
-      break;
-    default:
-      q = {wz, xz, yz, squares[3]};
-      break;
-  }
+  const std::array<std::array<double, 4>, 4> products{
+      {{squares[0], wx, wy, wz}, {wx, squares[1], xy, xz}, {wy, xy, squares[2], yz}, {wz, xz, yz, squares[3]}}};
+  std::array<double, 4> q = products[std::max_element(squares.begin(), squares.end()) - squares.begin()];
   const double norm = std::sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]);
   const double scale = (q[0] < 0 ? -1 : 1) / norm;
   for (double& value : q) value *= scale;
   return q;
+}
+
+std::array<double, 3> rotated(const std::array<double, 9>& r, const std::array<double, 3>& v) {
+  return {r[0] * v[0] + r[1] * v[1] + r[2] * v[2], r[3] * v[0] + r[4] * v[1] + r[5] * v[2],
+          r[6] * v[0] + r[7] * v[1] + r[8] * v[2]};
+}
+
+std::array<double, 3> rotated_back(const std::array<double, 9>& r, const std::array<double, 3>& v) {
+  return {r[0] * v[0] + r[3] * v[1] + r[6] * v[2], r[1] * v[0] + r[4] * v[1] + r[7] * v[2],
+          r[2] * v[0] + r[5] * v[1] + r[8] * v[2]};
 }
 
 Camera Camera::with_field_of_view(int width, int height, double fov, const Pose& cam_from_world) {
@@ -105,11 +99,8 @@ Camera Camera::with_field_of_view(int width, int height, double fov, const Pose&
 }
 
 std::array<double, 3> Camera::center() const {
-  const std::array<double, 9>& r = cam_from_world.rotation;
-  const std::array<double, 3>& t = cam_from_world.translation;
-  std::array<double, 3> center{};
-  for (int i = 0; i < 3; ++i) center[i] = -(r[i] * t[0] + r[3 + i] * t[1] + r[6 + i] * t[2]);
-  return center;
+  const auto [x, y, z] = rotated_back(cam_from_world.rotation, cam_from_world.translation);
+  return {-x, -y, -z};
 }
 
 Camera Camera::without_lens() const {

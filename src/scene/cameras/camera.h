@@ -22,6 +22,10 @@ std::array<double, 9> rotation_from_quaternion(const std::array<double, 4>& wxyz
 /// Unit quaternion w, x, y, z with w >= 0 of a rotation matrix (row-major).
 std::array<double, 4> quaternion_from_rotation(const std::array<double, 9>& rotation);
 
+/// The vector turned by a rotation (row-major), and by its inverse.
+std::array<double, 3> rotated(const std::array<double, 9>& rotation, const std::array<double, 3>& v);
+std::array<double, 3> rotated_back(const std::array<double, 9>& rotation, const std::array<double, 3>& v);
+
 /// Where a point is in an image, px, and its depth (lens_depth() in raster/math/lens.h).
 struct ImagePoint {
   double x = 0, y = 0, depth = 0;

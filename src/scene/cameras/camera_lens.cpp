@@ -78,7 +78,7 @@ LensRays::LensRays(const Camera& camera) : camera_(camera) {
   camera_.cx = camera_.cy = 0;
   for (int i = 0; i <= kSteps; ++i) {
     const Vec2<double> place = seen_at(camera_, direction(camera.lens.max_angle * i / kSteps, 0)).pixel;
-    radii_[static_cast<std::size_t>(i)] = std::hypot(place.x, place.y);
+    radii_[i] = std::hypot(place.x, place.y);
   }
   camera_ = camera;
 }
@@ -127,8 +127,7 @@ std::shared_ptr<const Image8> lens_mask(const Camera& camera) {
     for (int column = 0; column < camera.width; ++column) {
       const auto ray = rays.at(column + 0.5, static_cast<double>(row) + 0.5);
       const bool shows = ray && !(is_panorama && std::abs((*ray)[1]) > lowest);
-      mask->pixels[static_cast<std::size_t>(row) * static_cast<std::size_t>(camera.width) +
-                   static_cast<std::size_t>(column)] = shows ? 255 : 0;
+      *mask->at(column, static_cast<int>(row)) = shows ? 255 : 0;
       if (!shows) is_whole = false;
     }
   });
@@ -158,16 +157,11 @@ std::vector<Camera> pinhole_faces(const Camera& camera) {
   for (const std::array<double, 9>& turn : kTurns) {
     if (turn[8] < 0 && angle < kPi - std::atan(std::sqrt(2.0))) break;  // the corners of the face behind
     Camera turned = face;
-    turned.cam_from_world = {};
     const Pose& pose = camera.cam_from_world;
-    for (std::size_t row = 0; row < 3; ++row) {
-      for (std::size_t k = 0; k < 3; ++k) {
-        turned.cam_from_world.translation[row] += turn[3 * row + k] * pose.translation[k];
-        turned.cam_from_world.rotation[3 * row + k] = 0;
-        for (std::size_t j = 0; j < 3; ++j) {
-          turned.cam_from_world.rotation[3 * row + k] += turn[3 * row + j] * pose.rotation[3 * j + k];
-        }
-      }
+    turned.cam_from_world.translation = rotated(turn, pose.translation);
+    for (std::size_t i = 0; i < 9; i += 3) {
+      const std::array<double, 3> row = rotated_back(pose.rotation, {turn[i], turn[i + 1], turn[i + 2]});
+      std::copy(row.begin(), row.end(), turned.cam_from_world.rotation.begin() + static_cast<std::ptrdiff_t>(i));
     }
     faces.push_back(turned);
   }
@@ -178,38 +172,24 @@ Warped warp_image(const Image8& image, const Camera& from, const Camera& to) {
   Warped warped{Image8(to.width, to.height, image.channels), Image8(to.width, to.height, 1)};
   const LensRays rays(to);
   const bool wraps = from.lens.kind == LensKind::kEquirectangular;
-  const auto *const a = from.cam_from_world.rotation.data(), *const b = to.cam_from_world.rotation.data();
   parallel_pool(to.height, [&](std::int64_t row, int) {
     for (int column = 0; column < to.width; ++column) {
       const auto ray = rays.at(column + 0.5, static_cast<double>(row) + 0.5);
       if (!ray) continue;
-      std::array<double, 3> world{}, at{};
-      for (std::size_t i = 0; i < 3; ++i) {
-        for (std::size_t k = 0; k < 3; ++k) world[i] += b[3 * k + i] * (*ray)[k];
-      }
-      for (std::size_t i = 0; i < 3; ++i) {
-        for (std::size_t k = 0; k < 3; ++k) at[i] += a[3 * i + k] * world[k];
-      }
-      const auto place = from.image_of(at);
+      const auto world = rotated_back(to.cam_from_world.rotation, *ray);
+      const auto place = from.image_of(rotated(from.cam_from_world.rotation, world));
       if (!place) continue;
-      const std::size_t pixel =
-          static_cast<std::size_t>(row) * static_cast<std::size_t>(to.width) + static_cast<std::size_t>(column);
-      warped.valid.pixels[pixel] = 255;
+      *warped.valid.at(column, static_cast<int>(row)) = 255;
       const double x = place->x - 0.5, y = place->y - 0.5, left = std::floor(x), top = std::floor(y);
-      const auto value = [&](int dx, int dy, int channel) {
+      const auto value = [&](int dx, int dy, int channel) -> double {
         int u = static_cast<int>(left) + dx;
         u = wraps ? (u + image.width) % image.width : std::clamp(u, 0, image.width - 1);
-        const int v = std::clamp(static_cast<int>(top) + dy, 0, image.height - 1);
-        return double{
-            static_cast<double>(image.pixels[(static_cast<std::size_t>(v) * static_cast<std::size_t>(image.width) +
-                                              static_cast<std::size_t>(u)) *
-                                                 static_cast<std::size_t>(image.channels) +
-                                             static_cast<std::size_t>(channel)])};
+        return image.at(u, std::clamp(static_cast<int>(top) + dy, 0, image.height - 1))[channel];
       };
       for (int channel = 0; channel < image.channels; ++channel) {
         const double upper = value(0, 0, channel) + (x - left) * (value(1, 0, channel) - value(0, 0, channel));
         const double lower = value(0, 1, channel) + (x - left) * (value(1, 1, channel) - value(0, 1, channel));
-        warped.image.pixels[pixel * static_cast<std::size_t>(image.channels) + static_cast<std::size_t>(channel)] =
+        warped.image.at(column, static_cast<int>(row))[channel] =
             static_cast<std::uint8_t>(std::lround(upper + (y - top) * (lower - upper)));
       }
     }
@@ -230,38 +210,6 @@ double undistorted_share(const Camera& camera) {
     n_undistorted += z > 0 && is_inside(camera, {camera.fx * x / z + camera.cx, camera.fy * y / z + camera.cy});
   }
   return n_shown > 0 ? static_cast<double>(n_undistorted) / n_shown : 1;
-}
-
-std::pair<std::string, std::vector<double>> named_lens(const Camera& camera) {
-  const double* const k = camera.lens.k;
-  std::pair<std::string, std::vector<double>> named{"PINHOLE", {camera.fx, camera.fy, camera.cx, camera.cy}};
-  const auto add = [&](const char* name, std::initializer_list<double> coefficients) {
-    named.first = name;
-    named.second.insert(named.second.end(), coefficients);
-  };
-  switch (camera.lens.kind) {
-    case LensKind::kPinhole:
-      break;
-    case LensKind::kDistorted:
-      add("FULL_OPENCV", {k[0], k[1], k[7], k[8], k[2], k[4], k[5], k[6]});
-      break;
-    case LensKind::kFov:
-      add("FOV", {k[0]});
-      break;
-    case LensKind::kDivision:
-      add("DIVISION", {k[0]});
-      break;
-    case LensKind::kEucm:
-      add("EUCM", {k[0], k[1]});
-      break;
-    case LensKind::kFisheye:
-      add("THIN_PRISM_FISHEYE", {k[0], k[1], k[7], k[8], k[2], k[3], k[9], k[10]});
-      break;
-    case LensKind::kEquirectangular:
-      named = {"EQUIRECTANGULAR", {static_cast<double>(camera.width), static_cast<double>(camera.height)}};
-      break;
-  }
-  return named;
 }
 
 }  // namespace b3dgs

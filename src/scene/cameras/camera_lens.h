@@ -5,7 +5,6 @@
 #include <memory>
 #include <optional>
 #include <string>
-#include <utility>
 #include <vector>
 
 #include "scene/cameras/camera.h"
@@ -50,8 +49,5 @@ Warped warp_image(const Image8& image, const Camera& from, const Camera& to);
 
 /// The share of the photograph's pixels that its undistorted image would show, about.
 double undistorted_share(const Camera& camera);
-
-/// COLMAP's name of the camera's model and its parameters, which begin with two focal lengths if it has any.
-std::pair<std::string, std::vector<double>> named_lens(const Camera& camera);
 
 }  // namespace b3dgs

@@ -18,7 +18,7 @@ namespace b3dgs {
 struct LensModel {
   /// Radial part of the distortion: the distorted radius divided by r.
   double (*radial_factor)(const double* k, double r);
-  /// All of the distortion: from the undistorted point to the distorted one.
+  /// All of the distortion: from the undistorted point to the distorted one. Null: it is radial only.
   std::array<double, 2> (*distort)(const double* k, double x, double y);
   /// Whether a camera whose coefficients are all 0 is a pinhole. A fisheye is not: it is the equidistant projection.
   bool is_pinhole_at_zero;
@@ -35,13 +35,6 @@ double polynomial(const double* c, double s) {
   return 1 + sum;
 }
 
-/// LensModel::distort of a lens that has radial distortion only.
-template <double (*radial_factor)(const double*, double)>
-std::array<double, 2> distort_radially(const double* k, double x, double y) {
-  const double factor = radial_factor(k, std::sqrt(x * x + y * y));
-  return {x * factor, y * factor};
-}
-
 // SIMPLE_PINHOLE, PINHOLE (N = 0), SIMPLE_RADIAL and RADIAL.
 
 /// N coefficients: the radius becomes r (1 + k1 r^2 + k2 r^4 + ...).
@@ -51,8 +44,7 @@ double radial_factor(const double* k, double r) {
 }
 
 template <std::size_t N>
-inline constexpr LensModel kRadialLens{
-    radial_factor<N>, distort_radially<radial_factor<N>>, true, LensKind::kDistorted, {0, 1}};
+inline constexpr LensModel kRadialLens{radial_factor<N>, nullptr, true, LensKind::kDistorted, {0, 1}};
 inline constexpr const LensModel& kPinholeLens = kRadialLens<0>;
 
 // OPENCV and FULL_OPENCV: OpenCV's camera model, radial and tangential.
@@ -90,8 +82,7 @@ double fisheye_radial_factor(const double* k, double r) {
 }
 
 template <std::size_t N>
-inline constexpr LensModel kFisheyeLens{
-    fisheye_radial_factor<N>, distort_radially<fisheye_radial_factor<N>>, false, LensKind::kFisheye, {0, 1, 2, 3}};
+inline constexpr LensModel kFisheyeLens{fisheye_radial_factor<N>, nullptr, false, LensKind::kFisheye, {0, 1, 2, 3}};
 
 // THIN_PRISM_FISHEYE: the equidistant projection with radial, tangential and thin-prism distortion, as the ETH3D
 // benchmark defines it (Weng et al. 1992 for the thin prism).
@@ -139,16 +130,13 @@ inline double eucm_radial_factor(const double* k, double r) {
   return 1 / (alpha * std::sqrt(beta * r * r + 1) + 1 - alpha);
 }
 
-inline constexpr LensModel kFovLens{fov_radial_factor, distort_radially<fov_radial_factor>, true, LensKind::kFov, {0}};
-inline constexpr LensModel kDivisionLens{
-    division_radial_factor, distort_radially<division_radial_factor>, true, LensKind::kDivision, {0}};
-inline constexpr LensModel kEucmLens{
-    eucm_radial_factor, distort_radially<eucm_radial_factor>, true, LensKind::kEucm, {0, 1}};
+inline constexpr LensModel kFovLens{fov_radial_factor, nullptr, true, LensKind::kFov, {0}};
+inline constexpr LensModel kDivisionLens{division_radial_factor, nullptr, true, LensKind::kDivision, {0}};
+inline constexpr LensModel kEucmLens{eucm_radial_factor, nullptr, true, LensKind::kEucm, {0, 1}};
 
 // EQUIRECTANGULAR: a panorama, which has no place on the plane z = 1 behind the camera and is never undistorted.
 
-inline constexpr LensModel kEquirectangularLens{
-    radial_factor<0>, distort_radially<radial_factor<0>>, false, LensKind::kEquirectangular, {}};
+inline constexpr LensModel kEquirectangularLens{radial_factor<0>, nullptr, false, LensKind::kEquirectangular, {}};
 
 // The lens of one camera: intrinsics and distortion, from the ideal pinhole to the photograph.
 

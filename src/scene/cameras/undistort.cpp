@@ -8,7 +8,6 @@
 
 #include "core/check.h"
 #include "core/parallel.h"
-#include "scene/cameras/lens.h"
 
 namespace b3dgs {
 namespace {
@@ -107,16 +106,17 @@ std::int64_t UndistorterCache::most_kept_bytes() const {
   return std::min(bytes, max_bytes_);
 }
 
-std::shared_ptr<const Undistorter> UndistorterCache::find(Group& group) {
-  const std::lock_guard<std::mutex> lock(mutex_);
+std::shared_ptr<const Undistorter> UndistorterCache::get(int group_number) {
+  Group& group = *groups_.at(static_cast<std::size_t>(group_number));
+  const std::lock_guard<std::mutex> building(group.build_mutex);
+  std::unique_lock<std::mutex> lock(mutex_);
   group.last_use = ++n_uses_;
-  return group.map;
-}
-
-void UndistorterCache::keep(Group& group, std::shared_ptr<const Undistorter> map) {
+  if (group.map) return group.map;
+  lock.unlock();
+  auto map = std::make_shared<const Undistorter>(group.lens, group.size.width, group.size.height, group.place);
   const std::int64_t bytes = map_bytes(group.size);
-  if (bytes > max_bytes_) return;
-  const std::lock_guard<std::mutex> lock(mutex_);
+  if (bytes > max_bytes_) return map;
+  lock.lock();
   while (kept_bytes_ + bytes > max_bytes_) {
     Group* oldest = nullptr;
     for (const auto& other : groups_) {
@@ -125,16 +125,8 @@ void UndistorterCache::keep(Group& group, std::shared_ptr<const Undistorter> map
     oldest->map.reset();
     kept_bytes_ -= map_bytes(oldest->size);
   }
-  group.map = std::move(map);
+  group.map = map;
   kept_bytes_ += bytes;
-}
-
-std::shared_ptr<const Undistorter> UndistorterCache::get(int group_number) {
-  Group& group = *groups_.at(static_cast<std::size_t>(group_number));
-  const std::lock_guard<std::mutex> building(group.build_mutex);
-  if (auto map = find(group)) return map;
-  auto map = std::make_shared<const Undistorter>(group.lens, group.size.width, group.size.height, group.place);
-  keep(group, map);
   return map;
 }
 
@@ -150,10 +142,10 @@ Image8 shrink_mask(const Image8& mask, int width, int height) {
       std::uint8_t least = 255;
       for (int y = first(row, mask.height, height); y < last(row, mask.height, height); ++y) {
         for (int x = first(column, mask.width, width); x < last(column, mask.width, width); ++x) {
-          least = std::min(least, mask.pixels[static_cast<std::size_t>(y) * mask.width + x]);
+          least = std::min(least, *mask.at(x, y));
         }
       }
-      result.pixels[static_cast<std::size_t>(row) * width + column] = least;
+      *result.at(column, row) = least;
     }
   }
   return result;
@@ -186,7 +178,10 @@ Camera Lens::pinhole(ImageSize size) const {
 }
 
 std::array<double, 2> distort(const Lens& lens, double x, double y) {
-  return lens.model->distort(lens.coefficients.data(), x, y);
+  const double* const k = lens.coefficients.data();
+  if (lens.model->distort != nullptr) return lens.model->distort(k, x, y);
+  const double factor = lens.model->radial_factor(k, std::sqrt(x * x + y * y));
+  return {x * factor, y * factor};
 }
 
 double monotonic_radius(const Lens& lens, double limit) {

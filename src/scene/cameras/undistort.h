@@ -70,9 +70,6 @@ class UndistorterCache {
     std::uint64_t last_use = 0;
   };
 
-  std::shared_ptr<const Undistorter> find(Group& group);
-  void keep(Group& group, std::shared_ptr<const Undistorter> map);
-
   const std::int64_t max_bytes_;
   std::vector<std::unique_ptr<Group>> groups_;
   std::mutex mutex_;

@@ -1,10 +1,9 @@
 // COLMAP's camera models as a table. The reader, the writer and undistortion take from it what they need of a model.
 #include <algorithm>
-#include <array>
 #include <cmath>
 
 #include "core/check.h"
-#include "scene/cameras/lens.h"
+#include "scene/cameras/camera_lens.h"
 #include "scene/colmap/colmap.h"
 
 namespace b3dgs {
@@ -139,6 +138,29 @@ Lens lens_of(const ColmapCamera& camera, const std::string& place) {
   lens.coefficients.assign(p.begin() + static_cast<std::ptrdiff_t>(n_focal_lengths) + 2, p.end());
   check_intrinsics(lens, camera, place);
   return lens;
+}
+
+ColmapCamera to_colmap_camera(const Camera& camera) {
+  // Of the models of each LensKind, the one that has all its coefficients.
+  constexpr std::array<CameraModel, 7> kModels{
+      CameraModel::kPinhole,        CameraModel::kFullOpenCv, CameraModel::kFov,
+      CameraModel::kDivision,       CameraModel::kEucm,       CameraModel::kThinPrismFisheye,
+      CameraModel::kEquirectangular};
+  static_assert(kModels.size() == static_cast<std::size_t>(LensKind::kEquirectangular) + 1, "one for each kind");
+  ColmapCamera named;
+  named.model = kModels[static_cast<std::size_t>(camera.lens.kind)];
+  named.width = static_cast<std::uint64_t>(camera.width);
+  named.height = static_cast<std::uint64_t>(camera.height);
+  if (named.model == CameraModel::kEquirectangular) {
+    named.params = {static_cast<double>(camera.width), static_cast<double>(camera.height)};
+    return named;
+  }
+  named.params = {camera.fx, camera.fy, camera.cx, camera.cy};
+  const auto n_coefficients = static_cast<std::size_t>(camera_model_param_count(named.model)) - named.params.size();
+  for (std::size_t i = 0; i < n_coefficients; ++i) {
+    named.params.push_back(camera.lens.k[row_of(named.model).lens->places[i]]);
+  }
+  return named;
 }
 
 }  // namespace b3dgs

@@ -82,6 +82,9 @@ CameraModel camera_model_from_name(const std::string& name, const std::string& p
 /// model is not supported, or for focal lengths and principal points that no camera has
 Lens lens_of(const ColmapCamera& camera, const std::string& place);
 
+/// The camera as COLMAP's files have it, with ID 0; parameters begin with two focal lengths if the model has any.
+ColmapCamera to_colmap_camera(const Camera& camera);
+
 enum class ColmapFormat { kBinary, kText };
 
 /// Format of the model in a folder, binary if it is there in both formats; nothing if the folder holds no model. One of
@@ -129,8 +132,5 @@ std::filesystem::path file_of(const std::filesystem::path& folder, const char* s
 
 /// Reads the files and checks their structure, and that no camera is there twice, but not values. @throws InputError
 ColmapModel read_unchecked(const ColmapFiles& files, ColmapFormat format, bool tracks);
-
-/// Number of images in an images file. @throws InputError
-std::uint64_t count_images(FileReader& file, ColmapFormat format);
 
 }  // namespace b3dgs::colmap

@@ -1,4 +1,5 @@
-// Finds the COLMAP model of a scene folder, and checks the values of its files.
+// Finds the COLMAP model of a scene folder, and checks the values of its files: whatever read_colmap_model() returns
+// must be usable.
 #include <algorithm>
 #include <cmath>
 #include <set>
@@ -157,12 +158,6 @@ std::optional<ColmapFormat> colmap_format(const fs::path& folder) {
   return binary >= text ? ColmapFormat::kBinary : ColmapFormat::kText;
 }
 
-std::uint64_t count_colmap_images(const fs::path& folder) {
-  const ColmapFormat format = colmap_format(folder).value_or(ColmapFormat::kBinary);
-  FileReader file(colmap::file_of(folder, "images", format));
-  return colmap::count_images(file, format);
-}
-
 ColmapModel read_colmap_model(const ColmapFiles& files, ColmapFormat format, bool tracks) {
   ColmapModel model = colmap::read_unchecked(files, format, tracks);
   for (const auto& [id, camera] : model.cameras) check_camera(files.cameras.name(), camera);
@@ -211,34 +206,28 @@ SparseModelFolder find_model_folder(const fs::path& source) {
         "points3D, as .bin or .txt files), and no transforms.json or transforms_train.json; `b3dgs reconstruct ",
         "PHOTOS SCENE` makes a scene from photographs, or choose another folder with -s");
   }
-  SparseModelFolder found;
-  if (candidates.size() == 1) {
-    found.folder = candidates.front().folder;
-    found.format = *colmap_format(found.folder);
-    return found;
-  }
+  const auto format_of = [](const Candidate& candidate) { return *colmap_format(candidate.folder); };
+  if (candidates.size() == 1) return {candidates[0].folder, format_of(candidates[0]), {}};
+  std::vector<std::string> notes;
   for (Candidate& candidate : candidates) {
     try {
       candidate.n_images = count_colmap_images(candidate.folder);
     } catch (const InputError& error) {  // reading this model reports it again if no other one is valid
-      found.notes.push_back(error.what());
+      notes.push_back(error.what());
     }
   }
   const auto best = std::max_element(candidates.begin(), candidates.end(), [](const Candidate& a, const Candidate& b) {
     return a.n_images < b.n_images;  // the first of equals
   });
-  found.folder = best->folder;
-  found.format = *colmap_format(best->folder);
   std::string others;
   for (const Candidate& candidate : candidates) {
     if (candidate.folder == best->folder) continue;
     others += detail::concat(others.empty() ? "" : ", ", candidate.folder.lexically_relative(source).string(), " (",
                              candidate.n_images, ")");
   }
-  found.notes.push_back(detail::concat(candidates.size(), " models: using ",
-                                       best->folder.lexically_relative(source).string(),
-                                       ", which has the most images (", best->n_images, "); ignoring ", others));
-  return found;
+  notes.push_back(detail::concat(candidates.size(), " models: using ", best->folder.lexically_relative(source).string(),
+                                 ", which has the most images (", best->n_images, "); ignoring ", others));
+  return {best->folder, format_of(*best), std::move(notes)};
 }
 
 }  // namespace b3dgs

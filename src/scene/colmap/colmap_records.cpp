@@ -251,7 +251,9 @@ ColmapModel colmap::read_unchecked(const ColmapFiles& files, ColmapFormat format
   return model;
 }
 
-std::uint64_t colmap::count_images(FileReader& file, ColmapFormat format) {
+std::uint64_t count_colmap_images(const std::filesystem::path& folder) {
+  const ColmapFormat format = colmap_format(folder).value_or(ColmapFormat::kBinary);
+  FileReader file(colmap::file_of(folder, "images", format));
   if (format == ColmapFormat::kText) return read_records<ImageRecord>(file, format, false, kNoCheck).size();
   return BinaryReader{file, false}.n_elements(ImageRecord::kMany, ImageRecord::kMinBytes);
 }

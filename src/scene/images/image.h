@@ -24,6 +24,10 @@ struct Image8 {
 
   Image8() = default;
   Image8(int w, int h, int c) : width(w), height(h), channels(c), pixels(static_cast<std::size_t>(w) * h * c) {}
+
+  /// The channels of a pixel.
+  std::uint8_t* at(int x, int y) { return pixels.data() + (static_cast<std::size_t>(y) * width + x) * channels; }
+  const std::uint8_t* at(int x, int y) const { return const_cast<Image8*>(this)->at(x, y); }
 };
 
 /// Row-major, 16 bits: an inverse depth map, up to scale and offset.
@@ -32,7 +36,7 @@ struct Depth16 {
   std::vector<std::uint16_t> values;  // [height, width]
 
   Depth16() = default;
-  Depth16(int w, int h) : width(w), height(h), values(static_cast<std::size_t>(w) * static_cast<std::size_t>(h)) {}
+  Depth16(int w, int h) : width(w), height(h), values(static_cast<std::size_t>(w) * h) {}
 };
 
 // The size that a photograph is trained at: the rules of -r and of a missing images_N folder; aspect ratios.

@@ -7,7 +7,6 @@
 
 #include "core/check.h"
 #include "core/text.h"
-#include "scene/images/image.h"
 
 namespace b3dgs {
 namespace {
@@ -19,11 +18,6 @@ constexpr std::array<const char*, 10> kExtensions{".jpg",  ".jpeg", ".png", ".bm
 
 std::string key_of(const fs::path& relative) {
   return lower_case(fs::path(relative).replace_extension().generic_string());
-}
-
-bool is_file(const fs::path& path) {
-  std::error_code error;
-  return fs::is_regular_file(path, error);
 }
 
 // 4, and "images" in `base`, for "images_4"; 0 for names of another form.
@@ -67,6 +61,11 @@ bool is_folder(const fs::path& path) {
 }
 
 }  // namespace
+
+bool is_file(const fs::path& path) {
+  std::error_code error;
+  return fs::is_regular_file(path, error);
+}
 
 bool has_image_extension(const fs::path& path) {
   const std::string extension = lower_case(path.extension().string());
@@ -165,28 +164,21 @@ std::size_t ImageFolder::count_others(const std::set<fs::path>& used) const {
       std::count_if(files_.begin(), files_.end(), [&](const fs::path& file) { return used.count(file) == 0; }));
 }
 
-MaskFolder::MaskFolder(const fs::path& source, const std::string& masks, const std::string& images)
-    : images_(images), is_asked_for_(!masks.empty() && masks != "none"), is_refused_(masks == "none") {
-  if (is_refused_) return;
-  if (!is_asked_for_) {
-    if (is_folder(source / "masks")) folder_ = source / "masks";
-    return;
-  }
+fs::path find_mask_folder(const fs::path& source, const std::string& masks) {
+  if (masks.empty()) return is_folder(source / "masks") ? source / "masks" : fs::path();
   for (const fs::path& folder : {source / masks, fs::path(masks)}) {
-    if (!is_folder(folder)) continue;
-    folder_ = folder;
-    return;
+    if (is_folder(folder)) return folder;
   }
   input_error("--masks ", masks, ": folder not found, neither in ", source.string(), " nor in the current folder; ",
               "leave --masks out to train without masks");
 }
 
-fs::path MaskFolder::find(const std::string& image) const {
-  if (folder_.empty()) return {};
-  for (const std::string& candidate : names_in_folder(image, images_)) {
+fs::path find_mask(const fs::path& folder, const std::string& image, const std::string& images) {
+  if (folder.empty()) return {};
+  for (const std::string& candidate : names_in_folder(image, images)) {
     const std::string stem = fs::path(candidate).replace_extension().generic_string();
     for (const std::string& mask : {candidate + ".png", stem + ".png", stem + ".mask.png", candidate}) {
-      if (is_file(folder_ / mask)) return folder_ / mask;
+      if (is_file(folder / mask)) return folder / mask;
     }
   }
   return {};

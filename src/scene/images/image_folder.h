@@ -12,6 +12,9 @@
 
 namespace b3dgs {
 
+/// Whether there is a regular file; false also for one that cannot be looked at.
+bool is_file(const std::filesystem::path& path);
+
 /// Whether the name ends like that of an image file, in upper or lower case.
 bool has_image_extension(const std::filesystem::path& path);
 
@@ -54,26 +57,15 @@ class ImageFolder {
   Index by_path_, by_name_;  // keys in lower case, without extension
 };
 
-/// Finds the masks of photographs: black is left out of training.
-class MaskFolder {
- public:
-  /// `masks`: a folder inside `source`, or else inside the current folder; "" is "masks" if the scene has that folder,
-  /// "none" no folder. @throws InputError if a folder that was asked for does not exist
-  MaskFolder(const std::filesystem::path& source, const std::string& masks, const std::string& images);
+/// The folder of masks, by which black is left out of training: `masks` inside `source`, or else inside the current
+/// folder; for "" "masks" inside `source`, or an empty path. @throws InputError if a folder that was asked for does not
+/// exist
+std::filesystem::path find_mask_folder(const std::filesystem::path& source, const std::string& masks);
 
-  const std::filesystem::path& folder() const { return folder_; }  // empty: none
-  bool is_asked_for() const { return is_asked_for_; }
-  bool is_refused() const { return is_refused_; }  // "none"
-
-  /// The mask of the image "a.jpg": "a.jpg.png", "a.png", "a.mask.png" or "a.jpg", with the image's sub-folders and
-  /// without a leading "images/"; empty if there is none.
-  std::filesystem::path find(const std::string& image) const;
-
- private:
-  std::filesystem::path folder_;
-  std::string images_;
-  bool is_asked_for_ = false, is_refused_ = false;
-};
+/// The mask of the image "a.jpg": "a.jpg.png", "a.png", "a.mask.png" or "a.jpg", with the image's sub-folders and
+/// without a leading "images/" or name of the image folder; empty if there is none.
+std::filesystem::path find_mask(const std::filesystem::path& folder, const std::string& image,
+                                const std::string& images);
 
 /// A mask of one channel and `size`: 0 where the file is darker than half of white or transparent, 255 elsewhere; the
 /// other way round with `invert`. The file may have any size of the photograph's aspect ratio, `size` (px).

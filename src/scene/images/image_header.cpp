@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <array>
-#include <cstdint>
 #include <cstdlib>
 #include <cstring>
 #include <fstream>
@@ -68,15 +67,12 @@ bool walk_jpeg(const Bytes& bytes, Visit&& visit) {
   }
 }
 
-// Calls visit(type, position of the data, length) for each chunk until it returns false. Returns false if the bytes end
-// before that.
-template <class Visit>
-bool walk_png(const Bytes& bytes, Visit&& visit) {
+bool has_png_end(const Bytes& bytes) {
   std::size_t at = kPngSignature.size();
   while (at + 12 <= bytes.size()) {  // length, type and checksum of a chunk
     const std::size_t length = value_at(bytes, at, 4);
     if (length > bytes.size() - at - 12) return false;
-    if (!visit(std::string(bytes.begin() + at + 4, bytes.begin() + at + 8), at + 8, length)) return true;
+    if (std::memcmp(bytes.data() + at + 4, "IEND", 4) == 0) return true;
     at += 12 + length;
   }
   return false;
@@ -102,8 +98,7 @@ std::vector<Segment> segments_of(const Bytes& bytes) {
 }
 
 bool has_text(const Bytes& bytes, const Segment& segment, const char* text, std::size_t length) {
-  return segment.end - segment.begin >= 4 + length &&
-         std::equal(text, text + length, bytes.begin() + static_cast<std::ptrdiff_t>(segment.begin + 4));
+  return segment.end - segment.begin >= 4 + length && std::memcmp(bytes.data() + segment.begin + 4, text, length) == 0;
 }
 
 bool is_exif(const Bytes& bytes, const Segment& segment) {
@@ -151,20 +146,8 @@ std::optional<Orientation> find_orientation(const Bytes& bytes) {
   return std::nullopt;
 }
 
-/// As EXIF 2.3 defines the values: where row 0 and column 0 of the stored image belong.
-cv::Mat upright(const cv::Mat& stored, int orientation) {
-  cv::Mat image = stored;
-  if (orientation >= 5) cv::transpose(image, image);
-  const bool flips_columns = orientation == 2 || orientation == 3 || orientation == 6 || orientation == 7;
-  const bool flips_rows = orientation == 3 || orientation == 4 || orientation == 7 || orientation == 8;
-  if (flips_columns) cv::flip(image, image, 1);
-  if (flips_rows) cv::flip(image, image, 0);
-  return image;
-}
-
 void append(Bytes& to, const Bytes& from, std::size_t begin, std::size_t end) {
-  to.insert(to.end(), from.begin() + static_cast<std::ptrdiff_t>(begin),
-            from.begin() + static_cast<std::ptrdiff_t>(end));
+  to.insert(to.end(), from.data() + begin, from.data() + end);
 }
 
 }  // namespace
@@ -188,11 +171,7 @@ std::optional<ImageSize> image_size_from_header(const Bytes& bytes) {
 
 std::string image_damage(const Bytes& bytes) {
   if (bytes.empty()) return "the file is empty";
-  if (is_png(bytes)) {
-    const bool is_whole =
-        walk_png(bytes, [](const std::string& type, std::size_t, std::size_t) { return type != "IEND"; });
-    return is_whole ? "" : "the PNG ends before its last chunk (IEND)";
-  }
+  if (is_png(bytes)) return has_png_end(bytes) ? "" : "the PNG ends before its last chunk (IEND)";
   if (is_jpeg(bytes)) {
     bool has_scan = false;
     const bool is_whole = walk_jpeg(bytes, [&](std::uint8_t marker, std::size_t, std::size_t) {
@@ -225,10 +204,10 @@ std::optional<Bytes> turned_upright(const Bytes& jpeg) {
   constexpr int kQuality = 98;
   Bytes encoded;
   try {
-    const cv::Mat stored = cv::imdecode(jpeg, cv::IMREAD_ANYCOLOR | cv::IMREAD_IGNORE_ORIENTATION);
-    if (stored.empty()) return std::nullopt;
-    const cv::Mat image = upright(stored, orientation->value);
-    if (!cv::imencode(".jpg", image, encoded, {cv::IMWRITE_JPEG_QUALITY, kQuality})) return std::nullopt;
+    const cv::Mat image = cv::imdecode(jpeg, cv::IMREAD_ANYCOLOR);  // turned as EXIF says
+    if (image.empty() || !cv::imencode(".jpg", image, encoded, {cv::IMWRITE_JPEG_QUALITY, kQuality})) {
+      return std::nullopt;
+    }
   } catch (const cv::Exception&) {
     return std::nullopt;
   }

@@ -1,14 +1,10 @@
 #include "scene/images/image.h"
 
 #include <algorithm>
-#include <cstdint>
 #include <cstdlib>
 #include <opencv2/core.hpp>
 #include <opencv2/imgcodecs.hpp>
 #include <opencv2/imgproc.hpp>
-#include <optional>
-#include <string>
-#include <vector>
 
 #include "core/check.h"
 #include "core/files/atomic_file.h"

@@ -1,7 +1,5 @@
 #include "scene/images/image_memory.h"
 
-#include <algorithm>
-
 #include "core/check.h"
 
 namespace b3dgs {
@@ -23,16 +21,6 @@ void ImageMemory::divide() {
   const std::int64_t wanted = left / 4 / plan_.n_readers / plan_.largest;
   n_buffers_ = static_cast<int>(std::clamp<std::int64_t>(wanted, 1, kMaxBuffers));
   if (plan_.photographs > left) hold_limit_ -= plan_.n_readers * n_buffers_ * plan_.largest;
-}
-
-std::int64_t ImageMemory::fixed() const {
-  const std::lock_guard<std::mutex> lock(mutex_);
-  return plan_.fixed;
-}
-
-int ImageMemory::n_buffers() const {
-  const std::lock_guard<std::mutex> lock(mutex_);
-  return n_buffers_;
 }
 
 ImageMemory::Use ImageMemory::reserve(std::int64_t bytes) {
@@ -72,16 +60,6 @@ ImageMemory::Use ImageMemory::use_buffers(std::int64_t bytes) {
     const std::lock_guard<std::mutex> lock_again(memory->mutex_);
     memory->buffers_ -= bytes;
   });
-}
-
-std::int64_t ImageMemory::used() const {
-  const std::lock_guard<std::mutex> lock(mutex_);
-  return held_ + buffers_;
-}
-
-std::int64_t ImageMemory::peak() const {
-  const std::lock_guard<std::mutex> lock(mutex_);
-  return peak_;
 }
 
 }  // namespace b3dgs

@@ -31,9 +31,9 @@ class ImageMemory {
   explicit ImageMemory(const Plan& plan);
 
   std::int64_t limit() const { return plan_.limit; }
-  std::int64_t fixed() const;
+  std::int64_t fixed() const { return locked(plan_.fixed); }
   /// Buffers for one reader, 1 to kMaxBuffers.
-  int n_buffers() const;
+  int n_buffers() const { return locked(n_buffers_); }
 
   /// Bytes that are in use while this exists. The ImageMemory must outlive it.
   using Use = std::shared_ptr<void>;
@@ -49,10 +49,19 @@ class ImageMemory {
   /// Counts the buffers of a reader, which has at most n_buffers() of the size of the largest photograph.
   Use use_buffers(std::int64_t bytes);
 
-  std::int64_t used() const;  // bytes, Plan::fixed included
-  std::int64_t peak() const;  // largest used() so far
+  /// Bytes, Plan::fixed included, and the most so far.
+  std::int64_t used() const {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    return held_ + buffers_;
+  }
+  std::int64_t peak() const { return locked(peak_); }
 
  private:
+  template <class Value>
+  Value locked(const Value& value) const {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    return value;
+  }
   void divide();
   void note_peak() { peak_ = std::max(peak_, held_ + buffers_); }
 

@@ -5,8 +5,6 @@
 #include <cmath>
 #include <cstddef>
 #include <cstring>
-#include <string>
-#include <vector>
 
 #include "core/check.h"
 #include "core/files/atomic_file.h"
@@ -18,17 +16,13 @@ namespace {
 
 constexpr std::int64_t kRowsPerBlock = 4096;
 
-std::string header(std::int64_t count, const char* type) {
-  std::string text = detail::concat("ply\nformat binary_little_endian 1.0\nelement vertex ", count, "\n");
-  for (const char* name : {"x", "y", "z"}) text += detail::concat("property ", type, " ", name, "\n");
-  return text + "property uchar red\nproperty uchar green\nproperty uchar blue\nend_header\n";
-}
-
 template <class Value>
 void write_rows(AtomicFile& file, const WorldPoints& points) {
   constexpr std::size_t kRowBytes = 3 * sizeof(Value) + 3;
   const std::int64_t n = points.size();
-  file.write(header(n, sizeof(Value) == sizeof(float) ? "float" : "double"));
+  const char* const type = sizeof(Value) == sizeof(float) ? "float" : "double";
+  file.write(
+      ply_header(n, {{"x", type}, {"y", type}, {"z", type}, {"red", "uchar"}, {"green", "uchar"}, {"blue", "uchar"}}));
   std::vector<char> block;
   for (std::int64_t begin = 0; begin < n; begin += kRowsPerBlock) {
     const std::int64_t end = std::min(n, begin + kRowsPerBlock);
@@ -65,6 +59,15 @@ WorldPoints in_world(const CoordinateFrame& frame, const PointCloud& points) {
     world.positions.insert(world.positions.end(), position.begin(), position.end());
   }
   return world;
+}
+
+std::string ply_header(std::int64_t n_vertices, const std::vector<std::pair<std::string, const char*>>& properties,
+                       const std::string& comment) {
+  std::string text = "ply\nformat binary_little_endian 1.0\n";
+  if (!comment.empty()) text += "comment " + comment + "\n";
+  text += detail::concat("element vertex ", n_vertices, "\n");
+  for (const auto& [name, type] : properties) text += detail::concat("property ", type, " ", name, "\n");
+  return text + "end_header\n";
 }
 
 void refuse_other_ply(const PlyReader& reader) {

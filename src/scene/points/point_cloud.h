@@ -3,6 +3,8 @@
 
 #include <cstdint>
 #include <filesystem>
+#include <string>
+#include <utility>
 #include <vector>
 
 #include "scene/cameras/camera.h"
@@ -14,20 +16,15 @@ namespace b3dgs {
 class FileReader;
 class PlyReader;
 
-struct PointCloud {
-  std::vector<float> positions;      // [N, 3] in the frame of the scene
+template <class Real>
+struct Points {
+  std::vector<Real> positions;       // [N, 3]
   std::vector<std::uint8_t> colors;  // [N, 3] RGB
 
   std::int64_t size() const { return static_cast<std::int64_t>(positions.size() / 3); }
 };
-
-/// The same as files have them.
-struct WorldPoints {
-  std::vector<double> positions;     // [N, 3] world
-  std::vector<std::uint8_t> colors;  // [N, 3] RGB
-
-  std::int64_t size() const { return static_cast<std::int64_t>(positions.size() / 3); }
-};
+using PointCloud = Points<float>;    // in the frame of the scene
+using WorldPoints = Points<double>;  // in world coordinates, as files have them
 
 PointCloud in_frame(const CoordinateFrame& frame, const WorldPoints& points);
 WorldPoints in_world(const CoordinateFrame& frame, const PointCloud& points);
@@ -41,6 +38,10 @@ void write_point_ply(const std::filesystem::path& path, const PointCloud& points
 /// colours become mid-grey. @throws InputError, also for values that are not finite
 WorldPoints read_point_ply(const std::filesystem::path& path);
 WorldPoints read_point_ply(FileReader& file);
+
+/// The header of a little-endian file of vertices with these properties: name and type.
+std::string ply_header(std::int64_t n_vertices, const std::vector<std::pair<std::string, const char*>>& properties,
+                       const std::string& comment = "");
 
 /// @throws InputError for SuperSplat's compressed PLY and models of 2D Gaussian Splatting, whose columns differ
 void refuse_other_ply(const PlyReader& reader);

@@ -6,11 +6,9 @@
 #include <cstddef>
 #include <limits>
 #include <optional>
-#include <utility>
 
 #include "core/parallel.h"
 #include "core/random.h"
-#include "scene/cameras/coordinate_frame.h"
 
 namespace b3dgs {
 namespace {
@@ -26,19 +24,6 @@ constexpr float kUnseen = std::numeric_limits<float>::max();
 
 using Vec = std::array<double, 3>;
 
-Vec rotated(const std::array<double, 9>& r, const Vec& v) {
-  Vec result{};
-  for (std::size_t row = 0; row < 3; ++row)
-    result[row] = r[3 * row] * v[0] + r[3 * row + 1] * v[1] + r[3 * row + 2] * v[2];
-  return result;
-}
-
-Vec rotated_back(const std::array<double, 9>& r, const Vec& v) {
-  Vec result{};
-  for (std::size_t row = 0; row < 3; ++row) result[row] = r[row] * v[0] + r[3 + row] * v[1] + r[6 + row] * v[2];
-  return result;
-}
-
 /// Direction of a pixel in the camera's frame, with z = 1.
 Vec direction(const Camera& camera, double x, double y) {
   return {(x - camera.cx) / camera.fx, (y - camera.cy) / camera.fy, 1};
@@ -51,9 +36,7 @@ Vec point_at(const Camera& camera, double x, double y, double depth) {
 }
 
 const std::uint8_t* pixel(const Image8& image, double x, double y) {
-  const auto column = static_cast<std::size_t>(x), row = static_cast<std::size_t>(y);
-  return &image.pixels[(row * static_cast<std::size_t>(image.width) + column) *
-                       static_cast<std::size_t>(image.channels)];
+  return image.at(static_cast<int>(x), static_cast<int>(y));
 }
 
 /// Of a mask without pixels: everywhere.
@@ -132,12 +115,10 @@ std::array<float, 3> color_at(const Image8& image, float x, float y) {
   const int left = std::min(static_cast<int>(column), std::max(0, image.width - 2));
   const int above = std::min(static_cast<int>(row), std::max(0, image.height - 2));
   const float u = column - static_cast<float>(left), v = row - static_cast<float>(above);
-  const std::size_t stride = 3 * static_cast<std::size_t>(image.width);
-  const std::uint8_t* const a =
-      &image.pixels[static_cast<std::size_t>(above) * stride + 3 * static_cast<std::size_t>(left)];
-  const std::size_t right = image.width > 1 ? 3 : 0, below = image.height > 1 ? stride : 0;
+  const std::uint8_t* const a = image.at(left, above);
+  const int right = image.width > 1 ? 3 : 0, below = image.height > 1 ? 3 * image.width : 0;
   std::array<float, 3> color{};
-  for (std::size_t c = 0; c < 3; ++c) {
+  for (int c = 0; c < 3; ++c) {
     const float upper = (1 - u) * a[c] + u * a[right + c], lower = (1 - u) * a[below + c] + u * a[below + right + c];
     color[c] = (1 - v) * upper + v * lower;
   }
@@ -280,11 +261,10 @@ void fill(const std::vector<SeedView>& views, std::vector<Seed>& seeds) {
 
 PointCloud seed_points(const std::vector<SeedView>& views, std::int64_t n, SeedDepth depth) {
   std::vector<std::vector<Seed>> of_views(views.size());
-  const std::int64_t of_each =
-      (n + static_cast<std::int64_t>(views.size()) - 1) / static_cast<std::int64_t>(views.size());
-  parallel_pool(static_cast<std::int64_t>(views.size()), [&](std::int64_t view, int) {
-    std::vector<Seed>& seeds = of_views[static_cast<std::size_t>(view)];
-    seeds = seeds_of(views, static_cast<std::size_t>(view), of_each);
+  const auto n_views = static_cast<std::int64_t>(views.size());
+  parallel_pool(n_views, [&](std::int64_t view, int) {
+    std::vector<Seed>& seeds = of_views[view];
+    seeds = seeds_of(views, view, (n + n_views - 1) / n_views);
     if (depth == SeedDepth::kAny) fill(views, seeds);
   });
   PointCloud points;

@@ -1,10 +1,7 @@
 #include "scene/transforms/transforms.h"
 
 #include <algorithm>
-#include <array>
 #include <cmath>
-#include <string>
-#include <vector>
 
 namespace b3dgs::transforms {
 namespace {
@@ -12,22 +9,20 @@ namespace {
 constexpr double kMaxNumber = 1e12;   // its square is finite in single precision
 constexpr double kMaxSide = 1 << 20;  // px; larger only in damaged files
 
-// COLMAP's names, which nerfstudio writes too.
-constexpr std::array kPerspective{"SIMPLE_PINHOLE", "PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV", "FULL_OPENCV"};
-constexpr std::array kFisheye{"OPENCV_FISHEYE", "SIMPLE_RADIAL_FISHEYE", "RADIAL_FISHEYE"};
-
 constexpr const char* kPanorama = "EQUIRECTANGULAR";
 
 bool is_fisheye(const FrameValues& values, const std::string& model) {
-  if (model.empty()) return values.boolean("is_fisheye").value_or(false);
-  if (std::find(kFisheye.begin(), kFisheye.end(), model) != kFisheye.end()) return true;
-  if (std::find(kPerspective.begin(), kPerspective.end(), model) != kPerspective.end()) return false;
-  std::string names = kPerspective[0];
-  for (std::size_t i = 1; i < kPerspective.size(); ++i) names += std::string(", ") + kPerspective[i];
-  for (const char* name : kFisheye) names += std::string(", ") + name;
-  names += std::string(" and ") + kPanorama;
+  // COLMAP's names, which nerfstudio writes too.
+  constexpr std::array kModels{"SIMPLE_PINHOLE", "PINHOLE",        "SIMPLE_RADIAL",         "RADIAL",        "OPENCV",
+                               "FULL_OPENCV",    "OPENCV_FISHEYE", "SIMPLE_RADIAL_FISHEYE", "RADIAL_FISHEYE"};
+  if (model.empty()) return values.boolean("is_fisheye");
+  if (std::find(kModels.begin(), kModels.end(), model) != kModels.end()) {
+    return model.find("FISHEYE") != std::string::npos;
+  }
+  std::string names = kModels[0];
+  for (std::size_t i = 1; i < kModels.size(); ++i) names += std::string(", ") + kModels[i];
   input_error(values.place(), ": unsupported camera_model \"", model.substr(0, 40), "\", expected one of ", names,
-              "; convert the photographs to perspective views first");
+              " and ", kPanorama, "; convert the photographs to perspective views first");
 }
 
 // fx and fy, in px.
@@ -85,13 +80,12 @@ std::optional<int> FrameValues::side(const char* key) const {
   return static_cast<int>(*value);
 }
 
-std::optional<bool> FrameValues::boolean(const char* key) const {
+bool FrameValues::boolean(const char* key) const {
   const Json* json = find(key);
-  if (json == nullptr) return std::nullopt;
-  if (!json->is_boolean()) {
+  if (json != nullptr && !json->is_boolean()) {
     input_error(place_, ": expected ", key, " to be true or false, found ", json_excerpt(*json));
   }
-  return json->get<bool>();
+  return json != nullptr && json->get<bool>();
 }
 
 std::string FrameValues::text(const char* key) const {

@@ -35,8 +35,8 @@ class FrameValues {
   double coefficient(const char* key) const { return number(key).value_or(0); }
   /// A whole number of pixels, which may be written as 800.0.
   std::optional<int> side(const char* key) const;
-  std::optional<bool> boolean(const char* key) const;
-  /// "" if the key is missing.
+  /// False, or "", if the key is missing.
+  bool boolean(const char* key) const;
   std::string text(const char* key) const;
 
  private:

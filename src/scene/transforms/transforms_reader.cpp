@@ -158,11 +158,6 @@ class FrameReader {
   std::set<std::string> names_;
 };
 
-bool is_file(const fs::path& path) {
-  std::error_code error;
-  return fs::is_regular_file(path, error);
-}
-
 }  // namespace
 
 TransformsFiles find_transforms(const fs::path& source) {
