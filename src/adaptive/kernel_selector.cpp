@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
 #include <iterator>
 #include <limits>
 #include <numeric>
@@ -11,6 +10,7 @@
 
 #include "core/check.h"
 #include "core/json_text.h"
+#include "core/text.h"
 
 namespace b3dgs {
 namespace {
@@ -33,9 +33,8 @@ double median(std::vector<double> values) {
 /// Standard deviation estimated by the median absolute deviation, for normal noise: robust to single interrupted runs.
 double robust_deviation(const std::vector<double>& values) {
   const double center = median(values);
-  std::vector<double> distances;
-  distances.reserve(values.size());
-  for (const double value : values) distances.push_back(std::fabs(value - center));
+  std::vector<double> distances = values;
+  for (double& value : distances) value = std::fabs(value - center);
   return 1.4826 * median(distances);
 }
 
@@ -64,9 +63,7 @@ const KernelMeasurement* find_measurement(const std::vector<KernelMeasurement>& 
 
 /// "12.3 %"
 std::string percent(double share) {
-  char text[32];
-  std::snprintf(text, sizeof text, "%.1f %%", 100 * share);
-  return text;
+  return print_to_string("%.1f %%", 100 * share);
 }
 
 }  // namespace
@@ -228,15 +225,7 @@ nlohmann::ordered_json KernelSelector::to_json() const {
           {"history", std::move(history)}};
 }
 
-void KernelSelector::restore(const nlohmann::ordered_json& json, const std::string& place) {
-  try {
-    restore_checked(json, place);
-  } catch (const nlohmann::json::exception& error) {
-    input_error(place, ": invalid history of kernel checks: ", error.what());
-  }
-}
-
-void KernelSelector::restore_checked(const nlohmann::ordered_json& json, const std::string& place) {
+void KernelSelector::restore(const nlohmann::ordered_json& json, const std::string& place) try {
   KernelSelector read(options_);
   for (const Json& check : json.at("history")) {  // older files also have what was measured
     read.costs_ms_.push_back(check.at("cost_ms").get<double>());
@@ -251,14 +240,14 @@ void KernelSelector::restore_checked(const nlohmann::ordered_json& json, const s
     read.last_check_ = json_integer<int>(json.at("last_check"), "last_check", place, 0);
   }
   *this = std::move(read);
+} catch (const nlohmann::json::exception& error) {
+  input_error(place, ": invalid history of kernel checks: ", error.what());
 }
 
 std::string describe_change(const KernelDecision& decision, bool is_final) {
   std::string text;
   for (const auto& [kernel, ms] : decision.times_ms) {
-    char time[48];
-    std::snprintf(time, sizeof time, " %.3g ms", ms);
-    text += (text.empty() ? "" : ", ") + kernel + time;
+    text += (text.empty() ? "" : ", ") + kernel + print_to_string(" %.3g ms", ms);
   }
   if (!decision.disabled.empty()) {
     text = decision.reason + (text.empty() ? "" : " (" + text + ")");

@@ -108,8 +108,6 @@ class KernelSelector {
 
  private:
   struct Lead;
-  /// @throws nlohmann::json::exception too
-  void restore_checked(const nlohmann::ordered_json& json, const std::string& place);
   std::optional<Lead> lead_over_current(const KernelMeasurement& other, const KernelMeasurement& current) const;
   void disable_faulty(const std::vector<KernelMeasurement>& measurements, KernelDecision& decision);
   void choose(const std::vector<KernelMeasurement>& measurements, KernelDecision& decision);

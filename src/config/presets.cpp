@@ -127,11 +127,9 @@ std::string presets_help() {
   std::string text = "Values of --preset (default: ";
   text += std::string(kDefaultPreset) + "; if another --strategy than its own is given: " + kPresetNames[0] + "):\n";
   for (const OptionRow& row : presets()) text += help_entry(row);
-  std::string strategies;
-  for (const OptionRow& row : strategy_defaults()) {
-    if (!row.values.empty()) strategies += help_entry(row);
-  }
-  return text + (strategies.empty() ? "" : "\nValues of --strategy:\n" + strategies);
+  text += "\nValues of --strategy:\n";
+  for (const OptionRow& row : strategy_defaults()) text += help_entry(row);
+  return text;
 }
 
 std::string presets_markdown() {

@@ -2,11 +2,12 @@
 // train_options.h has the options' names, ranges and help texts.
 #pragma once
 
+#include <array>
 #include <cstdint>
 #include <string>
+#include <string_view>
 #include <vector>
 
-#include "config/density_strategies.h"
 #include "raster/kernels.h"
 
 namespace b3dgs {
@@ -20,6 +21,11 @@ inline constexpr const char *kStandardKernel = "shared-memory", *kStandardBackwa
 
 /// The values of --preset; presets.cpp has their options. The first one changes nothing.
 inline constexpr const char* kPresetNames[] = {"inria", "fast", "quality", "best"};
+
+/// The values of --strategy, in the order of the table in src/train/density, which says what a strategy does. The
+/// default one is the density control of the original 3DGS.
+inline constexpr std::string_view kDefaultStrategy = "default";
+inline constexpr std::array<std::string_view, 3> kDensityStrategies{kDefaultStrategy, "mcmc", "budget"};
 
 // Members are in the order of the options. NOLINTNEXTLINE(clang-analyzer-optin.performance.Padding)
 struct TrainConfig {

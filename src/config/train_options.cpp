@@ -3,7 +3,6 @@
 #include <string_view>
 
 #include "config/batch_steps.h"
-#include "config/density_strategies.h"
 #include "raster/kernels.h"
 
 namespace b3dgs {

@@ -13,15 +13,6 @@ namespace fs = std::filesystem;
 
 constexpr std::int64_t kUnknown = std::numeric_limits<std::int64_t>::max();
 
-std::int64_t system_available(const fs::path& root) {
-  std::ifstream info(root / "proc/meminfo");
-  std::string key, rest;
-  for (std::int64_t kilobytes = 0; info >> key >> kilobytes; std::getline(info, rest)) {
-    if (key == "MemAvailable:") return kilobytes * 1024;
-  }
-  return kUnknown;
-}
-
 /// The number in a file; nothing if the file does not exist or contains "max".
 std::optional<std::int64_t> read_number(const fs::path& file) {
   std::ifstream in(file);
@@ -30,13 +21,14 @@ std::optional<std::int64_t> read_number(const fs::path& file) {
   return std::nullopt;
 }
 
-std::int64_t read_statistic(const fs::path& file, const std::string& wanted) {
+/// The number after a key, in a file of lines "KEY NUMBER" or "KEY NUMBER UNIT"; nothing if there is no such line.
+std::optional<std::int64_t> read_number(const fs::path& file, const std::string& wanted) {
   std::ifstream in(file);
-  std::string key;
-  for (std::int64_t value = 0; in >> key >> value;) {
+  std::string key, rest;
+  for (std::int64_t value = 0; in >> key >> value; std::getline(in, rest)) {
     if (key == wanted) return value;
   }
-  return 0;
+  return std::nullopt;
 }
 
 struct ControlGroupFiles {
@@ -48,7 +40,7 @@ constexpr ControlGroupFiles kVersion2{"memory.max", "memory.current", "inactive_
 std::int64_t group_available(const fs::path& folder, const ControlGroupFiles& files) {
   const auto limit = read_number(folder / files.limit), usage = read_number(folder / files.usage);
   if (!limit || !usage) return kUnknown;
-  const std::int64_t in_use = *usage - read_statistic(folder / "memory.stat", files.file_cache);
+  const std::int64_t in_use = *usage - read_number(folder / "memory.stat", files.file_cache).value_or(0);
   return std::max<std::int64_t>(0, *limit - in_use);
 }
 
@@ -67,7 +59,8 @@ std::int64_t hierarchy_available(const fs::path& mount, const fs::path& group, c
 }  // namespace
 
 std::int64_t available_host_memory(const fs::path& root) {
-  std::int64_t available = system_available(root);
+  const auto kilobytes = read_number(root / "proc/meminfo", "MemAvailable:");
+  std::int64_t available = kilobytes ? *kilobytes * 1024 : kUnknown;
   std::ifstream groups(root / "proc/self/cgroup");  // lines of "NUMBER:CONTROLLERS:PATH"; v2: no controllers
   for (std::string line; std::getline(groups, line);) {
     const std::size_t first = line.find(':'), second = line.find(':', first + 1);

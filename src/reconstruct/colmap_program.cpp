@@ -1,10 +1,11 @@
 #include "reconstruct/colmap_program.h"
 
 #include <algorithm>
-#include <cctype>
-#include <charconv>
+#include <cstdio>
 #include <cstdlib>
+#include <cstring>
 #include <filesystem>
+#include <regex>
 #include <system_error>
 #include <utility>
 
@@ -26,12 +27,7 @@ constexpr int kNewestInAllVersions = static_cast<int>(CameraModel::kThinPrismFis
 
 /// Whether the name of a camera model stands in the text, not as a part of another one.
 bool has_word(const std::string& text, const std::string& word) {
-  const auto is_part = [](char c) { return c == '_' || std::isalnum(static_cast<unsigned char>(c)) != 0; };
-  for (std::size_t at = text.find(word); at != std::string::npos; at = text.find(word, at + 1)) {
-    const std::size_t end = at + word.size();
-    if ((at == 0 || !is_part(text[at - 1])) && (end == text.size() || !is_part(text[end]))) return true;
-  }
-  return false;
+  return std::regex_search(text, std::regex("\\b" + word + "\\b"));
 }
 
 std::vector<std::string> lines_of(const std::vector<std::string>& command, ProgramLog& log) {
@@ -40,31 +36,10 @@ std::vector<std::string> lines_of(const std::vector<std::string>& command, Progr
   return lines;
 }
 
-/// Removes the next number, and everything before it, from `text`.
-std::optional<std::size_t> take_number(std::string_view& text) {
-  const std::size_t begin = text.find_first_of("0123456789");
-  if (begin == std::string_view::npos) return std::nullopt;
-  text.remove_prefix(begin);
-  std::size_t value = 0;
-  const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
-  text.remove_prefix(static_cast<std::size_t>(end - text.data()));
-  if (error != std::errc()) return std::nullopt;
-  return value;
-}
-
-/// What follows `words` in the line.
-std::optional<std::string_view> text_after(std::string_view line, std::string_view words) {
+/// What follows `words` in the line; null if they are not in it.
+const char* text_after(const std::string& line, const char* words) {
   const std::size_t at = line.find(words);
-  if (at == std::string_view::npos) return std::nullopt;
-  return line.substr(at + words.size());
-}
-
-/// "3/50" as {3, 50}.
-std::optional<ColmapStep> take_share(std::string_view& text) {
-  const auto done = take_number(text);
-  const auto total = take_number(text);
-  if (!done || !total) return std::nullopt;
-  return ColmapStep{*done, *total};
+  return at == std::string::npos ? nullptr : line.c_str() + at + std::strlen(words);
 }
 
 }  // namespace
@@ -212,30 +187,29 @@ std::vector<std::string> ColmapProgram::map_command() {
   return command;
 }
 
-std::optional<ColmapStep> colmap_step(std::string_view line) {
+std::optional<ColmapStep> colmap_step(const std::string& line) {
+  ColmapStep step;
   for (const char* words : {"Processed file [", "Matching image [", "Processing image ["}) {
-    if (auto rest = text_after(line, words)) return take_share(*rest);
+    const char* const rest = text_after(line, words);
+    if (rest && std::sscanf(rest, "%9zu/%9zu", &step.done, &step.total) == 2) return step;
   }
   for (const char* words : {"Matching block [", "Processing block ["}) {
-    auto rest = text_after(line, words);
-    if (!rest) continue;
-    const auto row = take_share(*rest), column = take_share(*rest);
-    if (!row || !column || row->done == 0) return std::nullopt;
-    return ColmapStep{(row->done - 1) * column->total + column->done, row->total * column->total};
+    const char* const rest = text_after(line, words);
+    std::size_t row = 0, rows = 0, column = 0, columns = 0;
+    if (!rest || std::sscanf(rest, "%9zu/%9zu, %9zu/%9zu", &row, &rows, &column, &columns) != 4 || row == 0) continue;
+    return ColmapStep{(row - 1) * columns + column, rows * columns};
   }
-  if (auto rest = text_after(line, "Registering image #")) {
-    const std::size_t bracket = rest->rfind('(');
-    if (bracket == std::string_view::npos) return std::nullopt;
-    rest->remove_prefix(bracket);
-    if (const auto done = take_number(*rest)) return ColmapStep{*done, 0};
-  }
-  return std::nullopt;
+  const char* const image = text_after(line, "Registering image #");
+  const char* const count = image ? std::strrchr(image, '(') : nullptr;  // "(12)" or "(num_reg_frames=12)"
+  if (!count || std::sscanf(count + std::strcspn(count, "0123456789"), "%9zu", &step.done) != 1) return std::nullopt;
+  return ColmapStep{step.done, 0};
 }
 
-std::optional<std::size_t> colmap_camera(std::string_view line) {
-  auto rest = text_after(line, "Camera:");
-  if (!rest || rest->find('#') == std::string_view::npos) return std::nullopt;
-  return take_number(*rest);
+std::optional<std::size_t> colmap_camera(const std::string& line) {
+  const char* const rest = text_after(line, "Camera:");
+  std::size_t camera = 0;
+  if (!rest || std::sscanf(rest, " #%9zu", &camera) != 1) return std::nullopt;
+  return camera;
 }
 
 }  // namespace b3dgs

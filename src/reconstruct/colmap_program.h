@@ -8,7 +8,6 @@
 #include <optional>
 #include <set>
 #include <string>
-#include <string_view>
 #include <vector>
 
 #include "reconstruct/program_log.h"
@@ -75,9 +74,9 @@ struct ColmapStep {
 /// Steps that a line reports, as versions 3.8 to 3.13 print them: "Processed file [3/50]", "Matching block [1/4, 2/4]",
 /// "Matching image [3/50]", "Registering image #7 (12)". A block that is named is about to be matched or has been: done
 /// counts it in both cases.
-std::optional<ColmapStep> colmap_step(std::string_view line);
+std::optional<ColmapStep> colmap_step(const std::string& line);
 
 /// The number in "Camera: #3 - OPENCV", with which feature_extractor says which camera a photograph has got.
-std::optional<std::size_t> colmap_camera(std::string_view line);
+std::optional<std::size_t> colmap_camera(const std::string& line);
 
 }  // namespace b3dgs

@@ -4,7 +4,9 @@
 #include <array>
 #include <cmath>
 #include <cstdint>
+#include <iterator>
 #include <map>
+#include <opencv2/core/matx.hpp>
 #include <utility>
 
 #include "core/check.h"
@@ -46,15 +48,10 @@ double distance(const std::array<double, 3>& a, const std::array<double, 3>& b) 
 Candidate candidate_of(const ColmapImage& image, const Camera& face) {
   Camera camera;
   camera.cam_from_world = {rotation_from_quaternion(image.quat), image.translation};
-  std::array<double, 9> rotation{};  // panorama from world
-  for (std::size_t row = 0; row < 3; ++row) {
-    for (std::size_t column = 0; column < 3; ++column) {
-      for (std::size_t k = 0; k < 3; ++k) {
-        rotation[3 * row + column] +=
-            face.cam_from_world.rotation[3 * k + row] * camera.cam_from_world.rotation[3 * k + column];
-      }
-    }
-  }
+  const cv::Matx33d panorama_from_world =
+      cv::Matx33d(face.cam_from_world.rotation.data()).t() * cv::Matx33d(camera.cam_from_world.rotation.data());
+  std::array<double, 9> rotation{};
+  std::copy(std::begin(panorama_from_world.val), std::end(panorama_from_world.val), rotation.begin());
   return {image.id, quaternion_from_rotation(rotation), camera.center(), 0};
 }
 

@@ -81,11 +81,11 @@ bool clone_file(const fs::path& from, const fs::path& to) {
   return is_done;
 }
 
-void copy_photograph(const fs::path& from, const fs::path& to, bool turns, bool* is_turned) {
+/// @return whether it was turned
+bool copy_photograph(const fs::path& from, const fs::path& to, bool turns) {
   AtomicFile file(to);
   std::optional<std::vector<std::uint8_t>> upright;
   if (turns) upright = turned_upright(read_file(from));
-  *is_turned = upright.has_value();
   std::error_code error;
   if (upright) {
     file.write(upright->data(), upright->size());
@@ -98,6 +98,7 @@ void copy_photograph(const fs::path& from, const fs::path& to, bool turns, bool*
              "); photographs that you move to ", "SCENE/images need not be copied: give this folder as PHOTOS");
   }
   file.commit();
+  return upright.has_value();
 }
 
 /// COLMAP's list of photographs has one name per line, from which it removes blanks at both ends.
@@ -209,9 +210,8 @@ std::size_t place_photographs(const fs::path& from, const fs::path& to, const st
   progress(n_done);
   for (const Photograph* photograph : missing) {
     const fs::path source = from / photograph->name;
-    bool is_turned = false;
-    copy_photograph(source, to / photograph->name, turns && read_exif_orientation(source) != 1, &is_turned);
-    n_turned += is_turned ? 1 : 0;
+    const bool lies = turns && read_exif_orientation(source) != 1;
+    n_turned += copy_photograph(source, to / photograph->name, lies) ? 1 : 0;
     progress(++n_done);
   }
   return n_turned;

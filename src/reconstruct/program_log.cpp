@@ -51,37 +51,25 @@ ProgramLog::ProgramLog(std::filesystem::path file, const std::atomic<int>* stop)
   if (!file_) io_error("cannot write to file: ", path_.string(), " (", std::strerror(errno), ")");
 }
 
-void ProgramLog::run(const std::vector<std::string>& argv, const OnChildLine& on_line) {
-  begin(argv);
+void ProgramLog::run(const std::vector<std::string>& argv, const OnChildLine& on_line, const OnChildBytes& on_bytes) {
+  check_stop();
+  std::string command = "\n$";
+  for (const std::string& word : argv) command += " " + word;
+  add(command);
+  last_lines_.clear();
   const ChildResult result = run_program_lines(
       argv,
       [&](const std::string& line) {
         add(line);
         if (on_line) on_line(line);
       },
-      stop_);
-  end(argv, result);
-}
-
-void ProgramLog::run_for_bytes(const std::vector<std::string>& argv,
-                               const std::function<void(const char* data, std::size_t bytes)>& on_bytes) {
-  begin(argv);
-  const ChildResult result = run_program_bytes(
-      argv, on_bytes, [this](const std::string& line) { add(line); }, stop_);
-  end(argv, result);
+      stop_, on_bytes);
+  check_stop();
+  if (!result.succeeded()) fail(argv, result);
 }
 
 void ProgramLog::check_stop() const {
   if (stop_ != nullptr && *stop_ != 0) throw Stopped{};
-}
-
-void ProgramLog::begin(const std::vector<std::string>& argv) {
-  check_stop();
-  last_lines_.clear();
-  std::string command = "\n$";
-  for (const std::string& word : argv) command += " " + word;
-  add(command);
-  last_lines_.clear();
 }
 
 void ProgramLog::add(const std::string& line) {
@@ -92,14 +80,11 @@ void ProgramLog::add(const std::string& line) {
   if (last_lines_.size() > kLinesKept) last_lines_.pop_front();
 }
 
-void ProgramLog::end(const std::vector<std::string>& argv, const ChildResult& result) {
-  check_stop();
-  if (result.succeeded()) return;
+void ProgramLog::fail(const std::vector<std::string>& argv, const ChildResult& result) {
+  const std::string reason = failure_line(last_lines_);
   add("(" + describe(result) + ")");
-  last_lines_.pop_back();
   std::string program = std::filesystem::path(argv[0]).filename().string();
   if (program == "colmap" && argv.size() > 1) program += " " + argv[1];
-  const std::string reason = failure_line(last_lines_);
   if (contains(reason, "disk is full") || contains(reason, "no space left")) {
     io_error(program, ": the disk is full: ", path_.parent_path().string(),
              "; free some space and give the same command again: it goes on from here");

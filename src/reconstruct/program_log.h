@@ -6,7 +6,6 @@
 #include <cstdio>
 #include <deque>
 #include <filesystem>
-#include <functional>
 #include <memory>
 #include <string>
 #include <vector>
@@ -23,21 +22,17 @@ class ProgramLog {
   /// Appends to the file. @throws IoError
   ProgramLog(std::filesystem::path file, const std::atomic<int>* stop);
 
-  /// Runs a program with its output in the log. @throws InputError if it fails: program, reason, log; Stopped;
-  /// InputError and IoError of run_program_lines()
-  void run(const std::vector<std::string>& argv, const OnChildLine& on_line = {});
-
-  /// The same, with the bytes of standard output passed on instead.
-  void run_for_bytes(const std::vector<std::string>& argv,
-                     const std::function<void(const char* data, std::size_t bytes)>& on_bytes);
+  /// Runs a program with its output in the log; with `on_bytes`, which takes standard output, only that of standard
+  /// error. @throws InputError if it fails: program, reason, log; Stopped; InputError and IoError of
+  /// run_program_lines()
+  void run(const std::vector<std::string>& argv, const OnChildLine& on_line = {}, const OnChildBytes& on_bytes = {});
 
   /// @throws Stopped if `stop` asks for it
   void check_stop() const;
 
  private:
-  void begin(const std::vector<std::string>& argv);
   void add(const std::string& line);
-  void end(const std::vector<std::string>& argv, const ChildResult& result);
+  [[noreturn]] void fail(const std::vector<std::string>& argv, const ChildResult& result);
 
   struct Close {
     void operator()(std::FILE* file) const { std::fclose(file); }

@@ -62,11 +62,7 @@ class Reconstruction {
  private:
   void show(const std::string& stage, std::size_t done, std::size_t total) const {
     log_->check_stop();
-    if (progress_) progress_(stage, done, total);
-  }
-
-  void warn(const std::string& line) const {
-    if (warn_) warn_(line);
+    progress_(stage, done, total);
   }
 
   /// The name of the input in the record: that of an earlier call if it is the same place, whatever it is called now.
@@ -93,11 +89,6 @@ class Reconstruction {
     record();
   }
 
-  std::vector<fs::path> database_files() const {
-    const std::string base = places_.database.string();
-    return {base, base + "-wal", base + "-shm", base + "-journal"};
-  }
-
   std::vector<std::string> use_photographs() {
     Json files = Json::array();
     std::vector<std::string> names;
@@ -111,9 +102,9 @@ class Reconstruction {
     if (record_->is_done("photographs", {{"folder", source}, {"files", files}}, are_there)) return names;
     if (input_.is_in_place) {
       if (const std::size_t n_turned = count_turned(input_.source, input_.photographs); n_turned > 0) {
-        warn(detail::concat(n_turned, " of ", names.size(), " photographs lie on their side or upside down (EXIF ",
-                            "orientation), and so will the views of the model; photographs that are copied from ",
-                            "another folder are turned"));
+        warn_(detail::concat(n_turned, " of ", names.size(), " photographs lie on their side or upside down (EXIF ",
+                             "orientation), and so will the views of the model; photographs that are copied from ",
+                             "another folder are turned"));
       }
     } else {
       place();
@@ -132,8 +123,9 @@ class Reconstruction {
         place_photographs(input_.source, places_.images, input_.photographs,
                           [&](std::size_t done) { show("copying photographs", done, input_.photographs.size()); });
     if (n_turned == 0) return;
-    warn(detail::concat(n_turned, " of ", input_.photographs.size(), " photographs were turned upright, as their EXIF ",
-                        "orientation says: these copies are encoded again, with JPEG quality 98"));
+    warn_(detail::concat(n_turned, " of ", input_.photographs.size(),
+                         " photographs were turned upright, as their EXIF ",
+                         "orientation says: these copies are encoded again, with JPEG quality 98"));
   }
 
   std::vector<std::string> use_video() {
@@ -177,10 +169,10 @@ class Reconstruction {
     constexpr std::size_t kMostNamed = 5;
     const std::vector<std::string>& damaged = photographs.damaged;
     for (std::size_t i = 0; i < std::min(damaged.size(), kMostNamed); ++i) {
-      warn("left out: " + damaged[i]);
+      warn_("left out: " + damaged[i]);
     }
     if (damaged.size() > kMostNamed) {
-      warn(detail::concat("left out: ", damaged.size() - kMostNamed, " more damaged photographs"));
+      warn_(detail::concat("left out: ", damaged.size() - kMostNamed, " more damaged photographs"));
     }
     if (photographs.names.size() < 2) {
       input_error(options_.input, ": ", photographs.names.size(), " of ", names.size(),
@@ -202,7 +194,7 @@ class Reconstruction {
                   "give the camera model of these photographs");
     }
     if (other == sizes.end() && options_.camera_model == ReconstructOptions{}.camera_model) {
-      warn(
+      warn_(
           "all photographs are twice as wide as high; if they are panoramas of 360 degrees, stop and add "
           "--camera_model EQUIRECTANGULAR");
     }
@@ -274,7 +266,7 @@ class Reconstruction {
       camera = found;
       record_->set_notes({{"camera", *camera}});
     };
-    run(colmap_->extract_command(list_file, group.is_single_camera, camera), on_line, database_files());
+    run(colmap_->extract_command(list_file, group.is_single_camera, camera), on_line, database_files(places_.database));
     record_->finish();
   }
 
@@ -282,7 +274,7 @@ class Reconstruction {
     std::string matcher = options_.matcher;
     if (matcher == "auto") matcher = input_.is_video || n_images > kMostExhaustive ? "sequential" : "exhaustive";
     if (options_.matcher == "auto" && !input_.is_video && n_images > kMostExhaustive) {
-      warn(detail::concat(
+      warn_(detail::concat(
           n_photographs,
           " photographs: only those with neighbouring names are matched; if they were not taken in this ",
           "order, add --matcher exhaustive, which takes longer"));
@@ -292,7 +284,7 @@ class Reconstruction {
     const auto on_line = [&](const std::string& line) {
       if (const auto step = colmap_step(line)) show("matching", step->done, step->total);
     };
-    run(colmap_->match_command(matcher, n_images), on_line, database_files());
+    run(colmap_->match_command(matcher, n_images), on_line, database_files(places_.database));
     record_->finish();
   }
 
@@ -309,7 +301,7 @@ class Reconstruction {
         if (const auto step = colmap_step(line))
           show("registering photographs", std::min(step->done, n_images), n_images);
       };
-      std::vector<fs::path> written = database_files();
+      std::vector<fs::path> written = database_files(places_.database);
       written.push_back(places_.models);
       run(colmap_->map_command(), on_line, written);
     } catch (const InputError& error) {
@@ -357,7 +349,7 @@ class Reconstruction {
                   " to use this model (it is kept in ", models.string(), ")");
     }
     if (share < kWarnBelow) {
-      warn(registered + "; views that are missing leave holes: " + kHowToPhotograph);
+      warn_(registered + "; views that are missing leave holes: " + kHowToPhotograph);
     }
     if (!is_new) return;
     folder_->move_aside(places_.sparse);
@@ -383,8 +375,10 @@ class Reconstruction {
 
 ReconstructResult reconstruct(const ReconstructOptions& options, const ReconstructProgress& progress,
                               const std::atomic<int>* stop, const WarnFn& warn) {
+  const ReconstructProgress progress_or_none = progress ? progress : [](const auto&...) {};
+  const WarnFn warn_or_none = warn ? warn : [](const std::string&) {};
   try {
-    return Reconstruction(options, progress, stop, warn).run();
+    return Reconstruction(options, progress_or_none, stop, warn_or_none).run();
   } catch (const Stopped&) {
     ReconstructResult result;
     result.is_stopped = true;

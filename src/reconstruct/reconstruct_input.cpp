@@ -39,7 +39,7 @@ void list_input(ReconstructInput& input, const ReconstructOptions& options, cons
   if (is_inside(places.images, source)) except.push_back(places.images);
   PhotographList list = list_photographs(source, except);
   input.photographs = std::move(list.photographs);
-  if (list.unreadable.empty() || !warn) return;
+  if (list.unreadable.empty()) return;
   warn(detail::one_line(detail::concat(list.unreadable.size(), " raw or HEIC files are left out (the first: ",
                                        list.unreadable[0], "); convert them to JPEG to use them")));
 }

@@ -17,9 +17,6 @@ namespace {
 
 namespace fs = std::filesystem;
 
-// SQLite's files: the database, and what it has not yet written into it.
-constexpr const char* kDatabaseEnds[] = {"", "-wal", "-shm", "-journal"};
-
 /// Files of this program that are there only while it writes.
 bool is_lock_or_temporary(const fs::path& path) {
   return path.filename().string().rfind(".b3dgs-", 0) == 0;
@@ -41,6 +38,11 @@ std::vector<fs::path> files_at(const fs::path& path) {
 }
 
 }  // namespace
+
+std::vector<fs::path> database_files(const fs::path& database) {
+  const std::string base = database.string();
+  return {base, base + "-wal", base + "-shm", base + "-journal"};
+}
 
 bool is_taken(const fs::path& path) {
   std::error_code error;
@@ -87,9 +89,7 @@ void check_work_folder(const ScenePlaces& places) {
 
 SceneFolder::SceneFolder(const ScenePlaces& places, const WarnFn& warn)
     : places_(places), warn_(warn), lock_(places.root, "scene folder") {
-  OwnFiles::set_reporter([this](const std::string& line) {
-    if (warn_) warn_(line);
-  });
+  OwnFiles::set_reporter(warn_);
   // Scenes of earlier versions have no list of own files. Without these two, the scene could not be continued.
   if (!own().is_own(places_.record) && is_stage_record(places_.record)) {
     own().add(places_.record);
@@ -125,29 +125,23 @@ void SceneFolder::clear(const fs::path& path) {
 }
 
 void SceneFolder::clear_database() {
-  const std::string base = places_.database.string();
-  const bool is_own = std::all_of(std::begin(kDatabaseEnds), std::end(kDatabaseEnds), [&](const char* end) {
-    return !is_taken(base + end) || own().is_own(fs::path(base + end));
-  });
-  std::string free = previous_name(base).string();
-  const auto is_free = [&] {
-    return std::none_of(std::begin(kDatabaseEnds), std::end(kDatabaseEnds),
-                        [&](const char* end) { return is_taken(free + end); });
-  };
-  for (int i = 3; !is_free(); ++i) free = base + ".previous." + std::to_string(i);
-  for (const char* end : kDatabaseEnds) {
-    if (!is_taken(base + end)) continue;
-    if (is_own) {
-      own().remove(base + end);
-    } else {
-      own().move(base + end, free + end);  // its parts belong together
+  const fs::path& database = places_.database;
+  const std::vector<fs::path> files = database_files(database);
+  const auto is_users = [&](const fs::path& file) { return is_taken(file) && !own().is_own(file); };
+  if (std::none_of(files.begin(), files.end(), is_users)) {
+    for (const fs::path& file : files) own().remove(file);
+  } else {
+    std::vector<fs::path> free = database_files(previous_name(database));
+    for (int i = 3; std::any_of(free.begin(), free.end(), is_taken); ++i) {
+      free = database_files(database.string() + ".previous." + std::to_string(i));
     }
+    for (std::size_t i = 0; i < files.size(); ++i) {
+      if (is_taken(files[i])) own().move(files[i], free[i]);
+    }
+    warn_(database.string() + " was changed since by another program or an interruption; it is kept as " +
+          free[0].filename().string());
   }
-  if (!is_own && warn_) {
-    warn_(base + " was changed since by another program or an interruption; it is kept as " +
-          fs::path(free).filename().string());
-  }
-  if (is_taken(base)) io_error("cannot remove ", base);
+  if (is_taken(database)) io_error("cannot remove ", database.string());
 }
 
 void SceneFolder::move_aside(const fs::path& path, const std::string& reason) {
@@ -158,7 +152,7 @@ void SceneFolder::move_aside(const fs::path& path, const std::string& reason) {
   }
   const fs::path free = previous_name(path);
   own().move(path, free);
-  if (!warn_ || (others.empty() && reason.empty())) return;
+  if (others.empty() && reason.empty()) return;
   std::string line = reason.empty() ? "" : reason + ": ";
   line += path.string() + " is now " + free.filename().string();
   if (!others.empty()) {

@@ -48,7 +48,7 @@ class SceneFolder {
 
   /// Makes `path` free: removes what is the program's own, and moves the rest to PATH.previous. @throws IoError
   void clear(const std::filesystem::path& path);
-  /// The same for COLMAP's database, with the files that SQLite keeps beside it.
+  /// The same for the database_files(), which stay together.
   void clear_database();
   /// Moves what is at `path`, if there is something, to PATH.previous. Warns, with `reason` if there is one, and if
   /// there are files of the user's. @throws IoError
@@ -62,6 +62,9 @@ class SceneFolder {
   const WarnFn& warn_;
   FolderLock lock_;
 };
+
+/// COLMAP's database, and the files beside it with what SQLite has not yet written into it.
+std::vector<std::filesystem::path> database_files(const std::filesystem::path& database);
 
 /// Whether something is at the path, also a link that leads nowhere.
 bool is_taken(const std::filesystem::path& path);

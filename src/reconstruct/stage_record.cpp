@@ -1,6 +1,7 @@
 #include "reconstruct/stage_record.h"
 
 #include <fstream>
+#include <optional>
 #include <utility>
 
 #include "core/check.h"
@@ -19,6 +20,15 @@ bool is_stage(const Json& json) {
          json.contains("done") && json["done"].is_boolean() && json.contains("notes") && json["notes"].is_object();
 }
 
+/// Nothing if the file is no record of any version.
+std::optional<Json> read_record(const std::filesystem::path& file) {
+  std::ifstream stream(file, std::ios::binary);
+  Json json = stream ? parse_json(stream) : Json();
+  if (!json.is_object() || !json.contains("version") || !json["version"].is_number_integer()) return std::nullopt;
+  if (!json.contains("stages") || !json["stages"].is_array()) return std::nullopt;
+  return json;
+}
+
 /// As it is written to the file. File names need not be valid UTF-8.
 std::string text_of(const Json& json, int indent) {
   return json.dump(indent, ' ', false, Json::error_handler_t::replace);
@@ -27,13 +37,9 @@ std::string text_of(const Json& json, int indent) {
 }  // namespace
 
 StageRecord::StageRecord(std::filesystem::path file) : file_(std::move(file)) {
-  std::ifstream stream(file_, std::ios::binary);
-  if (!stream) return;
-  const Json json = parse_json(stream);
-  if (!json.is_object() || json.value("version", Json()) != kVersion || !json.contains("stages")) return;
-  const Json& stages = json["stages"];
-  if (!stages.is_array()) return;
-  for (const Json& stage : stages) {
+  const std::optional<Json> record = read_record(file_);
+  if (!record || (*record)["version"] != kVersion) return;
+  for (const Json& stage : (*record)["stages"]) {
     if (!is_stage(stage)) return;
     stages_.push_back(stage);
   }
@@ -94,11 +100,7 @@ void StageRecord::write() const {
 }
 
 bool is_stage_record(const std::filesystem::path& file) {
-  std::ifstream stream(file, std::ios::binary);
-  if (!stream) return false;
-  const Json json = parse_json(stream);
-  return json.is_object() && json.contains("version") && json["version"].is_number_integer() &&
-         json.contains("stages") && json["stages"].is_array();
+  return read_record(file).has_value();
 }
 
 }  // namespace b3dgs

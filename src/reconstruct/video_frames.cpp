@@ -58,11 +58,11 @@ std::vector<double> measure_sharpness(const fs::path& video, const VideoInfo& in
   const int width = std::min(960, info.width), height = std::max(1, info.height * width / info.width);
   const std::string filter = detail::concat(kEachFrame, ",scale=", width, ":", height, ":flags=area,format=gray");
   std::vector<std::string> command = ffmpeg_command(video, filter);
-  for (const char* word : {"-f", "rawvideo", "-"}) command.emplace_back(word);
+  command.insert(command.end(), {"-f", "rawvideo", "-"});
   std::vector<double> values;
   std::vector<std::uint8_t> frame;
   const auto frame_bytes = static_cast<std::size_t>(width) * static_cast<std::size_t>(height);
-  log.run_for_bytes(command, [&](const char* data, std::size_t bytes) {
+  log.run(command, {}, [&](const char* data, std::size_t bytes) {
     for (const char* const end = data + bytes; data < end;) {
       const std::size_t part = std::min(static_cast<std::size_t>(end - data), frame_bytes - frame.size());
       frame.insert(frame.end(), data, data + part);
@@ -176,12 +176,9 @@ std::vector<std::string> extract_frames(
     std::vector<std::string> command =
         ffmpeg_command(video, "select='" + selection(first, first + count) + "'," + kEachFrame);
     // After its last frame, ffmpeg need not decode the rest.
-    for (const std::string& word :
-         {std::string("-frames:v"), std::to_string(count), std::string("-f"), std::string("image2"),
-          std::string("-start_number"), std::to_string(begin + 1), std::string("-q:v"), std::string("1"),
-          std::string("-qmin"), std::string("1"), frame_pattern(fs::absolute(folder))}) {
-      command.push_back(word);
-    }
+    command.insert(command.end(),
+                   {"-frames:v", std::to_string(count), "-f", "image2", "-start_number", std::to_string(begin + 1),
+                    "-q:v", "1", "-qmin", "1", frame_pattern(fs::absolute(folder))});
     progress("writing frames", begin, chosen.size());
     log.run(command);
   }

@@ -67,10 +67,10 @@ TEST(ChildProcess, ReadsLargeOutputToItsEnd) {
 TEST(ChildProcess, ReadsBytesBesideTheLinesOfStandardError) {
   std::string bytes;
   Lines lines;
-  const ChildResult result = run_program_bytes(
+  const ChildResult result = run_program_lines(
       {"sh", "-c", "echo one >&2; head -c 300000 /dev/zero; echo two >&2; exit 6"},
-      [&](const char* data, std::size_t size) { bytes.append(data, size); },
-      [&](const std::string& line) { lines.push_back(line); });
+      [&](const std::string& line) { lines.push_back(line); }, nullptr,
+      [&](const char* data, std::size_t size) { bytes.append(data, size); });
   EXPECT_EQ(result.exit_code, 6);
   EXPECT_EQ(bytes, std::string(300000, '\0'));
   EXPECT_EQ(lines, (Lines{"one", "two"}));

@@ -173,15 +173,13 @@ class SpawnSettings {
   posix_spawnattr_t attributes_{};
 };
 
-using OnBytes = std::function<void(const char* data, std::size_t bytes)>;
-
 }  // namespace
 
 /// A running program.
 class Child {
  public:
   /// Without `on_bytes`, both outputs are passed on as lines.
-  Child(const std::vector<std::string>& argv, const OnChildLine& on_line, const OnBytes& on_bytes,
+  Child(const std::vector<std::string>& argv, const OnChildLine& on_line, const OnChildBytes& on_bytes,
         const std::atomic<int>* stop, bool has_input)
       : lines_(on_line), on_bytes_(on_bytes), stop_(stop) {
     B3DGS_CHECK(!argv.empty(), "no program");
@@ -300,7 +298,7 @@ class Child {
 
   EndingSignals signals_;  // first, so that a signal between this and the start of the program is not lost
   LineSplitter lines_;
-  OnBytes on_bytes_;
+  OnChildBytes on_bytes_;
   const std::atomic<int>* stop_;
   Descriptor text_, data_, input_;
   pid_t pid_ = -1;
@@ -310,7 +308,7 @@ class Child {
 };
 
 ChildInput::ChildInput(const std::vector<std::string>& argv, const OnChildLine& on_line, const std::atomic<int>* stop)
-    : child_(std::make_unique<Child>(argv, on_line, OnBytes(), stop, /*has_input=*/true)) {}
+    : child_(std::make_unique<Child>(argv, on_line, OnChildBytes(), stop, /*has_input=*/true)) {}
 
 ChildInput::~ChildInput() = default;
 
@@ -327,13 +325,7 @@ ChildResult ChildInput::finish() {
 }
 
 ChildResult run_program_lines(const std::vector<std::string>& argv, const OnChildLine& on_line,
-                              const std::atomic<int>* stop) {
-  return Child(argv, on_line, {}, stop, /*has_input=*/false).finish();
-}
-
-ChildResult run_program_bytes(const std::vector<std::string>& argv, const OnBytes& on_bytes, const OnChildLine& on_line,
-                              const std::atomic<int>* stop) {
-  B3DGS_CHECK(on_bytes != nullptr, "nothing takes the bytes");
+                              const std::atomic<int>* stop, const OnChildBytes& on_bytes) {
   return Child(argv, on_line, on_bytes, stop, /*has_input=*/false).finish();
 }
 

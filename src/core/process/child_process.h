@@ -24,9 +24,12 @@ std::string describe(const ChildResult& result);
 /// Is called for each line of a child's standard output and standard error, which come through one pipe in the order
 /// in which they were written. Without the line's end: "\n", "\r\n" or "\r". Lines above 64 KiB come in parts.
 using OnChildLine = std::function<void(const std::string& line)>;
+/// Takes what a child writes to its standard output, where that is not text.
+using OnChildBytes = std::function<void(const char* data, std::size_t bytes)>;
 
 /// Starts the program argv[0], a path or a name in PATH, with empty standard input, and waits until it has ended.
-/// Processes that it leaves behind are not waited for.
+/// Processes that it leaves behind are not waited for. With `on_bytes`, only the lines of standard error go to
+/// `on_line`.
 ///
 /// If `*stop` becomes other than 0, or this process gets SIGINT, SIGTERM or SIGHUP, the program and its children get
 /// SIGTERM, and SIGKILL after 5 s; ChildResult::signal is then not 0, even if the program exited. A signal for which
@@ -34,13 +37,7 @@ using OnChildLine = std::function<void(const std::string& line)>;
 /// (EndingSignals). If `on_line` throws, the program and its children are killed.
 /// @throws InputError if there is no such program, IoError if it cannot be started
 ChildResult run_program_lines(const std::vector<std::string>& argv, const OnChildLine& on_line,
-                              const std::atomic<int>* stop = nullptr);
-
-/// The same, for a program that writes bytes to standard output, which `on_bytes` takes; `on_line` gets the lines of
-/// standard error.
-ChildResult run_program_bytes(const std::vector<std::string>& argv,
-                              const std::function<void(const char* data, std::size_t bytes)>& on_bytes,
-                              const OnChildLine& on_line, const std::atomic<int>* stop = nullptr);
+                              const std::atomic<int>* stop = nullptr, const OnChildBytes& on_bytes = {});
 
 class Child;
 
