@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <cmath>
 
-#include "app/bench/bench_devices.h"
 #include "data_synth/random.h"
 #include "data_synth/synth_scene.h"
 #include "model/cameras/cameras_json.h"
@@ -12,7 +11,7 @@
 #include "model/raster_input.h"
 #include "scene/cameras/coordinate_frame.h"
 #include "scene/scene.h"
-#include "train/evaluate.h"
+#include "train/device.h"
 #include "train/gaussians/gaussian_model.h"
 
 namespace b3dgs {
@@ -149,14 +148,10 @@ BenchScene read_bench_scene(const BenchConfig& config) {
 }  // namespace
 
 void resolve_auto(BenchRun& run) {
-  if (run.device == "auto") run.device = default_bench_device();
+  if (run.device == "auto") run.device = device_name(choose_device(run.device));
   if (run.tile_width == 0) run.tile_width = 16;
   if (run.tile_height == 0) run.tile_height = run.tile == "16x8" ? 8 : 16;
   run.tile = detail::concat(run.tile_width, "x", run.tile_height);
-}
-
-GaussianArrays BenchScene::arrays() const {
-  return to_gaussian_arrays(cloud);
 }
 
 BenchScene make_spread_scene(const SpreadConfig& spread, const BenchRun& run) {

@@ -90,9 +90,7 @@ void visit_fields(BenchConfig& c, Visitor&& field) {
 struct BenchScene {
   std::string name;
   SplatCloud cloud;
-  PinholeView view{};
-
-  GaussianArrays arrays() const;
+  CameraView view{};
 };
 
 /// @throws InputError if a folder or file is missing or invalid

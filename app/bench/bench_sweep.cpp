@@ -3,12 +3,12 @@
 #include <cstdio>
 #include <vector>
 
-#include "app/bench/bench_devices.h"
+#include "app/bench/bench_view.h"
 #include "app/tools/commands.h"
 #include "core/check.h"
 #include "core/options/command_line.h"
-#include "core/parallel.h"
 #include "raster/kernels.h"
+#include "train/device.h"
 
 namespace b3dgs {
 namespace {
@@ -31,9 +31,11 @@ std::vector<int> default_points(const std::string& device) {
   return device == "cuda" ? std::vector<int>{250000, 1000000, 4000000} : std::vector<int>{25000, 100000, 400000};
 }
 
-const ForwardTimes::Row& fastest_of(const ForwardTimes& times) {
-  return *std::min_element(times.rows.begin(), times.rows.end(),
-                           [](const auto& a, const auto& b) { return a.timing.median_ms < b.timing.median_ms; });
+/// Index in kForwardKernels.
+std::size_t fastest_of(const ForwardTimes& times) {
+  const auto fastest = std::min_element(times.kernels.begin(), times.kernels.end(),
+                                        [](const Timing& a, const Timing& b) { return a.median_ms < b.median_ms; });
+  return static_cast<std::size_t>(fastest - times.kernels.begin());
 }
 
 void print_head() {
@@ -48,20 +50,22 @@ void print_head() {
 void print_cell(int points, double skew, const ForwardTimes& times) {
   std::printf("%10d %5.2f | %7.0f %8lld %5.2f |", points, skew, times.lists["mean"].get<double>(),
               times.lists["max"].get<long long>(), times.lists["gini"].get<double>());
-  for (const ForwardTimes::Row& row : times.rows) std::printf(" %14.3f", row.timing.median_ms);
-  const ForwardTimes::Row& fastest = fastest_of(times);
-  std::printf(" | %-14s %7.2f\n", fastest.kernel.c_str(),
-              times.rows.front().timing.median_ms / fastest.timing.median_ms);
+  for (const Timing& timing : times.kernels) std::printf(" %14.3f", timing.median_ms);
+  const std::size_t fastest = fastest_of(times);
+  std::printf(" | %-14s %7.2f\n", std::string(kForwardKernels[fastest].name).c_str(),
+              times.kernels.front().median_ms / times.kernels[fastest].median_ms);
 }
 
 nlohmann::ordered_json cell_to_json(int points, double skew, const ForwardTimes& times) {
   nlohmann::ordered_json kernels = nlohmann::ordered_json::array();
-  for (const ForwardTimes::Row& row : times.rows) kernels.push_back(to_json(row.timing, {{"kernel", row.kernel}}));
+  for (std::size_t i = 0; i < times.kernels.size(); ++i) {
+    kernels.push_back(to_json(times.kernels[i], {{"kernel", std::string(kForwardKernels[i].name)}}));
+  }
   return {{"points", points},
           {"skew", skew},
           {"lists", times.lists},
           {"kernels", kernels},
-          {"fastest", fastest_of(times).kernel}};
+          {"fastest", std::string(kForwardKernels[fastest_of(times)].name)}};
 }
 
 }  // namespace
@@ -78,7 +82,7 @@ int run_bench_sweep(const std::vector<std::string>& words) {
   if (config.skew.empty()) input_error("--skew needs at least one value");
   resolve_auto(config);
   if (config.points.empty()) config.points = default_points(config.device);
-  set_thread_count(config.threads);
+  set_compute_threads(config.threads);
 
   BenchFile file(config.json);
   file.set("config", config_to_json(config));

@@ -3,11 +3,11 @@
 #include <cstdio>
 #include <filesystem>
 
-#include "app/bench/bench_devices.h"
+#include "app/bench/bench_view.h"
 #include "app/tools/commands.h"
 #include "core/check.h"
 #include "core/options/command_line.h"
-#include "core/parallel.h"
+#include "train/device.h"
 
 namespace b3dgs {
 namespace {
@@ -38,7 +38,7 @@ int run_bench_kernels(const std::vector<std::string>& words) {
   }
   check_scene(config.scene);
   resolve_auto(config);
-  set_thread_count(config.threads);
+  set_compute_threads(config.threads);
 
   const BenchScene scene = make_bench_scene(config);
   std::printf("%s: %lld Gaussians, %d x %d px, tiles of %d x %d px\n", scene.name.c_str(),
@@ -52,38 +52,6 @@ int run_bench_kernels(const std::vector<std::string>& words) {
 }
 
 }  // namespace
-
-#if !B3DGS_HAS_CUDA
-namespace {
-
-[[noreturn]] void refuse_cuda() {
-  input_error("--device cuda: this build has no CUDA kernels; build with nvcc in PATH or use --device cpu");
-}
-
-}  // namespace
-
-void bench_kernels_cuda(const BenchRun&, const BenchScene&, BenchFile&) {
-  refuse_cuda();
-}
-ForwardTimes time_forward_kernels_cuda(const BenchRun&, const BenchScene&) {
-  refuse_cuda();
-}
-bool has_gpu() {
-  return false;
-}
-#endif
-
-std::string default_bench_device() {
-  return has_gpu() ? "cuda" : "cpu";
-}
-
-void bench_kernels(const BenchRun& run, const BenchScene& scene, BenchFile& file) {
-  run.device == "cuda" ? bench_kernels_cuda(run, scene, file) : bench_kernels_cpu(run, scene, file);
-}
-
-ForwardTimes time_forward_kernels(const BenchRun& run, const BenchScene& scene) {
-  return run.device == "cuda" ? time_forward_kernels_cuda(run, scene) : time_forward_kernels_cpu(run, scene);
-}
 
 int run_bench(const std::vector<std::string>& words) {
   std::setvbuf(stdout, nullptr, _IOLBF, BUFSIZ);  // shows each row immediately, even through a pipe
