@@ -5,8 +5,7 @@
 #include "app/tools/commands.h"
 #include "app/train_setup.h"
 #include "app/view/view_options.h"
-#include "app/view/viewed_scene.h"
-#include "app/view/watched_model.h"
+#include "app/view/watched_scene.h"
 #include "core/check.h"
 #include "core/options/command_line.h"
 #include "core/text.h"
@@ -53,7 +52,7 @@ int run_view(const std::vector<std::string>& words) {
   add_former_view_options(line, kFormerPort);
   if (!line.parse(join_view_place(words))) return 0;
   take_former_view_options(line, kFormerPort, options.view);
-  const ViewOptions place = parse_view_place(options.view);
+  const ViewServerOptions place = parse_view_place(options.view);
 
   StatusLine status = StatusLine::for_stderr(model_options.quiet);
   const torch::Device device = choose_device(model_options.device);

@@ -14,8 +14,10 @@ constexpr double kShare = 0.05;  // of the time, for frames
 constexpr double kMostSavedSeconds = 0.25;
 constexpr std::size_t kMaxCurve = 2000;  // points; then every second one is dropped
 
-double now_s() {
-  return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count();
+ViewedScene viewed_training(const Scene& scene) {
+  ViewedScene viewed = viewed_scene(scene, scene.points.positions, scene_name(scene.source_path));
+  viewed.is_training = true;
+  return viewed;
 }
 
 }  // namespace
@@ -27,14 +29,7 @@ bool FrameBudget::allows(double now_s) {
 }
 
 WatchedTraining::WatchedTraining(const TrainConfig& config, const Scene& scene, std::function<void()> stop)
-    : WatchedScene(
-          scene,
-          [&] {
-            ViewedScene viewed = viewed_scene(scene, scene.points.positions, scene_name(scene.source_path));
-            viewed.is_training = true;
-            return viewed;
-          }(),
-          choose_device(config.device)),
+    : WatchedScene(scene, viewed_training(scene), choose_device(config.device)),
       config_(config),
       stop_(std::move(stop)),
       budget_(kShare),
@@ -88,7 +83,7 @@ void WatchedTraining::note_progress(const TrainProgress& progress) {
 
 bool WatchedTraining::wants_model() {
   if (is_paused_ || is_to_save_) return true;
-  return queue_.has_request() && budget_.allows(now_s());
+  return queue_.has_request() && budget_.allows(steady_seconds());
 }
 
 void WatchedTraining::show(const ModelInTraining& model) {
@@ -100,10 +95,9 @@ void WatchedTraining::show(const ModelInTraining& model) {
     return queue_.serve([&](const FrameRequest& request) { return paint(request, model); }, wait);
   };
   if (is_to_save_.exchange(false)) save_now();
-  const double start_s = now_s();
+  const double start_s = steady_seconds();
   serve(std::chrono::milliseconds(0));
-  budget_.spend(now_s() - start_s);
-  if (!is_paused_) return;
+  budget_.spend(steady_seconds() - start_s);
   while (is_paused_ && !is_stopped()) {
     serve(std::chrono::milliseconds(50));
     if (is_to_save_.exchange(false)) save_now();
@@ -117,7 +111,7 @@ Frame WatchedTraining::paint(const FrameRequest& request, const ModelInTraining&
     const std::vector<View> refined = with_refined_poses({view}, source_.train, model.poses);
     wanted.camera = refined.front().camera.scaled_to(request.camera.width, request.camera.height);
   }
-  Frame frame = painter_.paint(wanted, model.gaussians, evaluation_settings(config_, model.sh_degree));
+  Frame frame = WatchedScene::paint(wanted, model.gaussians, evaluation_settings(config_, model.sh_degree));
   frame.iteration = model.iteration;
   return frame;
 }
@@ -155,19 +149,12 @@ ViewState WatchedTraining::state(int since) const {
 }
 
 void WatchedTraining::command(ViewCommand command) {
-  switch (command) {
-    case ViewCommand::kPause:
-      is_paused_ = true;
-      break;
-    case ViewCommand::kResume:
-      is_paused_ = false;
-      break;
-    case ViewCommand::kSave:
-      is_to_save_ = true;
-      break;
-    case ViewCommand::kStop:
-      stop_();
-      break;
+  if (command == ViewCommand::kSave) {
+    is_to_save_ = true;
+  } else if (command == ViewCommand::kStop) {
+    stop_();
+  } else {
+    is_paused_ = command == ViewCommand::kPause;
   }
 }
 

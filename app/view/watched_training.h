@@ -7,7 +7,7 @@
 #include <mutex>
 
 #include "app/terminal/progress.h"
-#include "app/view/viewed_scene.h"
+#include "app/view/watched_scene.h"
 #include "train/trainer.h"
 
 namespace b3dgs {
