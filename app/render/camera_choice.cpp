@@ -5,7 +5,6 @@
 #include <filesystem>
 
 #include "app/render/camera_path.h"
-#include "app/render/orbit.h"
 #include "core/check.h"
 #include "core/text.h"
 #include "scene/cameras/camera_lens.h"

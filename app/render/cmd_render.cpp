@@ -2,17 +2,15 @@
 // a path.
 #include <algorithm>
 #include <atomic>
-#include <cstdio>
 #include <filesystem>
 #include <iostream>
 #include <memory>
 #include <optional>
 #include <utility>
 
-#include "app/colors/depth_colors.h"
+#include "app/colors/depth_images.h"
 #include "app/model.h"
 #include "app/render/camera_choice.h"
-#include "app/render/depth_numbers.h"
 #include "app/render/video_writer.h"
 #include "app/tools/commands.h"
 #include "core/check.h"

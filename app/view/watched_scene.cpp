@@ -6,7 +6,7 @@
 #include <opencv2/imgproc.hpp>
 
 #include "adaptive/load_statistics.h"
-#include "app/colors/depth_colors.h"
+#include "app/colors/depth_images.h"
 #include "app/status/status_line.h"
 #include "core/check.h"
 #include "core/text.h"
