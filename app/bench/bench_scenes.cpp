@@ -6,7 +6,6 @@
 #include "data_synth/random.h"
 #include "data_synth/synth_scene.h"
 #include "model/cameras/cameras_json.h"
-#include "model/formats/splat_formats.h"
 #include "model/model_folder.h"
 #include "model/raster_input.h"
 #include "scene/cameras/coordinate_frame.h"
@@ -91,34 +90,6 @@ void append_untrained(SplatCloud& cloud, double sigma, Random& random) {
   cloud.shN.insert(cloud.shN.end(), n_rest, 0.0f);
 }
 
-/// Gaussians and cameras of a folder; each is read only if no file was given instead.
-struct FolderContent {
-  SplatCloud cloud;
-  std::vector<NamedCamera> cameras;  // in world coordinates
-};
-
-FolderContent read_model(const BenchConfig& config, const ModelFolder& folder) {
-  FolderContent content;
-  if (config.ply.empty()) content.cloud = read_splat_ply(folder.ply(folder.ply_iterations().back()));
-  if (config.cameras.empty()) content.cameras = read_cameras_json(folder.cameras());
-  return content;
-}
-
-FolderContent read_colmap(const BenchConfig& config) {
-  SceneOptions options;
-  options.source_path = config.scene;
-  options.images = config.images;
-  options.load_images = false;
-  const Scene scene = load_scene(options);
-  FolderContent content;
-  if (config.ply.empty()) content.cloud = splats_from_points(scene.points, 3);
-  content.cloud.frame = scene.frame;
-  for (const View& view : scene.train) {
-    content.cameras.push_back({view.name, change_frame(scene.frame, {}, view.camera)});
-  }
-  return content;
-}
-
 const Camera& choose_view(const std::vector<NamedCamera>& cameras, const std::string& name) {
   if (name.empty()) return cameras.front().camera;
   const auto found =
@@ -129,20 +100,36 @@ const Camera& choose_view(const std::vector<NamedCamera>& cameras, const std::st
   return found->camera;
 }
 
+/// Of a model or scene folder, and of files in place of its Gaussians or cameras.
 BenchScene read_bench_scene(const BenchConfig& config) {
-  FolderContent content;
-  if (config.ply.empty() || config.cameras.empty()) {
-    const ModelFolder folder(config.scene);
-    content = folder.ply_iterations().empty() ? read_colmap(config) : read_model(config, folder);
+  BenchScene result{config.ply.empty() ? config.scene : config.ply, {}, {}};
+  std::vector<NamedCamera> cameras;  // in world coordinates
+  if (!config.ply.empty()) result.cloud = read_splats(config.ply);
+  if (!config.cameras.empty()) cameras = read_cameras_json(config.cameras);
+  const ModelFolder folder(config.scene);
+  const bool is_complete = !config.ply.empty() && !config.cameras.empty();
+  if (!is_complete && !folder.ply_iterations().empty()) {
+    if (config.ply.empty()) result.cloud = read_splat_ply(folder.ply(folder.ply_iterations().back()));
+    if (config.cameras.empty()) cameras = read_cameras_json(folder.cameras());
+  } else if (!is_complete) {
+    SceneOptions options;
+    options.source_path = config.scene;
+    options.images = config.images;
+    options.load_images = false;
+    const Scene scene = load_scene(options);
+    if (config.ply.empty()) {
+      result.cloud = splats_from_points(scene.points, 3);
+      result.cloud.frame = scene.frame;
+    }
+    for (const View& view : scene.train) {
+      if (config.cameras.empty()) cameras.push_back({view.name, change_frame(scene.frame, {}, view.camera)});
+    }
   }
-  BenchScene scene;
-  scene.name = config.ply.empty() ? config.scene : config.ply;
-  scene.cloud = config.ply.empty() ? std::move(content.cloud) : read_splats(config.ply);
-  if (!config.cameras.empty()) content.cameras = read_cameras_json(config.cameras);
-  scene.view = to_camera_view(change_frame({}, scene.cloud.frame, choose_view(content.cameras, config.view)));
-  if (scene.cloud.size() == 0)
-    input_error(scene.name, ": no points to initialize Gaussians from; give a model with --ply");
-  return scene;
+  result.view = to_camera_view(change_frame({}, result.cloud.frame, choose_view(cameras, config.view)));
+  if (result.cloud.size() == 0) {
+    input_error(result.name, ": no points to initialize Gaussians from; give a model with --ply");
+  }
+  return result;
 }
 
 }  // namespace
