@@ -107,17 +107,16 @@ std::string describe(const ColorEvaluation& colors) {
   return colors.fit_left_half ? ", right half, with colours fitted to the left half (--train_test_exp)" : "";
 }
 
-class SplitEvaluator {
- public:
-  /// `lpips` may be null.
-  SplitEvaluator(const LoadedModel& model, const torch::Device& device, bool save_images, const LpipsNetwork* lpips,
-                 StatusLine& status)
-      : renderer_(model, device), save_images_(save_images), lpips_(lpips), status_(status) {}
+struct SplitEvaluator {
+  ModelRenderer renderer;
+  bool save_images;
+  const LpipsNetwork* lpips;  // may be null
+  StatusLine& status;
 
   /// Images are saved to `folder`. `colors`: how to treat exposure.
   Evaluation run(const std::vector<View>& views, const std::string& split, const ColorEvaluation& colors,
                  const std::filesystem::path& folder) {
-    const ProgressFn progress = show_loading(status_);
+    const ProgressFn progress = show_loading(status);
     const auto write_images = [&folder](std::size_t index, const View& view, const Image8& image) {
       const std::shared_ptr<const Image8> truth = view.image->read();
       write_image(folder / "gt" / image_name(index), *truth);
@@ -127,30 +126,24 @@ class SplitEvaluator {
     TaskQueue tasks(writer_threads(), kFramesAhead);
     const auto on_rendered = [&](std::size_t index, const View& view, const RenderedView& rendered,
                                  const std::optional<ImageQuality>&) {
-      if (save_images_) {
+      if (save_images) {
         const auto image = std::make_shared<const Image8>(to_image8(rendered.color));
         tasks.push([&write_images, index, &view, image] { write_images(index, view, *image); });
       }
       progress("evaluating " + split + " views", index + 1, views.size());
     };
-    const Evaluation evaluation = evaluate_views(renderer_.rasterizer, renderer_.gaussians, views, renderer_.settings,
-                                                 on_rendered, lpips_, colors);
+    const Evaluation evaluation =
+        evaluate_views(renderer.rasterizer, renderer.gaussians, views, renderer.settings, on_rendered, lpips, colors);
     tasks.finish();
-    status_.clear();
+    status.clear();
     std::cout << split << " views" << describe(colors) << "\n";
     print_table(evaluation);
-    if (save_images_) {
+    if (save_images) {
       write_view_names(folder, views);
       std::cout << "images: " << folder.string() << "/{gt,renders,diff}; views.json names their views\n";
     }
     return evaluation;
   }
-
- private:
-  ModelRenderer renderer_;
-  bool save_images_;
-  const LpipsNetwork* lpips_;
-  StatusLine& status_;
 };
 
 /// Whether the results can be written to the model folder; otherwise warns, before anything is rendered. The scene is
@@ -199,8 +192,7 @@ void evaluate_file(const ModelOptions& model_options, const EvalOptions& options
   if (options.split == "auto") {
     std::cout << "a file does not say which views it was trained on: evaluating all; --split test for every 8th\n";
   }
-  SplitEvaluator evaluator(model, device, options.save_images, lpips, status);
-  evaluator.run(views, split, {}, images);
+  SplitEvaluator{{model, device}, options.save_images, lpips, status}.run(views, split, {}, images);
 }
 
 }  // namespace
@@ -245,7 +237,7 @@ int run_eval(const std::vector<std::string>& words) {
   const std::string variant = results_variant(model, model_options);
   const std::string key = model.folder.results_key(model.iteration, variant, source);
   const bool is_other_scene = !model_options.source_path.empty() && !variant.empty();
-  SplitEvaluator evaluator(model, device, options.save_images, lpips ? &*lpips : nullptr, status);
+  SplitEvaluator evaluator{{model, device}, options.save_images, lpips ? &*lpips : nullptr, status};
   for (const std::string name : {"test", "train"}) {
     const std::vector<View>& views = name == "test" ? model.scene.test : model.scene.train;
     if (views.empty() || (split != "all" && split != name)) continue;

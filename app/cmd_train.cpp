@@ -2,7 +2,6 @@
 #include <fcntl.h>
 #include <unistd.h>
 
-#include <algorithm>
 #include <csignal>
 #include <cstdio>
 #include <filesystem>
@@ -53,13 +52,6 @@ class StoppedEarly : public Error {
 void throw_if_stopped() {
   if (stop_signal() != 0) throw StoppedEarly();
 }
-
-/// The model folder during a training: only one process trains into it, and it vanishes if nothing is written to it.
-struct HeldFolder {
-  explicit HeldFolder(const fs::path& folder) : guard(folder), lock(folder) {}
-  EmptyFolderGuard guard;
-  FolderLock lock;
-};
 
 std::string describe_ranks(int n_ranks, const TrainConfig& config, const std::optional<OptionLayers>& layers) {
   const bool is_default = layers && layers->config.batch != config.batch;
@@ -150,7 +142,9 @@ int train(const CommandLine& line, const TrainCommandOptions& options, const std
   TrainPlan plan;
   const torch::Device device = choose_device(device_name_of_all);
   if (is_first) plan = make_plan(line, status, options, {ranks.size(), device_name(device)});
-  std::optional<HeldFolder> held;
+  // Only one process trains into the model folder, which vanishes if nothing is written to it.
+  std::optional<EmptyFolderGuard> guard;
+  std::optional<FolderLock> lock;
   if (is_first) {
     check_options(plan.config);
     if (const int threads = set_compute_threads(plan.config.threads); threads < plan.config.threads) {
@@ -158,7 +152,8 @@ int train(const CommandLine& line, const TrainCommandOptions& options, const std
                                  threads));
     }
     const ModelFolder folder(plan.config.model_path);
-    held.emplace(folder.root());  // before photographs are read, so that a read-only folder fails early
+    guard.emplace(folder.root());
+    lock.emplace(folder.root());  // before photographs are read, so that a read-only folder fails early
     plan.is_replaced = guard_model(folder, plan);
     check_checkpoint(plan.checkpoint, plan.config);
   }
@@ -197,7 +192,7 @@ int train(const CommandLine& line, const TrainCommandOptions& options, const std
     hooks.on_warning = [&](const std::string& message) { status.warn(message); };
   }
   std::unique_ptr<Trainer> owned;
-  hooks.on_result = [&] { record_previews(*owned, scene, folder, has_peers ? &ranks : nullptr); };
+  hooks.on_result = [&] { record_previews(*owned, scene, folder, ranks); };
   std::optional<WatchedTraining> watched;
   std::unique_ptr<ViewServer> server;
   if (!options.view.empty()) {
@@ -234,7 +229,7 @@ int train(const CommandLine& line, const TrainCommandOptions& options, const std
   status.clear();
   if (is_first) report(result, config, steady_seconds() - start_s);
   try {
-    record_session({describe_machine(device), reading_s, result}, trainer, scene, folder, has_peers ? &ranks : nullptr);
+    record_session({describe_machine(device), reading_s, result.output_s}, trainer, scene, folder, ranks);
     if (is_first) {
       report_history(folder, result.interrupted ? 0 : config.max_gaussians);
       std::printf("%-12s%s\n", "report", write_train_report(folder).c_str());

@@ -6,7 +6,6 @@
 #include "app/train_setup.h"
 #include "app/view/view_options.h"
 #include "app/view/watched_scene.h"
-#include "core/check.h"
 #include "core/options/command_line.h"
 #include "core/text.h"
 #include "train/device.h"

@@ -12,7 +12,6 @@
 #include "core/parallel.h"
 #include "core/text.h"
 #include "model/cameras/cameras_json.h"
-#include "model/formats/splat_formats.h"
 #include "scene/cameras/coordinate_frame.h"
 #include "train/checkpoint/checkpoint.h"
 #include "train/device.h"
@@ -92,19 +91,6 @@ void require_scene_folder(const LoadedModel& model) {
               " has moved, name its folder with -s");
 }
 
-/// With photographs. The model's Gaussians take the place of points.
-Scene open_photographs(const TrainConfig& config, StatusLine& status) {
-  SceneOptions options = scene_options(config);
-  options.seed_points = false;
-  return open_scene(options, status);
-}
-
-Scene open_cameras(const TrainConfig& config, StatusLine& status) {
-  SceneOptions options = scene_options(config);
-  options.load_images = false;
-  return open_scene(options, status);
-}
-
 void require_scene(const fs::path& file, const ModelOptions& options) {
   if (!options.source_path.empty()) return;
   input_error("no cameras for ", file.string(),
@@ -150,6 +136,24 @@ void use_frame_of_gaussians(LoadedModel& model) {
   scene.points = {};
 }
 
+/// Adds the views of the scene that the config names.
+void add_views(LoadedModel& model, bool with_photographs, StatusLine& status) {
+  SceneOptions options = scene_options(model.config);
+  options.load_images = with_photographs;
+  options.seed_points = false;  // the model's Gaussians take the place of points
+  model.scene = open_scene(options, status);
+  refine_poses(model);
+  use_frame_of_gaussians(model);
+}
+
+/// The cameras of the model folder's cameras.json, if there is one.
+void add_saved_cameras(LoadedModel& model) {
+  if (model.folder.root().empty() || !fs::exists(model.folder.cameras())) return;
+  model.scene = scene_of_cameras(model);
+  refine_poses(model);
+  use_frame_of_gaussians(model);
+}
+
 /// How the views of a scene differ from those in cameras.json.
 struct SceneDifference {
   bool views = false;  // their number, names or poses
@@ -183,14 +187,6 @@ SceneDifference compare_views(const std::vector<NamedCamera>& cameras, const Sce
   return difference;
 }
 
-/// The cameras of the model folder's cameras.json, if there is one.
-void add_saved_cameras(LoadedModel& model) {
-  if (model.folder.root().empty() || !fs::exists(model.folder.cameras())) return;
-  model.scene = scene_of_cameras(model);
-  refine_poses(model);
-  use_frame_of_gaussians(model);
-}
-
 }  // namespace
 
 LoadedModel load_splat_file(const fs::path& file, const ModelOptions& options) {
@@ -216,9 +212,7 @@ LoadedModel load_without_scene(const ModelOptions& options) {
 
 void add_scene(LoadedModel& model, StatusLine& status) {
   require_scene_folder(model);
-  model.scene = open_photographs(model.config, status);
-  refine_poses(model);
-  use_frame_of_gaussians(model);
+  add_views(model, /*with_photographs=*/true, status);
 }
 
 std::string add_scene_or_cameras(LoadedModel& model, const ModelOptions& options, StatusLine& status) {
@@ -234,22 +228,20 @@ std::string add_scene_or_cameras(LoadedModel& model, const ModelOptions& options
 }
 
 LoadedModel load_model_cameras(const ModelOptions& options, StatusLine& status) {
-  LoadedModel model = load_gaussians(options);
-  const bool is_as_trained = views_are_as_trained(options);
-  apply_options(model, options);
-  const bool has_cameras = fs::exists(model.folder.cameras());
-  if (!is_as_trained || !has_cameras) require_scene_folder(model);
-  model.scene = is_as_trained && has_cameras ? scene_of_cameras(model) : open_cameras(model.config, status);
-  refine_poses(model);
-  use_frame_of_gaussians(model);
+  LoadedModel model = load_without_scene(options);
+  if (views_are_as_trained(options) && fs::exists(model.folder.cameras())) {
+    add_saved_cameras(model);
+  } else {
+    require_scene_folder(model);
+    add_views(model, /*with_photographs=*/false, status);
+  }
   return model;
 }
 
 LoadedModel load_file_cameras(const fs::path& file, const ModelOptions& options, StatusLine& status) {
   require_scene(file, options);
   LoadedModel model = load_splat_file(file, options);
-  model.scene = open_cameras(model.config, status);
-  use_frame_of_gaussians(model);
+  add_views(model, /*with_photographs=*/false, status);
   return model;
 }
 
@@ -257,8 +249,7 @@ LoadedModel load_file_to_evaluate(const fs::path& file, const ModelOptions& opti
   require_scene(file, options);
   LoadedModel model = load_splat_file(file, options);
   model.config.eval = true;
-  model.scene = open_photographs(model.config, status);
-  use_frame_of_gaussians(model);
+  add_views(model, /*with_photographs=*/true, status);
   return model;
 }
 
@@ -321,6 +312,13 @@ std::string results_variant(const LoadedModel& model, const ModelOptions& option
   }
   if (model.config.lenses != trained.lenses) variant += (variant.empty() ? "" : "_") + model.config.lenses;
   return variant;
+}
+
+std::vector<View> evenly_spaced(const std::vector<View>& views, std::size_t count) {
+  if (views.size() <= count) return views;
+  std::vector<View> chosen;
+  for (std::size_t i = 0; i < count; ++i) chosen.push_back(views[i * views.size() / count]);
+  return chosen;
 }
 
 fs::path image_folder(const LoadedModel& model, const std::string& set) {

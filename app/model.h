@@ -2,7 +2,6 @@
 #pragma once
 
 #include <filesystem>
-#include <optional>
 #include <string>
 #include <vector>
 
@@ -104,6 +103,9 @@ struct ModelRenderer {
 /// scene folder has moved; else the scene's name, "r4" for another resolution, "undistort" for other lenses, or
 /// several.
 std::string results_variant(const LoadedModel& model, const ModelOptions& options);
+
+/// At most `count` of the views, evenly spaced, in their order.
+std::vector<View> evenly_spaced(const std::vector<View>& views, std::size_t count);
 
 /// Folder for images of a split or camera path, named as by the original 3DGS: MODEL/test/ours_7000.
 std::filesystem::path image_folder(const LoadedModel& model, const std::string& set);

@@ -23,14 +23,6 @@ Image8 small(const Image8& image) {
   return resize_image(image, kPreviewWidth, std::max(1, image.height * kPreviewWidth / image.width));
 }
 
-/// The first view and others at equal distances in the list.
-std::vector<View> choose_views(const std::vector<View>& views) {
-  std::vector<View> chosen;
-  const std::size_t n = std::min(kPreviews, views.size());
-  for (std::size_t i = 0; i < n; ++i) chosen.push_back(views[i * views.size() / n]);
-  return chosen;
-}
-
 std::vector<Preview> render_previews(Trainer& trainer, const std::vector<View>& views, const ModelFolder& folder) {
   std::vector<Preview> previews;
   std::exception_ptr fault;  // thrown only after evaluate(), which other ranks take part in
@@ -47,42 +39,39 @@ std::vector<Preview> render_previews(Trainer& trainer, const std::vector<View>& 
       fault = std::current_exception();
     }
   };
-  trainer.evaluate(choose_views(views), on_rendered);
+  trainer.evaluate(views, on_rendered);
   if (fault) std::rethrow_exception(fault);
   return previews;
 }
 
-const std::vector<View>& previewed_views(const Scene& scene) {
-  return scene.test.empty() ? scene.train : scene.test;
-}
-
 }  // namespace
 
-void record_previews(Trainer& trainer, const Scene& scene, const ModelFolder& folder, Communicator* ranks) {
-  if (ranks != nullptr && !ranks->is_first()) {
-    trainer.evaluate(choose_views(previewed_views(scene)));
+void record_previews(Trainer& trainer, const Scene& scene, const ModelFolder& folder, Communicator& ranks) {
+  const std::vector<View> views = evenly_spaced(scene.test.empty() ? scene.train : scene.test, kPreviews);
+  if (!ranks.is_first()) {
+    trainer.evaluate(views);
     return;
   }
   RunInfo record = read_run_info(folder);
   record.iteration = trainer.iteration();
   record.held_out = !scene.test.empty();
-  record.previews = render_previews(trainer, previewed_views(scene), folder);
+  record.previews = render_previews(trainer, views, folder);
   write_run_info(record, folder);
 }
 
 void record_session(const SessionRecord& session, Trainer& trainer, const Scene& scene, const ModelFolder& folder,
-                    Communicator* ranks) {
-  const bool is_first = ranks == nullptr || ranks->is_first();
+                    Communicator& ranks) {
   RunInfo record;
-  if (is_first) record = read_run_info(folder);
-  bool lacks_previews = is_first && (record.iteration != trainer.iteration() || record.previews.empty());
-  if (ranks != nullptr) lacks_previews = ranks->max("previews", lacks_previews ? 1 : 0) > 0;
-  if (lacks_previews) record_previews(trainer, scene, folder, ranks);
-  if (!is_first) return;
-  if (lacks_previews) record = read_run_info(folder);
+  if (ranks.is_first()) record = read_run_info(folder);
+  const bool has_previews = record.iteration == trainer.iteration() && !record.previews.empty();
+  if (ranks.max("previews", ranks.is_first() && !has_previews ? 1 : 0) > 0) {
+    record_previews(trainer, scene, folder, ranks);
+    if (ranks.is_first()) record = read_run_info(folder);
+  }
+  if (!ranks.is_first()) return;
   record.machine = session.machine;
   record.reading_s += session.reading_s;
-  record.output_s += session.result.output_s;
+  record.output_s += session.output_s;
   write_run_info(record, folder);
 }
 

@@ -12,10 +12,8 @@
 #include "config/train_options.h"
 #include "core/check.h"
 #include "core/files/own_files.h"
-#include "core/options/command_line.h"
 #include "core/text.h"
 #include "model/checkpoint/checkpoint_header.h"
-#include "model/model_folder.h"
 #include "train/checkpoint/checkpoint.h"
 #include "train/scene_limits.h"
 

@@ -4,7 +4,6 @@
 #include <cstdint>
 #include <ctime>
 
-#include <array>
 #include <vector>
 
 #include "core/check.h"

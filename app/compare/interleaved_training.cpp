@@ -5,7 +5,6 @@
 
 #include "app/record_run.h"
 #include "app/train_setup.h"
-#include "core/files/folders.h"
 #include "core/text.h"
 #include "report/train_log_reader.h"
 #include "report/train_report.h"
@@ -63,7 +62,7 @@ void InterleavedTraining::add(const ComparisonPlan& plan, const Configuration& c
   };
   hooks.stop_signal = &stop_signal();
   hooks.image_budget = image_budget;
-  hooks.on_result = [this, &turn] { record_previews(*turn.trainer, scene_, turn.folder); };
+  hooks.on_result = [this, &turn] { record_previews(*turn.trainer, scene_, turn.folder, *ranks_); };
   hooks.on_loading = show_loading(status_);
   hooks.resume_command = resume_command(plan);
   turn.trainer = std::make_unique<Trainer>(config, scene, folder, hooks);
@@ -109,7 +108,7 @@ bool InterleavedTraining::run(double reading_s, const nlohmann::ordered_json& ma
   if (!is_complete) write_checkpoints();
   for (const auto& turn : turns_) {
     if (turn->result.iteration == 0) continue;  // stopped before its first turn
-    record_session({machine, reading_s, turn->result}, *turn->trainer, scene_, turn->folder);
+    record_session({machine, reading_s, turn->result.output_s}, *turn->trainer, scene_, turn->folder, *ranks_);
     write_train_report(turn->folder);
   }
   return is_complete;

@@ -4,13 +4,13 @@
 #include <cstddef>
 #include <cstdint>
 #include <memory>
-#include <optional>
 #include <string>
 #include <vector>
 
 #include "app/terminal/progress.h"
 #include "compare/comparison.h"
 #include "core/files/folders.h"
+#include "dist/communicator.h"
 #include "train/trainer.h"
 
 namespace b3dgs {
@@ -44,6 +44,7 @@ class InterleavedTraining {
 
   const Scene& scene_;
   StatusLine& status_;
+  const std::unique_ptr<Communicator> ranks_ = Communicator::alone();
   const int iterations_, chunk_;  // iterations_: of the longest configuration
   const std::size_t seed_index_;
   std::string label_;                         // "seed 0"

@@ -20,13 +20,6 @@ torch::Tensor row_of(const Camera& camera, int row) {
 
 }  // namespace
 
-std::vector<View> evenly_spaced(const std::vector<View>& views, std::size_t count) {
-  if (views.size() <= count) return views;
-  std::vector<View> chosen;
-  for (std::size_t i = 0; i < count; ++i) chosen.push_back(views[i * views.size() / count]);
-  return chosen;
-}
-
 std::vector<double> blend_weight_sums(const LoadedModel& model, const std::vector<View>& views,
                                       const torch::Device& device, StatusLine& status) {
   const torch::NoGradGuard no_grad;

@@ -3,10 +3,8 @@
 #include <unistd.h>
 
 #include <algorithm>
-#include <array>
 #include <cctype>
 #include <cstdint>
-#include <cstring>
 #include <fstream>
 #include <iterator>
 #include <vector>
@@ -15,7 +13,7 @@
 #include "core/files/atomic_file.h"
 #include "core/files/folders.h"
 #include "core/process/child_process.h"
-#include "model/formats/splat_formats.h"
+#include "core/text.h"
 
 namespace b3dgs {
 namespace {
@@ -25,15 +23,10 @@ namespace fs = std::filesystem;
 constexpr const char* kProgram = "splat-transform";
 constexpr const char* kSuffixes[] = {".compressed.ply", ".sog", ".html"};  // that can be read back
 
-std::string lower_case_name(const fs::path& file) {
-  std::string name = file.filename().string();
-  std::transform(name.begin(), name.end(), name.begin(),
-                 [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
-  return name;
-}
-
-bool ends_with(const std::string& text, const std::string& end) {
-  return text.size() >= end.size() && text.compare(text.size() - end.size(), end.size(), end) == 0;
+/// Of its name, in lower case.
+bool ends_with(const fs::path& file, const std::string& end) {
+  const std::string name = lower_case(file.filename().string());
+  return name.size() >= end.size() && name.compare(name.size() - end.size(), end.size(), end) == 0;
 }
 
 /// Without control sequences, symbols and words in front of the error, and without the path of `folder`.
@@ -42,8 +35,7 @@ std::string plain_text(std::string line, const fs::path& folder) {
   for (std::size_t at = line.find(path); at != std::string::npos; at = line.find(path)) line.erase(at, path.size());
   const std::size_t error = line.find("Error: ");
   if (error != std::string::npos) return line.substr(error);
-  const std::size_t begin = line.find_first_of("ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz");
-  return begin == std::string::npos ? "" : line.substr(begin);
+  return {std::find_if(line.begin(), line.end(), [](unsigned char c) { return std::isalpha(c) != 0; }), line.end()};
 }
 
 struct Conversion {
@@ -106,7 +98,7 @@ std::string sog_in_page(const fs::path& page) {
 }  // namespace
 
 bool needs_splat_transform(const fs::path& file) {
-  return find_splat_format(file) == nullptr || ends_with(lower_case_name(file), ".compressed.ply");
+  return find_splat_format(file) == nullptr || ends_with(file, ".compressed.ply");
 }
 
 void require_splat_transform(const fs::path& file) {
@@ -140,16 +132,14 @@ void write_by_splat_transform(const fs::path& file, const SplatCloud& cloud, Sta
 }
 
 std::optional<SplatCloud> read_by_splat_transform(const fs::path& file, std::string& why_not, StatusLine& status) {
-  const std::string name = lower_case_name(file);
-  const bool is_readable = std::any_of(std::begin(kSuffixes), std::end(kSuffixes),
-                                       [&](const char* suffix) { return ends_with(name, suffix); });
-  if (!is_readable) {
+  if (std::none_of(std::begin(kSuffixes), std::end(kSuffixes),
+                   [&](const char* suffix) { return ends_with(file, suffix); })) {
     why_not = std::string(kProgram) + " does not read " + file.extension().string();
     return std::nullopt;
   }
   const WorkFolder work(fs::absolute(file).parent_path());
   fs::path source = fs::absolute(file);
-  if (ends_with(name, ".html")) {
+  if (ends_with(file, ".html")) {
     const std::string sog = sog_in_page(file);
     if (sog.empty()) {
       why_not = "no SOG file was found in the page";

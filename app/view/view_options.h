@@ -12,7 +12,8 @@
 namespace b3dgs {
 
 /// Starts the server and says how to reach it; warns if other machines can. @throws InputError if it cannot listen
-std::unique_ptr<ViewServer> start_view_server(FrameSource& source, const ViewServerOptions& options, StatusLine& status);
+std::unique_ptr<ViewServer> start_view_server(FrameSource& source, const ViewServerOptions& options,
+                                              StatusLine& status);
 
 /// Of --view PLACE: "8080", "0.0.0.0:8080" or "auto". @throws InputError
 ViewServerOptions parse_view_place(const std::string& place);

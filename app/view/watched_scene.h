@@ -1,5 +1,6 @@
 // The live view of a scene: what the page is told of it, frames with the colours of their modes, and a model at rest.
-// Only one thread renders, in FrameQueue::serve(): the trainer's, between two steps, or the main thread of `b3dgs view`.
+// Only one thread renders, in FrameQueue::serve(): the trainer's, between two steps, or the main thread of `b3dgs
+// view`.
 #pragma once
 
 #include <torch/types.h>
