@@ -102,11 +102,6 @@ ColorEvaluation split_colors(const LoadedModel& model, bool is_test, bool is_oth
   return colors;
 }
 
-std::string describe(const ColorEvaluation& colors) {
-  if (!colors.exposures.empty()) return ", with their learned exposures";
-  return colors.fit_left_half ? ", right half, with colours fitted to the left half (--train_test_exp)" : "";
-}
-
 struct SplitEvaluator {
   ModelRenderer renderer;
   bool save_images;
@@ -136,7 +131,11 @@ struct SplitEvaluator {
         evaluate_views(renderer.rasterizer, renderer.gaussians, views, renderer.settings, on_rendered, lpips, colors);
     tasks.finish();
     status.clear();
-    std::cout << split << " views" << describe(colors) << "\n";
+    std::cout << split << " views"
+              << (!colors.exposures.empty() ? ", with their learned exposures"
+                  : colors.fit_left_half    ? ", right half, with colours fitted to the left half (--train_test_exp)"
+                                            : "")
+              << "\n";
     print_table(evaluation);
     if (save_images) {
       write_view_names(folder, views);
@@ -151,25 +150,25 @@ struct SplitEvaluator {
 /// cannot write
 bool can_write_results(const LoadedModel& model, const EvalOptions& options, StatusLine& status) {
   const std::string remedy = "allow writing there, or evaluate a copy of the model folder";
-  bool can_write = true;
   const std::string with_results = model.config.eval ? "test" : "train";
-  const bool is_any = options.split == "auto" || options.split == "all";
-  if (is_any || options.split == with_results) {
-    try {
+  const auto is_evaluated = [&](const std::string& split) {
+    return options.split == "all" || split == (options.split == "auto" ? with_results : options.split);
+  };
+  try {
+    if (is_evaluated(with_results)) {
       for (const std::filesystem::path& file : model.folder.results()) require_writable(file, remedy);
-    } catch (const InputError& error) {
-      if (options.save_images) throw;
-      status.warn(std::string("results are printed only: ") + error.what());
-      can_write = false;
+    }
+  } catch (const InputError& error) {
+    if (options.save_images) throw;
+    status.warn(std::string("results are printed only: ") + error.what());
+    return false;
+  }
+  for (const std::string split : {"test", "train"}) {
+    if (options.save_images && is_evaluated(split)) {
+      require_writable(model.folder.root() / split / "views.json", remedy);
     }
   }
-  if (!options.save_images) return can_write;
-  for (const std::string split : {"test", "train"}) {
-    const bool is_evaluated =
-        options.split == "all" || split == (options.split == "auto" ? with_results : options.split);
-    if (is_evaluated) require_writable(model.folder.root() / split / "views.json", remedy);
-  }
-  return can_write;
+  return true;
 }
 
 /// Evaluates a file of Gaussians, which does not say which views it was trained on. Writes no results files.

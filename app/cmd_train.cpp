@@ -53,10 +53,11 @@ void throw_if_stopped() {
   if (stop_signal() != 0) throw StoppedEarly();
 }
 
-std::string describe_ranks(int n_ranks, const TrainConfig& config, const std::optional<OptionLayers>& layers) {
-  const bool is_default = layers && layers->config.batch != config.batch;
-  const std::string reason = config.batch == n_ranks ? " (one per rank; --batch changes it)" : " (--batch changes it)";
-  return detail::concat("ranks       ", n_ranks, ", ", config.batch, " views per step", is_default ? reason : "");
+std::string describe_ranks(int n_ranks, const TrainPlan& plan) {
+  const int batch = plan.config.batch;
+  const bool is_default = plan.layers && plan.layers->config.batch != batch;
+  const char* reason = batch == n_ranks ? " (one per rank; --batch changes it)" : " (--batch changes it)";
+  return detail::concat("ranks       ", n_ranks, ", ", batch, " views per step", is_default ? reason : "");
 }
 
 /// How ranks exchange, where that is slow; otherwise empty.
@@ -141,7 +142,7 @@ int train(const CommandLine& line, const TrainCommandOptions& options, const std
   StatusLine status = is_first ? StatusLine::for_stderr(options.quiet) : StatusLine::silent();
   TrainPlan plan;
   const torch::Device device = choose_device(device_name_of_all);
-  if (is_first) plan = make_plan(line, status, options, {ranks.size(), device_name(device)});
+  if (is_first) plan = make_plan(line, status, options, ranks.size(), device_name(device));
   // Only one process trains into the model folder, which vanishes if nothing is written to it.
   std::optional<EmptyFolderGuard> guard;
   std::optional<FolderLock> lock;
@@ -175,7 +176,7 @@ int train(const CommandLine& line, const TrainCommandOptions& options, const std
   };
   for (const std::string& text : scene.summary) say(text);
   say(describe_device(device));
-  if (has_peers) say(describe_ranks(ranks.size(), config, plan.layers));
+  if (has_peers) say(describe_ranks(ranks.size(), plan));
   say(describe_slow_transport(ranks));
   for (const std::string& text : fit_to_scene(plan, scene)) say(text);
 
@@ -303,7 +304,7 @@ int run_train(const std::vector<std::string>& words) {
   if (plan.n_to_start > 0) {
     StatusLine silent = StatusLine::silent();
     // An error of the options appears once, not for each rank.
-    make_plan(line, silent, options, {plan.n_to_start, device});
+    make_plan(line, silent, options, plan.n_to_start, device);
     std::vector<std::string> all{"train"};
     all.insert(all.end(), words.begin(), words.end());
     return start_ranks(plan.n_to_start, all);

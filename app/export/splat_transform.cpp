@@ -7,6 +7,7 @@
 #include <cstdint>
 #include <fstream>
 #include <iterator>
+#include <string_view>
 #include <vector>
 
 #include "core/check.h"
@@ -39,44 +40,30 @@ std::string plain_text(std::string line, const fs::path& folder) {
 }
 
 struct Conversion {
-  ChildResult result;
-  std::string reason;  // of a failure
+  bool has_written = false, is_stopped = false;  // by a signal
+  std::string reason;                            // of a failure
 };
 
 Conversion convert(const fs::path& from, const fs::path& to, bool on_cpu) {
   std::vector<std::string> words{kProgram, "-q", "-w"};
   if (on_cpu) words.insert(words.end(), {"-g", "cpu"});
   words.insert(words.end(), {from.string(), to.string()});
-  Conversion conversion;
-  std::string first;
-  conversion.result = run_program_lines(words, [&](const std::string& line) {
+  std::string first, reason;
+  const ChildResult result = run_program_lines(words, [&](const std::string& line) {
     const std::string text = plain_text(line, to.parent_path());
     if (first.empty()) first = text;
-    if (conversion.reason.empty() && text.find("rror") != std::string::npos) conversion.reason = text;
+    if (reason.empty() && text.find("rror") != std::string::npos) reason = text;
   });
-  if (conversion.reason.empty()) conversion.reason = first;
-  if (!conversion.result.succeeded()) {
-    conversion.reason = describe(conversion.result) + (conversion.reason.empty() ? "" : ": ") + conversion.reason;
-  }
-  return conversion;
-}
-
-bool has_written(const Conversion& conversion, const fs::path& file) {
+  if (reason.empty()) reason = first;
+  if (!result.succeeded()) reason = describe(result) + (reason.empty() ? "" : ": ") + reason;
   std::error_code error;
-  return conversion.result.succeeded() && fs::file_size(file, error) > 0 && !error;
-}
-
-/// -1: not a digit of base64.
-int base64_digit(char c) {
-  if (c >= 'A' && c <= 'Z') return c - 'A';
-  if (c >= 'a' && c <= 'z') return c - 'a' + 26;
-  if (c >= '0' && c <= '9') return c - '0' + 52;
-  return c == '+' ? 62 : c == '/' ? 63 : -1;
+  return {result.succeeded() && fs::file_size(to, error) > 0 && !error, result.signal != 0, reason};
 }
 
 /// The SOG file, a zip archive, that the viewer in a page loads from a data URL. Empty if there is none.
 std::string sog_in_page(const fs::path& page) {
   constexpr const char* kZipInBase64 = ";base64,UEsDB";  // "PK\3\4"
+  constexpr std::string_view kDigits = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
   std::ifstream file(page, std::ios::binary);
   const std::string text((std::istreambuf_iterator<char>(file)), std::istreambuf_iterator<char>());
   std::size_t at = text.find(kZipInBase64);
@@ -85,8 +72,8 @@ std::string sog_in_page(const fs::path& page) {
   std::string bytes;
   std::uint32_t bits = 0;
   int n_bits = 0;
-  for (; at < text.size() && base64_digit(text[at]) >= 0; ++at) {
-    bits = bits << 6 | static_cast<std::uint32_t>(base64_digit(text[at]));
+  for (; at < text.size() && kDigits.find(text[at]) != std::string_view::npos; ++at) {
+    bits = bits << 6 | static_cast<std::uint32_t>(kDigits.find(text[at]));
     n_bits += 6;
     if (n_bits < 8) continue;
     n_bits -= 8;
@@ -116,14 +103,14 @@ void write_by_splat_transform(const fs::path& file, const SplatCloud& cloud, Sta
   write_splat_ply(ply, cloud);
   status.show(std::string(kProgram) + " writes " + file.filename().string(), /*now=*/true);
   Conversion conversion = convert(ply, result, /*on_cpu=*/false);
-  if (!has_written(conversion, result) && conversion.result.signal == 0) {
+  if (!conversion.has_written && !conversion.is_stopped) {
     // Some formats are compressed on a GPU, if there is one that the program can use.
     status.show(std::string(kProgram) + " writes " + file.filename().string() + " without a GPU", /*now=*/true);
     const Conversion again = convert(ply, result, /*on_cpu=*/true);
-    if (has_written(again, result)) conversion = again;
+    if (again.has_written) conversion = again;
   }
   status.clear();
-  if (!has_written(conversion, result)) {
+  if (!conversion.has_written) {
     input_error(file.string(), ": ", kProgram, " has not written it (", conversion.reason, ")");
   }
   std::error_code error;
@@ -152,7 +139,7 @@ std::optional<SplatCloud> read_by_splat_transform(const fs::path& file, std::str
   status.show(std::string(kProgram) + " reads " + file.filename().string() + " back", /*now=*/true);
   const Conversion conversion = convert(source, ply, /*on_cpu=*/false);
   status.clear();
-  if (!has_written(conversion, ply)) {
+  if (!conversion.has_written) {
     why_not = std::string(kProgram) + " cannot read it back (" + conversion.reason + ")";
     return std::nullopt;
   }
