@@ -9,7 +9,6 @@
 #include <memory>
 #include <optional>
 
-#include "app/machine/machine.h"
 #include "app/model.h"
 #include "app/ranks/rank_setup.h"
 #include "app/record_run.h"
@@ -75,50 +74,48 @@ std::string describe_memory(const MemoryForecast& forecast) {
          format_bytes(forecast.limit) + "; room for about " + format_count(forecast.largest_count) + " Gaussians";
 }
 
-void report_quality(const TrainResult& result) {
-  for (const auto& [iteration, evaluation] : result.evaluations) {
-    std::printf("%-12siteration %d: PSNR %.2f dB, SSIM %.4f on %s%zu test views%s\n", "quality", iteration,
-                evaluation.mean.psnr, evaluation.mean.ssim, evaluation.fits_left_half ? "the right half of " : "",
-                evaluation.views.size(), describe_unmeasured(evaluation).c_str());
-  }
+void print_line(const char* name, const std::string& text) {
+  std::printf("%-12s%s\n", name, text.c_str());
 }
 
 void report_history(const ModelFolder& folder, std::int64_t limit) {
   const TrainHistory history = read_train_log(folder.log());
-  const std::string kept = limit_text(history, limit);
-  if (!kept.empty()) std::printf("%-12s%s\n", "Gaussians", kept.c_str());
-  const std::string floaters = floaters_text(history);
-  if (!floaters.empty()) {
-    std::printf("%-12spossible: %s; see docs/recipes.md#floaters\n", "floaters", floaters.c_str());
+  const std::string kept = limit_text(history, limit), floaters = floaters_text(history);
+  if (!kept.empty()) print_line("Gaussians", kept);
+  if (!floaters.empty()) print_line("floaters", "possible: " + floaters + "; see docs/recipes.md#floaters");
+  if (const std::optional<Overfitting> found = find_overfitting(history)) {
+    print_line("overfitting",
+               print_to_string("PSNR was %.2f dB higher after iteration %d, as happens with few photographs or things "
+                               "that move; see docs/recipes.md#few-photographs",
+                               found->lost, found->iteration));
   }
-  const std::optional<Overfitting> found = find_overfitting(history);
-  if (!found) return;
-  std::printf(
-      "%-12sPSNR was %.2f dB higher after iteration %d, as happens with few photographs or things that move; see "
-      "docs/recipes.md#few-photographs\n",
-      "overfitting", found->lost, found->iteration);
 }
 
 void report(const TrainResult& result, const TrainConfig& config, double total_s) {
   const std::string range = result.first_iteration > 0 && result.first_iteration < result.iteration
                                 ? print_to_string(" (%d to %d)", result.first_iteration + 1, result.iteration)
                                 : "";
-  std::printf("%-12s%d iterations%s in %s (%s with reading and saving), %s Gaussians\n", "trained",
-              result.iteration - result.first_iteration, range.c_str(), format_duration(result.train_s).c_str(),
-              format_duration(total_s).c_str(),
-              format_count(result.interrupted || result.n_saved == 0 ? result.n_gaussians : result.n_saved).c_str());
+  const bool is_in_training = result.interrupted || result.n_saved == 0;
+  print_line(
+      "trained",
+      detail::concat(result.iteration - result.first_iteration, " iterations", range, " in ",
+                     format_duration(result.train_s), " (", format_duration(total_s), " with reading and saving), ",
+                     format_count(is_in_training ? result.n_gaussians : result.n_saved), " Gaussians"));
   if (result.peak_memory_bytes > 0) {
-    std::printf("%-12speak %s, without the CUDA context\n", "GPU memory",
-                format_bytes(result.peak_memory_bytes).c_str());
+    print_line("GPU memory", "peak " + format_bytes(result.peak_memory_bytes) + ", without the CUDA context");
   }
-  report_quality(result);
-  if (result.n_removed > 0) {
-    std::printf("%-12s%s invalid Gaussians\n", "removed", format_count(result.n_removed).c_str());
+  for (const auto& [iteration, evaluation] : result.evaluations) {
+    const ImageQuality& mean = evaluation.mean;
+    print_line("quality", print_to_string("iteration %d: PSNR %.2f dB, SSIM %.4f on %s%zu test views", iteration,
+                                          mean.psnr, mean.ssim, evaluation.fits_left_half ? "the right half of " : "",
+                                          evaluation.views.size()) +
+                              describe_unmeasured(evaluation));
   }
-  for (const fs::path& path : result.not_written) std::printf("%-12s%s\n", "not written", path.string().c_str());
-  if (!result.ply.empty()) std::printf("%-12s%s\n", "PLY", result.ply.string().c_str());
-  if (!result.checkpoint.empty()) std::printf("%-12s%s\n", "checkpoint", result.checkpoint.string().c_str());
-  std::printf("%-12s%s\n", "model", config.model_path.c_str());
+  if (result.n_removed > 0) print_line("removed", format_count(result.n_removed) + " invalid Gaussians");
+  for (const fs::path& path : result.not_written) print_line("not written", path.string());
+  if (!result.ply.empty()) print_line("PLY", result.ply.string());
+  if (!result.checkpoint.empty()) print_line("checkpoint", result.checkpoint.string());
+  print_line("model", config.model_path);
 }
 
 /// The scene, with an equal part of the host memory for each rank of this machine unless --host_memory_gb says how
@@ -233,7 +230,7 @@ int train(const CommandLine& line, const TrainCommandOptions& options, const std
     record_session({describe_machine(device), reading_s, result.output_s}, trainer, scene, folder, ranks);
     if (is_first) {
       report_history(folder, result.interrupted ? 0 : config.max_gaussians);
-      std::printf("%-12s%s\n", "report", write_train_report(folder).c_str());
+      print_line("report", write_train_report(folder).string());
     }
   } catch (const IoError& error) {
     status.warn(detail::concat(error.what(), "; only the report is missing, write it with: b3dgs report ",

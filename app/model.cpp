@@ -83,19 +83,17 @@ void apply_options(LoadedModel& model, const ModelOptions& options) {
   set_compute_threads(options.threads);
 }
 
-/// @throws InputError if the folder of the scene that the model was trained with is not there any more
-void require_scene_folder(const LoadedModel& model) {
+/// @throws InputError if the scene is not there: of a model folder, that of the training; of a file, one that is named
+void require_scene(const LoadedModel& model, const ModelOptions& options) {
   const std::string& scene = model.config.source_path;
-  if (model.folder.root().empty() || fs::exists(scene)) return;
+  if (model.is_file() && options.source_path.empty()) {
+    input_error("no cameras for ", model.file.string(),
+                "; name a scene with -s (expected a model folder, or a scene beside the file; render also takes "
+                "--cameras or --path turntable)");
+  }
+  if (model.is_file() || fs::exists(scene)) return;
   input_error("scene folder not found: ", scene, "; if the scene of ", model.folder.root().string(),
               " has moved, name its folder with -s");
-}
-
-void require_scene(const fs::path& file, const ModelOptions& options) {
-  if (!options.source_path.empty()) return;
-  input_error("no cameras for ", file.string(),
-              "; name a scene with -s (expected a model folder, or a scene beside the file; render also takes "
-              "--cameras or --path turntable)");
 }
 
 /// The views used for training, from cameras.json.
@@ -117,7 +115,7 @@ Scene scene_of_cameras(const LoadedModel& model) {
 
 /// Gives the training views the poses that the model was trained with, if --pose_opt refined them.
 void refine_poses(LoadedModel& model) {
-  if (!model.folder.root().empty() && fs::exists(model.folder.poses()))
+  if (!model.is_file() && fs::exists(model.folder.poses()))
     apply_refined_poses(model.folder.poses(), model.scene.train, model.scene.frame);
 }
 
@@ -148,13 +146,13 @@ void add_views(LoadedModel& model, bool with_photographs, StatusLine& status) {
 
 /// The cameras of the model folder's cameras.json, if there is one.
 void add_saved_cameras(LoadedModel& model) {
-  if (model.folder.root().empty() || !fs::exists(model.folder.cameras())) return;
+  if (model.is_file() || !fs::exists(model.folder.cameras())) return;
   model.scene = scene_of_cameras(model);
   refine_poses(model);
   use_frame_of_gaussians(model);
 }
 
-/// How the views of a scene differ from those in cameras.json.
+/// How the views of a scene differ from those of the training.
 struct SceneDifference {
   bool views = false;  // their number, names or poses
   bool sizes = false;  // of the images
@@ -195,6 +193,7 @@ LoadedModel load_splat_file(const fs::path& file, const ModelOptions& options) {
                 "write its PLY with ", words_for_ply(file, read_checkpoint_header(file).value("iteration", 0)));
   }
   LoadedModel model;
+  model.file = file;
   model.splats = read_splats(file);
   model.config.lenses = "undistort";  // as most programs train
   apply_options(model, options);
@@ -210,14 +209,14 @@ LoadedModel load_without_scene(const ModelOptions& options) {
   return model;
 }
 
-void add_scene(LoadedModel& model, StatusLine& status) {
-  require_scene_folder(model);
+void add_scene(LoadedModel& model, const ModelOptions& options, StatusLine& status) {
+  require_scene(model, options);
   add_views(model, /*with_photographs=*/true, status);
 }
 
 std::string add_scene_or_cameras(LoadedModel& model, const ModelOptions& options, StatusLine& status) {
   try {
-    add_scene(model, status);
+    add_scene(model, options, status);
     return "";
   } catch (const InputError& error) {
     if (!options.source_path.empty()) throw;
@@ -227,30 +226,13 @@ std::string add_scene_or_cameras(LoadedModel& model, const ModelOptions& options
   }
 }
 
-LoadedModel load_model_cameras(const ModelOptions& options, StatusLine& status) {
-  LoadedModel model = load_without_scene(options);
-  if (views_are_as_trained(options) && fs::exists(model.folder.cameras())) {
+void add_cameras(LoadedModel& model, const ModelOptions& options, StatusLine& status) {
+  if (!model.is_file() && views_are_as_trained(options) && fs::exists(model.folder.cameras())) {
     add_saved_cameras(model);
   } else {
-    require_scene_folder(model);
+    require_scene(model, options);
     add_views(model, /*with_photographs=*/false, status);
   }
-  return model;
-}
-
-LoadedModel load_file_cameras(const fs::path& file, const ModelOptions& options, StatusLine& status) {
-  require_scene(file, options);
-  LoadedModel model = load_splat_file(file, options);
-  add_views(model, /*with_photographs=*/false, status);
-  return model;
-}
-
-LoadedModel load_file_to_evaluate(const fs::path& file, const ModelOptions& options, StatusLine& status) {
-  require_scene(file, options);
-  LoadedModel model = load_splat_file(file, options);
-  model.config.eval = true;
-  add_views(model, /*with_photographs=*/true, status);
-  return model;
 }
 
 void refuse_iteration(const ModelOptions& options) {

@@ -1,6 +1,8 @@
-// Writes what a report needs of a training beyond its log (report/page_data.h), while the training runs.
+// What a report needs of a training beyond its log (report/page_data.h): the machine, and what is written while the
+// training runs.
 #pragma once
 
+#include <torch/types.h>
 #include <nlohmann/json.hpp>
 
 #include "dist/communicator.h"
@@ -9,6 +11,10 @@
 #include "train/trainer.h"
 
 namespace b3dgs {
+
+/// To store along with measured times. Keys: "program", "cpu", "cores" (logical), "memory_gb", "libtorch", "device"; if
+/// `device` is a GPU also "gpu", "gpu_memory_gb", "driver" and "cuda". Unknown values are omitted.
+nlohmann::ordered_json describe_machine(const torch::Device& device);
 
 /// Renders up to three views (test views if there are any) and saves them for the report. To be called from
 /// TrainHooks::on_result, because an opacity reset may follow, which would make the images dark. Of several ranks, all

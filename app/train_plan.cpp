@@ -69,13 +69,9 @@ fs::path find_checkpoint(TrainConfig& config, const TrainCommandOptions& options
   return "";
 }
 
-void warn_of_former_options(const nlohmann::ordered_json& options, const std::string& place, StatusLine& status) {
-  for (const std::string& line : describe_former_options(options)) status.warn(place + line);
-}
-
 /// Of what the user has written.
 void warn_of_former(const nlohmann::ordered_json& options, const std::string& place, StatusLine& status) {
-  warn_of_former_options(options, place, status);
+  for (const std::string& line : describe_former_options(options)) status.warn(place + line);
   for (const std::string& line : describe_former_names(options)) status.warn(place + line);
 }
 
@@ -86,7 +82,9 @@ TrainConfig config_of_checkpoint(const fs::path& checkpoint, StatusLine& status)
   if (!header.contains("config"))
     input_error("not a training checkpoint: ", checkpoint.string(), " (expected a config in its header)");
   stored_config_from_json(config, header["config"], checkpoint.string());
-  warn_of_former_options(header["config"], checkpoint.string() + ": ", status);
+  for (const std::string& line : describe_former_options(header["config"])) {
+    status.warn(checkpoint.string() + ": " + line);
+  }
   config.device = TrainConfig{}.device;  // depends on the machine, not on the training
   const fs::path folder = fs::absolute(checkpoint).lexically_normal().parent_path();
   if (folder.filename() == "checkpoints") config.model_path = folder.parent_path().string();
@@ -96,8 +94,7 @@ TrainConfig config_of_checkpoint(const fs::path& checkpoint, StatusLine& status)
 /// @throws InputError if a rank would render nothing
 void check_batch(int batch, int n_ranks) {
   if (batch >= n_ranks) return;
-  const std::string larger =
-      n_ranks <= kMaxBatch ? detail::concat("--batch ", n_ranks, " or more, or ") : std::string();
+  const std::string larger = n_ranks <= kMaxBatch ? detail::concat("--batch ", n_ranks, " or more, or ") : "";
   input_error("--batch ", batch, " is too small for ", n_ranks, " ranks, each of which renders at least one view of a ",
               "step; use ", larger, "at most ", batch, batch == 1 ? " rank" : " ranks");
 }

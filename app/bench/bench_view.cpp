@@ -8,7 +8,7 @@
 #include <type_traits>
 #include <utility>
 
-#include "app/machine/machine.h"
+#include "app/record_run.h"
 #include "core/check.h"
 #include "core/parallel.h"
 #include "raster/torch/rasterizer.h"

@@ -4,8 +4,8 @@
 #include <set>
 
 #include "app/compare/interleaved_training.h"
-#include "app/machine/machine.h"
 #include "app/model.h"
+#include "app/record_run.h"
 #include "app/terminal/progress.h"
 #include "app/tools/commands.h"
 #include "app/train_setup.h"

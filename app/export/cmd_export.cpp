@@ -196,13 +196,12 @@ int run_export(const std::vector<std::string>& words) {
   const torch::Device device = choose_device(model_options.device);
   LoadedModel model = load_without_scene(model_options);
   if (model.splats.size() == 0) input_error(model_options.model_path, ": holds no Gaussians");
-  const bool is_file = fs::is_regular_file(model_options.model_path);
-  std::string why_not = is_file && model_options.source_path.empty()
+  std::string why_not = model.is_file() && model_options.source_path.empty()
                             ? "no scene is named (-s SCENE)"
                             : add_scene_or_cameras(model, model_options, status);
   LoadedModel original = model;
   if (!options.crop.empty()) crop(options.crop, original.splats);
-  const fs::path input = is_file ? fs::path(model_options.model_path) : model.folder.ply(model.iteration);
+  const fs::path input = model.is_file() ? model.file : model.folder.ply(model.iteration);
   refuse_to_replace(input, options.output);
   const auto input_bytes = static_cast<std::int64_t>(fs::file_size(input));
   print_line("from", "%s, %s Gaussians, SH degree %d, %s", input.string().c_str(),
@@ -247,7 +246,7 @@ int run_export(const std::vector<std::string>& words) {
   rotate_splats(inverse(rotation), *written);
   const ExportQuality quality = compare_export(original, std::move(*written), views, device, status);
   if (stop_signal() != 0) return 128 + stop_signal();
-  print_quality(quality, has_test ? "test views" : is_file ? "views" : "training views", !options.crop.empty());
+  print_quality(quality, has_test ? "test views" : model.is_file() ? "views" : "training views", !options.crop.empty());
   return 0;
 }
 

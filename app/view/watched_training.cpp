@@ -14,6 +14,15 @@ constexpr double kShare = 0.05;  // of the time, for frames
 constexpr double kMostSavedSeconds = 0.25;
 constexpr std::size_t kMaxCurve = 2000;  // points; then every second one is dropped
 
+/// `first` is called with the arguments of `hook`, before it.
+template <class... Args, class First>
+void call_before(std::function<void(Args...)>& hook, First first) {
+  hook = [first, next = hook](Args... args) {
+    first(args...);
+    if (next) next(args...);
+  };
+}
+
 ViewedScene viewed_training(const Scene& scene) {
   ViewedScene viewed = viewed_scene(scene, scene.points.positions, scene_name(scene.source_path));
   viewed.is_training = true;
@@ -40,24 +49,12 @@ WatchedTraining::WatchedTraining(const TrainConfig& config, const Scene& scene, 
 
 void WatchedTraining::attach(TrainHooks& hooks) {
   stop_signal_ = hooks.stop_signal;
-  hooks.on_progress = [this, next = hooks.on_progress](const TrainProgress& progress) {
-    note_progress(progress);
-    if (next) next(progress);
-  };
-  hooks.on_evaluation = [this, next = hooks.on_evaluation](int iteration, const Evaluation& evaluation) {
-    {
-      const std::lock_guard<std::mutex> lock(mutex_);
-      state_.psnr.push_back({iteration, evaluation.mean.psnr});
-    }
-    if (next) next(iteration, evaluation);
-  };
-  hooks.on_warning = [this, next = hooks.on_warning](const std::string& warning) {
-    {
-      const std::lock_guard<std::mutex> lock(mutex_);
-      state_.notice = warning;
-    }
-    if (next) next(warning);
-  };
+  call_before(hooks.on_progress, [this](const TrainProgress& progress) { note_progress(progress); });
+  call_before(hooks.on_evaluation, [this](int iteration, const Evaluation& evaluation) {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    state_.psnr.push_back({iteration, evaluation.mean.psnr});
+  });
+  call_before(hooks.on_warning, [this](const std::string& warning) { set_notice(warning); });
   hooks.wants_model = [this] { return wants_model(); };
   hooks.on_model = [this](const ModelInTraining& model) { show(model); };
 }
@@ -123,6 +120,10 @@ void WatchedTraining::save_now() {
   } catch (const std::exception& error) {
     notice = std::string("not saved: ") + error.what();
   }
+  set_notice(notice);
+}
+
+void WatchedTraining::set_notice(const std::string& notice) {
   const std::lock_guard<std::mutex> lock(mutex_);
   state_.notice = notice;
 }
