@@ -63,18 +63,15 @@ struct Operation {
 };
 
 Operation make_all_to_all(Communicator& ranks, std::int64_t n, const torch::Device& device) {
-  Counts send, receive;
+  Counts send(static_cast<std::size_t>(ranks.size()), n);
+  send[static_cast<std::size_t>(ranks.rank())] = 0;
   std::vector<torch::Tensor> sent, expected;
   for (int other = 0; other < ranks.size(); ++other) {
-    if (other == ranks.rank()) {
-      send.push_back(0);
-      continue;
-    }
-    send.push_back(n);
+    if (other == ranks.rank()) continue;
     sent.push_back(make_rows(ranks.rank(), other, n, device));
     expected.push_back(make_rows(other, ranks.rank(), n, device));
   }
-  receive = ranks.exchange_counts("bench", send);
+  const Counts receive = ranks.exchange_counts("bench", send);
   const torch::Tensor rows = torch::cat(sent);
   return {"all-to-all", [&ranks, rows, send, receive] { return ranks.all_to_all_rows(rows, send, receive); },
           torch::cat(expected)};

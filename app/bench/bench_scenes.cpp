@@ -34,14 +34,9 @@ BenchScene make_street_bench(const BenchConfig& config) {
 /// within a core, whose size is chosen so that skew 1 matches the points of `street`.
 class SpreadDensity {
  public:
-  explicit SpreadDensity(double skew)
-      : skew_(skew),
-        exponent_(2 - 2 * skew),
-        is_logarithmic_(std::abs(exponent_) < 1e-9),
-        slope_(2 * std::pow(kCore, 2 * skew)) {
-    const double beyond =
-        is_logarithmic_ ? -slope_ * std::log(kCore) : slope_ * (1 - std::pow(kCore, exponent_)) / exponent_;
-    mass_ = kCoreMass + beyond;
+  explicit SpreadDensity(double skew) : skew_(skew) {
+    mass_ = kCoreMass +
+            (is_logarithmic_ ? -slope_ * std::log(kCore) : slope_ * (1 - std::pow(kCore, exponent_)) / exponent_);
   }
 
   /// Maps a distance of the even distribution to the distance that encloses the same share of this distribution.
@@ -59,14 +54,12 @@ class SpreadDensity {
 
  private:
   static constexpr double kCore = 0.05;
-  static constexpr double kCoreMass =
-      kCore * kCore;  // with density 1; the area is distance^2, so the whole image has mass 1
+  static constexpr double kCoreMass = kCore * kCore;  // the area is distance^2, so the whole image has mass 1
 
-  double skew_;
-  double exponent_;  // of the mass beyond the core
-  bool is_logarithmic_;
-  double slope_;  // of the mass beyond the core
-  double mass_;   // of the whole image, with density 1 in the core
+  const double skew_;
+  const double exponent_ = 2 - 2 * skew_, slope_ = 2 * std::pow(kCore, 2 * skew_);  // of the mass beyond the core
+  const bool is_logarithmic_ = std::abs(exponent_) < 1e-9;
+  double mass_;  // of the whole image, with density 1 in the core
 };
 
 /// Appends the attributes of a trained Gaussian except its mean: random shape, opacity and colour.

@@ -97,12 +97,6 @@ TrainConfig make_config(const CommandLine& line, const BenchStepOptions& options
   return config;
 }
 
-double mean_pixels(const Scene& scene) {
-  double sum = 0;
-  for (const View& view : scene.train) sum += static_cast<double>(view.camera.width) * view.camera.height;
-  return sum / static_cast<double>(scene.train.size());
-}
-
 /// Runs up to n steps, fewer after a stop signal, and waits for the device. Returns the mean wall-clock time per step,
 /// ms.
 double run_steps(Trainer& trainer, int n) {
@@ -114,8 +108,11 @@ double run_steps(Trainer& trainer, int n) {
 }
 
 /// Prints all results and returns them as JSON.
-Json report_steps(const StepTimes& times, const TrainConfig& config, const Trainer& trainer, double n_pixels,
+Json report_steps(const StepTimes& times, const TrainConfig& config, const Trainer& trainer, const Scene& scene,
                   double wall_ms) {
+  double n_pixels = 0;  // of a view, on average
+  for (const View& view : scene.train) n_pixels += static_cast<double>(view.camera.width) * view.camera.height;
+  n_pixels /= static_cast<double>(scene.train.size());
   const TileShape tile = tile_shape(config);
   std::printf("%s: %s Gaussians, %.2f Mpixel, tiles of %d x %d px, %s, SH degree %d; %zu steps\n%s\n",
               config.source_path.c_str(), format_count(trainer.n_gaussians()).c_str(), 1e-6 * n_pixels, tile.width,
@@ -181,7 +178,7 @@ int run_bench_step(const std::vector<std::string>& words) {
   if (options.warmup > 0) run_steps(trainer, options.warmup);
   const double wall_ms = run_steps(trainer, options.steps);
   if (times.steps.empty()) return 128 + stop_signal();  // interrupted before the first timed step
-  const Json report = report_steps(times, config, trainer, mean_pixels(scene), wall_ms);
+  const Json report = report_steps(times, config, trainer, scene, wall_ms);
   if (!options.json.empty()) write_file(options.json, report.dump(2) + "\n");
   return stop_signal() == 0 ? 0 : 128 + stop_signal();
 }
