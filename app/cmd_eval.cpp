@@ -180,9 +180,10 @@ void evaluate_file(const ModelOptions& model_options, const EvalOptions& options
   if (options.save_images) {
     require_writable(images / "views.json", "allow writing there, or evaluate a copy of the file");
   }
+  require_scene(file, model_options);
   LoadedModel model = load_without_scene(model_options);
   model.config.eval = true;  // every 8th view is a test view, as in a training with --eval
-  add_scene(model, model_options, status);
+  add_scene(model, status);
   const OwnFiles own_files(images);
   std::vector<View> views = split == "test" ? model.scene.test : model.scene.train;
   if (split == "all") {
@@ -220,7 +221,7 @@ int run_eval(const std::vector<std::string>& words) {
   LoadedModel model = load_without_scene(model_options);
   const OwnFiles own_files(model.folder.root());
   const bool writes_results = can_write_results(model, options, status);
-  add_scene(model, model_options, status);
+  add_scene(model, status);
   const std::string default_split = model.scene.test.empty() ? "train" : "test";
   const std::string split = options.split == "auto" ? default_split : options.split;
   if (split == "test" && model.scene.test.empty()) {

@@ -83,14 +83,9 @@ void apply_options(LoadedModel& model, const ModelOptions& options) {
   set_compute_threads(options.threads);
 }
 
-/// @throws InputError if the scene is not there: of a model folder, that of the training; of a file, one that is named
-void require_scene(const LoadedModel& model, const ModelOptions& options) {
+/// @throws InputError if the folder of the scene that the model was trained with is not there any more
+void require_scene_folder(const LoadedModel& model) {
   const std::string& scene = model.config.source_path;
-  if (model.is_file() && options.source_path.empty()) {
-    input_error("no cameras for ", model.file.string(),
-                "; name a scene with -s (expected a model folder, or a scene beside the file; render also takes "
-                "--cameras or --path turntable)");
-  }
   if (model.is_file() || fs::exists(scene)) return;
   input_error("scene folder not found: ", scene, "; if the scene of ", model.folder.root().string(),
               " has moved, name its folder with -s");
@@ -209,14 +204,21 @@ LoadedModel load_without_scene(const ModelOptions& options) {
   return model;
 }
 
-void add_scene(LoadedModel& model, const ModelOptions& options, StatusLine& status) {
-  require_scene(model, options);
+void require_scene(const fs::path& file, const ModelOptions& options) {
+  if (!options.source_path.empty()) return;
+  input_error("no cameras for ", file.string(),
+              "; name a scene with -s (expected a model folder, or a scene beside the file; render also takes "
+              "--cameras or --path turntable)");
+}
+
+void add_scene(LoadedModel& model, StatusLine& status) {
+  require_scene_folder(model);
   add_views(model, /*with_photographs=*/true, status);
 }
 
 std::string add_scene_or_cameras(LoadedModel& model, const ModelOptions& options, StatusLine& status) {
   try {
-    add_scene(model, options, status);
+    add_scene(model, status);
     return "";
   } catch (const InputError& error) {
     if (!options.source_path.empty()) throw;
@@ -230,7 +232,7 @@ void add_cameras(LoadedModel& model, const ModelOptions& options, StatusLine& st
   if (!model.is_file() && views_are_as_trained(options) && fs::exists(model.folder.cameras())) {
     add_saved_cameras(model);
   } else {
-    require_scene(model, options);
+    require_scene_folder(model);
     add_views(model, /*with_photographs=*/false, status);
   }
 }

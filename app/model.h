@@ -69,9 +69,12 @@ bool names_single_file(ModelOptions& options);
 /// @throws InputError
 LoadedModel load_without_scene(const ModelOptions& options);
 
-/// Adds the scene that the config names, with photographs, and the poses that the model was trained with. For a file,
-/// the options must name the scene. @throws InputError
-void add_scene(LoadedModel& model, const ModelOptions& options, StatusLine& status);
+/// @throws InputError unless the options name the scene whose views a file of Gaussians is to be given
+void require_scene(const std::filesystem::path& file, const ModelOptions& options);
+
+/// Adds the scene that the config names, with photographs, and the poses that the model was trained with.
+/// @throws InputError
+void add_scene(LoadedModel& model, StatusLine& status);
 
 /// The same, or without the scene of the training the cameras of the model folder's cameras.json. Returns why there are
 /// no photographs, empty: there are. @throws InputError if the options name a scene that cannot be read

@@ -86,8 +86,10 @@ void check_options(const CommandLine& line, const ModelOptions& model, const Ren
 
 LoadedModel load(const ModelOptions& model, const RenderOptions& options, const CameraOptions& cameras,
                  StatusLine& status) {
-  LoadedModel loaded = options.ply.empty() ? load_without_scene(model) : load_splat_file(options.ply, model);
-  if (options.ply.empty() || !model.source_path.empty() || needs_views(cameras)) add_cameras(loaded, model, status);
+  const bool is_file = !options.ply.empty();
+  if (is_file && needs_views(cameras)) require_scene(options.ply, model);
+  LoadedModel loaded = is_file ? load_splat_file(options.ply, model) : load_without_scene(model);
+  if (!is_file || !model.source_path.empty()) add_cameras(loaded, model, status);
   return loaded;
 }
 

@@ -27,7 +27,7 @@ using test::run_b3dgs;
 
 LoadedModel load_model(const ModelOptions& options, StatusLine& status) {
   LoadedModel model = load_without_scene(options);
-  add_scene(model, options, status);
+  add_scene(model, status);
   return model;
 }
 

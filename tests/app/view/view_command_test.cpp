@@ -72,7 +72,7 @@ TEST_F(ViewPrograms, AFrameIsWhatRenderWrites) {
   options.device = "cpu";
   StatusLine status = StatusLine::silent();
   LoadedModel loaded = load_without_scene(options);
-  add_scene(loaded, options, status);
+  add_scene(loaded, status);
   ModelRenderer renderer(loaded, torch::kCPU);
   WatchedModel watched({renderer.gaussians, renderer.settings, loaded.iteration}, loaded.scene,
                        viewed_scene(loaded.scene, loaded.splats.means, "model"));
