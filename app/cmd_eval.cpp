@@ -102,22 +102,16 @@ ColorEvaluation split_colors(const LoadedModel& model, bool is_test, bool is_oth
   return colors;
 }
 
-std::string describe(const ColorEvaluation& colors) {
-  if (!colors.exposures.empty()) return ", with their learned exposures";
-  return colors.fit_left_half ? ", right half, with colours fitted to the left half (--train_test_exp)" : "";
-}
-
-class SplitEvaluator {
- public:
-  /// `lpips` may be null.
-  SplitEvaluator(const LoadedModel& model, const torch::Device& device, bool save_images, const LpipsNetwork* lpips,
-                 StatusLine& status)
-      : renderer_(model, device), save_images_(save_images), lpips_(lpips), status_(status) {}
+struct SplitEvaluator {
+  ModelRenderer renderer;
+  bool save_images;
+  const LpipsNetwork* lpips;  // may be null
+  StatusLine& status;
 
   /// Images are saved to `folder`. `colors`: how to treat exposure.
   Evaluation run(const std::vector<View>& views, const std::string& split, const ColorEvaluation& colors,
                  const std::filesystem::path& folder) {
-    const ProgressFn progress = show_loading(status_);
+    const ProgressFn progress = show_loading(status);
     const auto write_images = [&folder](std::size_t index, const View& view, const Image8& image) {
       const std::shared_ptr<const Image8> truth = view.image->read();
       write_image(folder / "gt" / image_name(index), *truth);
@@ -127,30 +121,28 @@ class SplitEvaluator {
     TaskQueue tasks(writer_threads(), kFramesAhead);
     const auto on_rendered = [&](std::size_t index, const View& view, const RenderedView& rendered,
                                  const std::optional<ImageQuality>&) {
-      if (save_images_) {
+      if (save_images) {
         const auto image = std::make_shared<const Image8>(to_image8(rendered.color));
         tasks.push([&write_images, index, &view, image] { write_images(index, view, *image); });
       }
       progress("evaluating " + split + " views", index + 1, views.size());
     };
-    const Evaluation evaluation = evaluate_views(renderer_.rasterizer, renderer_.gaussians, views, renderer_.settings,
-                                                 on_rendered, lpips_, colors);
+    const Evaluation evaluation =
+        evaluate_views(renderer.rasterizer, renderer.gaussians, views, renderer.settings, on_rendered, lpips, colors);
     tasks.finish();
-    status_.clear();
-    std::cout << split << " views" << describe(colors) << "\n";
+    status.clear();
+    std::cout << split << " views"
+              << (!colors.exposures.empty() ? ", with their learned exposures"
+                  : colors.fit_left_half    ? ", right half, with colours fitted to the left half (--train_test_exp)"
+                                            : "")
+              << "\n";
     print_table(evaluation);
-    if (save_images_) {
+    if (save_images) {
       write_view_names(folder, views);
       std::cout << "images: " << folder.string() << "/{gt,renders,diff}; views.json names their views\n";
     }
     return evaluation;
   }
-
- private:
-  ModelRenderer renderer_;
-  bool save_images_;
-  const LpipsNetwork* lpips_;
-  StatusLine& status_;
 };
 
 /// Whether the results can be written to the model folder; otherwise warns, before anything is rendered. The scene is
@@ -158,25 +150,25 @@ class SplitEvaluator {
 /// cannot write
 bool can_write_results(const LoadedModel& model, const EvalOptions& options, StatusLine& status) {
   const std::string remedy = "allow writing there, or evaluate a copy of the model folder";
-  bool can_write = true;
   const std::string with_results = model.config.eval ? "test" : "train";
-  const bool is_any = options.split == "auto" || options.split == "all";
-  if (is_any || options.split == with_results) {
-    try {
+  const auto is_evaluated = [&](const std::string& split) {
+    return options.split == "all" || split == (options.split == "auto" ? with_results : options.split);
+  };
+  try {
+    if (is_evaluated(with_results)) {
       for (const std::filesystem::path& file : model.folder.results()) require_writable(file, remedy);
-    } catch (const InputError& error) {
-      if (options.save_images) throw;
-      status.warn(std::string("results are printed only: ") + error.what());
-      can_write = false;
+    }
+  } catch (const InputError& error) {
+    if (options.save_images) throw;
+    status.warn(std::string("results are printed only: ") + error.what());
+    return false;
+  }
+  for (const std::string split : {"test", "train"}) {
+    if (options.save_images && is_evaluated(split)) {
+      require_writable(model.folder.root() / split / "views.json", remedy);
     }
   }
-  if (!options.save_images) return can_write;
-  for (const std::string split : {"test", "train"}) {
-    const bool is_evaluated =
-        options.split == "all" || split == (options.split == "auto" ? with_results : options.split);
-    if (is_evaluated) require_writable(model.folder.root() / split / "views.json", remedy);
-  }
-  return can_write;
+  return true;
 }
 
 /// Evaluates a file of Gaussians, which does not say which views it was trained on. Writes no results files.
@@ -188,7 +180,10 @@ void evaluate_file(const ModelOptions& model_options, const EvalOptions& options
   if (options.save_images) {
     require_writable(images / "views.json", "allow writing there, or evaluate a copy of the file");
   }
-  const LoadedModel model = load_file_to_evaluate(file, model_options, status);
+  require_scene(file, model_options);
+  LoadedModel model = load_without_scene(model_options);
+  model.config.eval = true;  // every 8th view is a test view, as in a training with --eval
+  add_scene(model, status);
   const OwnFiles own_files(images);
   std::vector<View> views = split == "test" ? model.scene.test : model.scene.train;
   if (split == "all") {
@@ -199,8 +194,7 @@ void evaluate_file(const ModelOptions& model_options, const EvalOptions& options
   if (options.split == "auto") {
     std::cout << "a file does not say which views it was trained on: evaluating all; --split test for every 8th\n";
   }
-  SplitEvaluator evaluator(model, device, options.save_images, lpips, status);
-  evaluator.run(views, split, {}, images);
+  SplitEvaluator{{model, device}, options.save_images, lpips, status}.run(views, split, {}, images);
 }
 
 }  // namespace
@@ -245,7 +239,7 @@ int run_eval(const std::vector<std::string>& words) {
   const std::string variant = results_variant(model, model_options);
   const std::string key = model.folder.results_key(model.iteration, variant, source);
   const bool is_other_scene = !model_options.source_path.empty() && !variant.empty();
-  SplitEvaluator evaluator(model, device, options.save_images, lpips ? &*lpips : nullptr, status);
+  SplitEvaluator evaluator{{model, device}, options.save_images, lpips ? &*lpips : nullptr, status};
   for (const std::string name : {"test", "train"}) {
     const std::vector<View>& views = name == "test" ? model.scene.test : model.scene.train;
     if (views.empty() || (split != "all" && split != name)) continue;

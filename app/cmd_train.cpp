@@ -2,7 +2,6 @@
 #include <fcntl.h>
 #include <unistd.h>
 
-#include <algorithm>
 #include <csignal>
 #include <cstdio>
 #include <filesystem>
@@ -10,7 +9,6 @@
 #include <memory>
 #include <optional>
 
-#include "app/machine/machine.h"
 #include "app/model.h"
 #include "app/ranks/rank_setup.h"
 #include "app/record_run.h"
@@ -54,17 +52,11 @@ void throw_if_stopped() {
   if (stop_signal() != 0) throw StoppedEarly();
 }
 
-/// The model folder during a training: only one process trains into it, and it vanishes if nothing is written to it.
-struct HeldFolder {
-  explicit HeldFolder(const fs::path& folder) : guard(folder), lock(folder) {}
-  EmptyFolderGuard guard;
-  FolderLock lock;
-};
-
-std::string describe_ranks(int n_ranks, const TrainConfig& config, const std::optional<OptionLayers>& layers) {
-  const bool is_default = layers && layers->config.batch != config.batch;
-  const std::string reason = config.batch == n_ranks ? " (one per rank; --batch changes it)" : " (--batch changes it)";
-  return detail::concat("ranks       ", n_ranks, ", ", config.batch, " views per step", is_default ? reason : "");
+std::string describe_ranks(int n_ranks, const TrainPlan& plan) {
+  const int batch = plan.config.batch;
+  const bool is_default = plan.layers && plan.layers->config.batch != batch;
+  const char* reason = batch == n_ranks ? " (one per rank; --batch changes it)" : " (--batch changes it)";
+  return detail::concat("ranks       ", n_ranks, ", ", batch, " views per step", is_default ? reason : "");
 }
 
 /// How ranks exchange, where that is slow; otherwise empty.
@@ -82,50 +74,48 @@ std::string describe_memory(const MemoryForecast& forecast) {
          format_bytes(forecast.limit) + "; room for about " + format_count(forecast.largest_count) + " Gaussians";
 }
 
-void report_quality(const TrainResult& result) {
-  for (const auto& [iteration, evaluation] : result.evaluations) {
-    std::printf("%-12siteration %d: PSNR %.2f dB, SSIM %.4f on %s%zu test views%s\n", "quality", iteration,
-                evaluation.mean.psnr, evaluation.mean.ssim, evaluation.fits_left_half ? "the right half of " : "",
-                evaluation.views.size(), describe_unmeasured(evaluation).c_str());
-  }
+void print_line(const char* name, const std::string& text) {
+  std::printf("%-12s%s\n", name, text.c_str());
 }
 
 void report_history(const ModelFolder& folder, std::int64_t limit) {
   const TrainHistory history = read_train_log(folder.log());
-  const std::string kept = limit_text(history, limit);
-  if (!kept.empty()) std::printf("%-12s%s\n", "Gaussians", kept.c_str());
-  const std::string floaters = floaters_text(history);
-  if (!floaters.empty()) {
-    std::printf("%-12spossible: %s; see docs/recipes.md#floaters\n", "floaters", floaters.c_str());
+  const std::string kept = limit_text(history, limit), floaters = floaters_text(history);
+  if (!kept.empty()) print_line("Gaussians", kept);
+  if (!floaters.empty()) print_line("floaters", "possible: " + floaters + "; see docs/recipes.md#floaters");
+  if (const std::optional<Overfitting> found = find_overfitting(history)) {
+    print_line("overfitting",
+               print_to_string("PSNR was %.2f dB higher after iteration %d, as happens with few photographs or things "
+                               "that move; see docs/recipes.md#few-photographs",
+                               found->lost, found->iteration));
   }
-  const std::optional<Overfitting> found = find_overfitting(history);
-  if (!found) return;
-  std::printf(
-      "%-12sPSNR was %.2f dB higher after iteration %d, as happens with few photographs or things that move; see "
-      "docs/recipes.md#few-photographs\n",
-      "overfitting", found->lost, found->iteration);
 }
 
 void report(const TrainResult& result, const TrainConfig& config, double total_s) {
   const std::string range = result.first_iteration > 0 && result.first_iteration < result.iteration
                                 ? print_to_string(" (%d to %d)", result.first_iteration + 1, result.iteration)
                                 : "";
-  std::printf("%-12s%d iterations%s in %s (%s with reading and saving), %s Gaussians\n", "trained",
-              result.iteration - result.first_iteration, range.c_str(), format_duration(result.train_s).c_str(),
-              format_duration(total_s).c_str(),
-              format_count(result.interrupted || result.n_saved == 0 ? result.n_gaussians : result.n_saved).c_str());
+  const bool is_in_training = result.interrupted || result.n_saved == 0;
+  print_line(
+      "trained",
+      detail::concat(result.iteration - result.first_iteration, " iterations", range, " in ",
+                     format_duration(result.train_s), " (", format_duration(total_s), " with reading and saving), ",
+                     format_count(is_in_training ? result.n_gaussians : result.n_saved), " Gaussians"));
   if (result.peak_memory_bytes > 0) {
-    std::printf("%-12speak %s, without the CUDA context\n", "GPU memory",
-                format_bytes(result.peak_memory_bytes).c_str());
+    print_line("GPU memory", "peak " + format_bytes(result.peak_memory_bytes) + ", without the CUDA context");
   }
-  report_quality(result);
-  if (result.n_removed > 0) {
-    std::printf("%-12s%s invalid Gaussians\n", "removed", format_count(result.n_removed).c_str());
+  for (const auto& [iteration, evaluation] : result.evaluations) {
+    const ImageQuality& mean = evaluation.mean;
+    print_line("quality", print_to_string("iteration %d: PSNR %.2f dB, SSIM %.4f on %s%zu test views", iteration,
+                                          mean.psnr, mean.ssim, evaluation.fits_left_half ? "the right half of " : "",
+                                          evaluation.views.size()) +
+                              describe_unmeasured(evaluation));
   }
-  for (const fs::path& path : result.not_written) std::printf("%-12s%s\n", "not written", path.string().c_str());
-  if (!result.ply.empty()) std::printf("%-12s%s\n", "PLY", result.ply.string().c_str());
-  if (!result.checkpoint.empty()) std::printf("%-12s%s\n", "checkpoint", result.checkpoint.string().c_str());
-  std::printf("%-12s%s\n", "model", config.model_path.c_str());
+  if (result.n_removed > 0) print_line("removed", format_count(result.n_removed) + " invalid Gaussians");
+  for (const fs::path& path : result.not_written) print_line("not written", path.string());
+  if (!result.ply.empty()) print_line("PLY", result.ply.string());
+  if (!result.checkpoint.empty()) print_line("checkpoint", result.checkpoint.string());
+  print_line("model", config.model_path);
 }
 
 /// The scene, with an equal part of the host memory for each rank of this machine unless --host_memory_gb says how
@@ -149,8 +139,10 @@ int train(const CommandLine& line, const TrainCommandOptions& options, const std
   StatusLine status = is_first ? StatusLine::for_stderr(options.quiet) : StatusLine::silent();
   TrainPlan plan;
   const torch::Device device = choose_device(device_name_of_all);
-  if (is_first) plan = make_plan(line, status, options, {ranks.size(), device_name(device)});
-  std::optional<HeldFolder> held;
+  if (is_first) plan = make_plan(line, status, options, ranks.size(), device_name(device));
+  // Only one process trains into the model folder, which vanishes if nothing is written to it.
+  std::optional<EmptyFolderGuard> guard;
+  std::optional<FolderLock> lock;
   if (is_first) {
     check_options(plan.config);
     if (const int threads = set_compute_threads(plan.config.threads); threads < plan.config.threads) {
@@ -158,7 +150,8 @@ int train(const CommandLine& line, const TrainCommandOptions& options, const std
                                  threads));
     }
     const ModelFolder folder(plan.config.model_path);
-    held.emplace(folder.root());  // before photographs are read, so that a read-only folder fails early
+    guard.emplace(folder.root());
+    lock.emplace(folder.root());  // before photographs are read, so that a read-only folder fails early
     plan.is_replaced = guard_model(folder, plan);
     check_checkpoint(plan.checkpoint, plan.config);
   }
@@ -180,7 +173,7 @@ int train(const CommandLine& line, const TrainCommandOptions& options, const std
   };
   for (const std::string& text : scene.summary) say(text);
   say(describe_device(device));
-  if (has_peers) say(describe_ranks(ranks.size(), config, plan.layers));
+  if (has_peers) say(describe_ranks(ranks.size(), plan));
   say(describe_slow_transport(ranks));
   for (const std::string& text : fit_to_scene(plan, scene)) say(text);
 
@@ -197,7 +190,7 @@ int train(const CommandLine& line, const TrainCommandOptions& options, const std
     hooks.on_warning = [&](const std::string& message) { status.warn(message); };
   }
   std::unique_ptr<Trainer> owned;
-  hooks.on_result = [&] { record_previews(*owned, scene, folder, has_peers ? &ranks : nullptr); };
+  hooks.on_result = [&] { record_previews(*owned, scene, folder, ranks); };
   std::optional<WatchedTraining> watched;
   std::unique_ptr<ViewServer> server;
   if (!options.view.empty()) {
@@ -234,10 +227,10 @@ int train(const CommandLine& line, const TrainCommandOptions& options, const std
   status.clear();
   if (is_first) report(result, config, steady_seconds() - start_s);
   try {
-    record_session({describe_machine(device), reading_s, result}, trainer, scene, folder, has_peers ? &ranks : nullptr);
+    record_session({describe_machine(device), reading_s, result.output_s}, trainer, scene, folder, ranks);
     if (is_first) {
       report_history(folder, result.interrupted ? 0 : config.max_gaussians);
-      std::printf("%-12s%s\n", "report", write_train_report(folder).c_str());
+      print_line("report", write_train_report(folder).string());
     }
   } catch (const IoError& error) {
     status.warn(detail::concat(error.what(), "; only the report is missing, write it with: b3dgs report ",
@@ -308,7 +301,7 @@ int run_train(const std::vector<std::string>& words) {
   if (plan.n_to_start > 0) {
     StatusLine silent = StatusLine::silent();
     // An error of the options appears once, not for each rank.
-    make_plan(line, silent, options, {plan.n_to_start, device});
+    make_plan(line, silent, options, plan.n_to_start, device);
     std::vector<std::string> all{"train"};
     all.insert(all.end(), words.begin(), words.end());
     return start_ranks(plan.n_to_start, all);

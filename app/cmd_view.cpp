@@ -3,11 +3,10 @@
 
 #include "app/model.h"
 #include "app/tools/commands.h"
+#include "app/tools/single_option.h"
 #include "app/train_setup.h"
 #include "app/view/view_options.h"
-#include "app/view/viewed_scene.h"
-#include "app/view/watched_model.h"
-#include "core/check.h"
+#include "app/view/watched_scene.h"
 #include "core/options/command_line.h"
 #include "core/text.h"
 #include "train/device.h"
@@ -15,27 +14,14 @@
 namespace b3dgs {
 namespace {
 
-namespace fs = std::filesystem;
-
-struct ViewCommandOptions {
-  std::string view = "auto";
-};
-
-template <class Visitor>
-void visit_fields(ViewCommandOptions& c, Visitor&& field) {
-  field(Option{"view"}.common(), c.view, Any{},
-        "where the page is: PORT, or ADDRESS:PORT (auto = first free port from 8080 on)");
-}
-
 constexpr const char* kFormerPort = "port";
 
 /// With photographs where the scene is there; else with the cameras of the model folder, if it has any.
 LoadedModel load(ModelOptions& options, StatusLine& status) {
-  if (names_single_file(options)) {
-    return options.source_path.empty() ? load_splat_file(options.model_path, options)
-                                       : load_file_to_evaluate(options.model_path, options, status);
-  }
+  names_single_file(options);
   LoadedModel model = load_without_scene(options);
+  if (model.is_file() && options.source_path.empty()) return model;
+  model.config.eval = model.config.eval || model.is_file();
   const std::string why_not = add_scene_or_cameras(model, options, status);
   if (!why_not.empty()) status.warn("no photographs to compare with: " + why_not);
   return model;
@@ -46,18 +32,19 @@ LoadedModel load(ModelOptions& options, StatusLine& status) {
 int run_view(const std::vector<std::string>& words) {
   CommandLine line("view", "Show a model folder or a file of Gaussians in a browser.", "b3dgs view output/garden");
   ModelOptions model_options;
-  ViewCommandOptions options;
+  SingleOption<std::string> page{Option{"view"}.common(), "auto",
+                                 "where the page is: PORT, or ADDRESS:PORT (auto = first free port from 8080 on)"};
   line.add(model_options, "Model", {"model_path"});
-  line.add(options, "Page");
+  line.add(page, "Page");
   line.set_help("model_path", "model folder, or a file of Gaussians");
   add_former_view_options(line, kFormerPort);
   if (!line.parse(join_view_place(words))) return 0;
-  take_former_view_options(line, kFormerPort, options.view);
-  const ViewOptions place = parse_view_place(options.view);
+  take_former_view_options(line, kFormerPort, page.value);
+  const ViewServerOptions place = parse_view_place(page.value);
 
   StatusLine status = StatusLine::for_stderr(model_options.quiet);
   const torch::Device device = choose_device(model_options.device);
-  const std::string title = fs::path(model_options.model_path).lexically_normal().filename().string();
+  const std::string title = std::filesystem::path(model_options.model_path).lexically_normal().filename().string();
   const LoadedModel model = load(model_options, status);
   ModelRenderer renderer(model, device);
   WatchedModel watched({renderer.gaussians, renderer.settings, model.iteration}, model.scene,

@@ -12,7 +12,6 @@
 #include "core/parallel.h"
 #include "core/text.h"
 #include "model/cameras/cameras_json.h"
-#include "model/formats/splat_formats.h"
 #include "scene/cameras/coordinate_frame.h"
 #include "train/checkpoint/checkpoint.h"
 #include "train/device.h"
@@ -87,29 +86,9 @@ void apply_options(LoadedModel& model, const ModelOptions& options) {
 /// @throws InputError if the folder of the scene that the model was trained with is not there any more
 void require_scene_folder(const LoadedModel& model) {
   const std::string& scene = model.config.source_path;
-  if (model.folder.root().empty() || fs::exists(scene)) return;
+  if (model.is_file() || fs::exists(scene)) return;
   input_error("scene folder not found: ", scene, "; if the scene of ", model.folder.root().string(),
               " has moved, name its folder with -s");
-}
-
-/// With photographs. The model's Gaussians take the place of points.
-Scene open_photographs(const TrainConfig& config, StatusLine& status) {
-  SceneOptions options = scene_options(config);
-  options.seed_points = false;
-  return open_scene(options, status);
-}
-
-Scene open_cameras(const TrainConfig& config, StatusLine& status) {
-  SceneOptions options = scene_options(config);
-  options.load_images = false;
-  return open_scene(options, status);
-}
-
-void require_scene(const fs::path& file, const ModelOptions& options) {
-  if (!options.source_path.empty()) return;
-  input_error("no cameras for ", file.string(),
-              "; name a scene with -s (expected a model folder, or a scene beside the file; render also takes "
-              "--cameras or --path turntable)");
 }
 
 /// The views used for training, from cameras.json.
@@ -131,7 +110,7 @@ Scene scene_of_cameras(const LoadedModel& model) {
 
 /// Gives the training views the poses that the model was trained with, if --pose_opt refined them.
 void refine_poses(LoadedModel& model) {
-  if (!model.folder.root().empty() && fs::exists(model.folder.poses()))
+  if (!model.is_file() && fs::exists(model.folder.poses()))
     apply_refined_poses(model.folder.poses(), model.scene.train, model.scene.frame);
 }
 
@@ -150,7 +129,25 @@ void use_frame_of_gaussians(LoadedModel& model) {
   scene.points = {};
 }
 
-/// How the views of a scene differ from those in cameras.json.
+/// Adds the views of the scene that the config names.
+void add_views(LoadedModel& model, bool with_photographs, StatusLine& status) {
+  SceneOptions options = scene_options(model.config);
+  options.load_images = with_photographs;
+  options.seed_points = false;  // the model's Gaussians take the place of points
+  model.scene = open_scene(options, status);
+  refine_poses(model);
+  use_frame_of_gaussians(model);
+}
+
+/// The cameras of the model folder's cameras.json, if there is one.
+void add_saved_cameras(LoadedModel& model) {
+  if (model.is_file() || !fs::exists(model.folder.cameras())) return;
+  model.scene = scene_of_cameras(model);
+  refine_poses(model);
+  use_frame_of_gaussians(model);
+}
+
+/// How the views of a scene differ from those of the training.
 struct SceneDifference {
   bool views = false;  // their number, names or poses
   bool sizes = false;  // of the images
@@ -183,14 +180,6 @@ SceneDifference compare_views(const std::vector<NamedCamera>& cameras, const Sce
   return difference;
 }
 
-/// The cameras of the model folder's cameras.json, if there is one.
-void add_saved_cameras(LoadedModel& model) {
-  if (model.folder.root().empty() || !fs::exists(model.folder.cameras())) return;
-  model.scene = scene_of_cameras(model);
-  refine_poses(model);
-  use_frame_of_gaussians(model);
-}
-
 }  // namespace
 
 LoadedModel load_splat_file(const fs::path& file, const ModelOptions& options) {
@@ -199,6 +188,7 @@ LoadedModel load_splat_file(const fs::path& file, const ModelOptions& options) {
                 "write its PLY with ", words_for_ply(file, read_checkpoint_header(file).value("iteration", 0)));
   }
   LoadedModel model;
+  model.file = file;
   model.splats = read_splats(file);
   model.config.lenses = "undistort";  // as most programs train
   apply_options(model, options);
@@ -214,11 +204,16 @@ LoadedModel load_without_scene(const ModelOptions& options) {
   return model;
 }
 
+void require_scene(const fs::path& file, const ModelOptions& options) {
+  if (!options.source_path.empty()) return;
+  input_error("no cameras for ", file.string(),
+              "; name a scene with -s (expected a model folder, or a scene beside the file; render also takes "
+              "--cameras or --path turntable)");
+}
+
 void add_scene(LoadedModel& model, StatusLine& status) {
   require_scene_folder(model);
-  model.scene = open_photographs(model.config, status);
-  refine_poses(model);
-  use_frame_of_gaussians(model);
+  add_views(model, /*with_photographs=*/true, status);
 }
 
 std::string add_scene_or_cameras(LoadedModel& model, const ModelOptions& options, StatusLine& status) {
@@ -233,33 +228,13 @@ std::string add_scene_or_cameras(LoadedModel& model, const ModelOptions& options
   }
 }
 
-LoadedModel load_model_cameras(const ModelOptions& options, StatusLine& status) {
-  LoadedModel model = load_gaussians(options);
-  const bool is_as_trained = views_are_as_trained(options);
-  apply_options(model, options);
-  const bool has_cameras = fs::exists(model.folder.cameras());
-  if (!is_as_trained || !has_cameras) require_scene_folder(model);
-  model.scene = is_as_trained && has_cameras ? scene_of_cameras(model) : open_cameras(model.config, status);
-  refine_poses(model);
-  use_frame_of_gaussians(model);
-  return model;
-}
-
-LoadedModel load_file_cameras(const fs::path& file, const ModelOptions& options, StatusLine& status) {
-  require_scene(file, options);
-  LoadedModel model = load_splat_file(file, options);
-  model.scene = open_cameras(model.config, status);
-  use_frame_of_gaussians(model);
-  return model;
-}
-
-LoadedModel load_file_to_evaluate(const fs::path& file, const ModelOptions& options, StatusLine& status) {
-  require_scene(file, options);
-  LoadedModel model = load_splat_file(file, options);
-  model.config.eval = true;
-  model.scene = open_photographs(model.config, status);
-  use_frame_of_gaussians(model);
-  return model;
+void add_cameras(LoadedModel& model, const ModelOptions& options, StatusLine& status) {
+  if (!model.is_file() && views_are_as_trained(options) && fs::exists(model.folder.cameras())) {
+    add_saved_cameras(model);
+  } else {
+    require_scene_folder(model);
+    add_views(model, /*with_photographs=*/false, status);
+  }
 }
 
 void refuse_iteration(const ModelOptions& options) {
@@ -321,6 +296,13 @@ std::string results_variant(const LoadedModel& model, const ModelOptions& option
   }
   if (model.config.lenses != trained.lenses) variant += (variant.empty() ? "" : "_") + model.config.lenses;
   return variant;
+}
+
+std::vector<View> evenly_spaced(const std::vector<View>& views, std::size_t count) {
+  if (views.size() <= count) return views;
+  std::vector<View> chosen;
+  for (std::size_t i = 0; i < count; ++i) chosen.push_back(views[i * views.size() / count]);
+  return chosen;
 }
 
 fs::path image_folder(const LoadedModel& model, const std::string& set) {

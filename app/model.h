@@ -2,7 +2,6 @@
 #pragma once
 
 #include <filesystem>
-#include <optional>
 #include <string>
 #include <vector>
 
@@ -47,24 +46,17 @@ void visit_fields(ModelOptions& c, Visitor&& field) {
 struct LoadedModel {
   TrainConfig config;  // of the training, with the options above applied
   ModelFolder folder{""};
-  int iteration = 0;      // 0 if loaded from a single PLY
-  SplatCloud splats;      // in the frame that the reader chose: the world's, unless it is far away
-  double near_plane = 0;  // --near_plane of the config, in units of that frame
-  Scene scene;            // its views are in the frame of the Gaussians; without points
-};
+  std::filesystem::path file;  // of Gaussians; empty: they are from the folder
+  int iteration = 0;           // 0 if loaded from a single PLY
+  SplatCloud splats;           // in the frame that the reader chose: the world's, unless it is far away
+  double near_plane = 0;       // --near_plane of the config, in units of that frame
+  Scene scene;                 // its views are in the frame of the Gaussians; without points
 
-/// Reads config and PLY of the model folder. The views, without photographs, are those in its cameras.json, or those of
-/// the scene if the options name a scene, a resolution or lenses. @throws InputError
-LoadedModel load_model_cameras(const ModelOptions& options, StatusLine& status);
+  bool is_file() const { return !file.empty(); }
+};
 
 /// Loads Gaussians from a file (model/formats/splat_formats.h), without views. @throws InputError
 LoadedModel load_splat_file(const std::filesystem::path& file, const ModelOptions& options);
-
-/// The same with the views of the scene `options.source_path`, without photographs. @throws InputError
-LoadedModel load_file_cameras(const std::filesystem::path& file, const ModelOptions& options, StatusLine& status);
-
-/// The same with photographs. Every 8th view is a test view, as in a training with --eval.
-LoadedModel load_file_to_evaluate(const std::filesystem::path& file, const ModelOptions& options, StatusLine& status);
 
 /// @throws InputError if --iteration was given, for a file
 void refuse_iteration(const ModelOptions& options);
@@ -77,6 +69,9 @@ bool names_single_file(ModelOptions& options);
 /// @throws InputError
 LoadedModel load_without_scene(const ModelOptions& options);
 
+/// @throws InputError unless the options name the scene whose views a file of Gaussians is to be given
+void require_scene(const std::filesystem::path& file, const ModelOptions& options);
+
 /// Adds the scene that the config names, with photographs, and the poses that the model was trained with.
 /// @throws InputError
 void add_scene(LoadedModel& model, StatusLine& status);
@@ -84,6 +79,10 @@ void add_scene(LoadedModel& model, StatusLine& status);
 /// The same, or without the scene of the training the cameras of the model folder's cameras.json. Returns why there are
 /// no photographs, empty: there are. @throws InputError if the options name a scene that cannot be read
 std::string add_scene_or_cameras(LoadedModel& model, const ModelOptions& options, StatusLine& status);
+
+/// Adds views without photographs: those of cameras.json, or those of the scene if the options name a scene, a
+/// resolution or lenses. @throws InputError as add_scene()
+void add_cameras(LoadedModel& model, const ModelOptions& options, StatusLine& status);
 
 /// Settings to render images of a model on the device of its config, without keeping state for a backward pass.
 RenderSettings image_settings(const LoadedModel& model);
@@ -104,6 +103,9 @@ struct ModelRenderer {
 /// scene folder has moved; else the scene's name, "r4" for another resolution, "undistort" for other lenses, or
 /// several.
 std::string results_variant(const LoadedModel& model, const ModelOptions& options);
+
+/// At most `count` of the views, evenly spaced, in their order.
+std::vector<View> evenly_spaced(const std::vector<View>& views, std::size_t count);
 
 /// Folder for images of a split or camera path, named as by the original 3DGS: MODEL/test/ours_7000.
 std::filesystem::path image_folder(const LoadedModel& model, const std::string& set);

@@ -1,14 +1,26 @@
 #include "app/record_run.h"
 
+#include <torch/version.h>
+#include <unistd.h>
+
 #include <algorithm>
+#include <cmath>
 #include <exception>
+#include <fstream>
+#include <regex>
+#include <thread>
 
 #include "app/model.h"
 #include "core/check.h"
+#include "core/version.h"
 #include "report/page_data.h"
 #include "scene/images/image.h"
 #include "scene/view_image.h"
+#include "train/device.h"
 #include "train/quality/metrics.h"
+#if B3DGS_HAS_CUDA
+#include <cuda_runtime.h>
+#endif
 
 namespace b3dgs {
 namespace {
@@ -21,14 +33,6 @@ constexpr int kPreviewWidth = 320;  // px
 Image8 small(const Image8& image) {
   if (image.width <= kPreviewWidth) return image;
   return resize_image(image, kPreviewWidth, std::max(1, image.height * kPreviewWidth / image.width));
-}
-
-/// The first view and others at equal distances in the list.
-std::vector<View> choose_views(const std::vector<View>& views) {
-  std::vector<View> chosen;
-  const std::size_t n = std::min(kPreviews, views.size());
-  for (std::size_t i = 0; i < n; ++i) chosen.push_back(views[i * views.size() / n]);
-  return chosen;
 }
 
 std::vector<Preview> render_previews(Trainer& trainer, const std::vector<View>& views, const ModelFolder& folder) {
@@ -47,42 +51,92 @@ std::vector<Preview> render_previews(Trainer& trainer, const std::vector<View>& 
       fault = std::current_exception();
     }
   };
-  trainer.evaluate(choose_views(views), on_rendered);
+  trainer.evaluate(views, on_rendered);
   if (fault) std::rethrow_exception(fault);
   return previews;
 }
 
-const std::vector<View>& previewed_views(const Scene& scene) {
-  return scene.test.empty() ? scene.train : scene.test;
+/// The first "model name" in /proc/cpuinfo; empty if there is none.
+std::string cpu_name() {
+  std::ifstream file("/proc/cpuinfo");
+  for (std::string line; std::getline(file, line);) {
+    const std::size_t colon = line.find(": ");
+    if (line.rfind("model name", 0) == 0 && colon != std::string::npos) return line.substr(colon + 2);
+  }
+  return "";
 }
+
+#if B3DGS_HAS_CUDA
+/// Version of the kernel module, "570.86.15"; empty if unknown.
+std::string driver_version() {
+  std::ifstream file("/proc/driver/nvidia/version");
+  std::string line;
+  std::smatch match;
+  std::getline(file, line);
+  return std::regex_search(line, match, std::regex(R"(\b\d{3,}\.\d+(\.\d+)?\b)")) ? match.str() : "";
+}
+
+std::string cuda_version(int version) {
+  return std::to_string(version / 1000) + "." + std::to_string(version % 1000 / 10);
+}
+
+void describe_gpu(nlohmann::ordered_json& machine) {
+  cudaDeviceProp properties{};
+  if (cudaGetDeviceProperties(&properties, 0) == cudaSuccess) {
+    machine["gpu"] = properties.name;
+    machine["gpu_memory_gb"] = std::round(static_cast<double>(properties.totalGlobalMem) / 1e9);
+  }
+  if (const std::string driver = driver_version(); !driver.empty()) machine["driver"] = driver;
+  int version = 0;
+  if (cudaRuntimeGetVersion(&version) == cudaSuccess && version > 0) machine["cuda"] = cuda_version(version);
+}
+#endif
 
 }  // namespace
 
-void record_previews(Trainer& trainer, const Scene& scene, const ModelFolder& folder, Communicator* ranks) {
-  if (ranks != nullptr && !ranks->is_first()) {
-    trainer.evaluate(choose_views(previewed_views(scene)));
+nlohmann::ordered_json describe_machine(const torch::Device& device) {
+  nlohmann::ordered_json machine;
+  machine["program"] = std::string("b3dgs ") + version();
+  if (const std::string name = cpu_name(); !name.empty()) machine["cpu"] = name;
+  machine["cores"] = std::thread::hardware_concurrency();
+  const long pages = sysconf(_SC_PHYS_PAGES), page_bytes = sysconf(_SC_PAGESIZE);
+  if (pages > 0 && page_bytes > 0) {
+    machine["memory_gb"] = std::round(static_cast<double>(pages) * static_cast<double>(page_bytes) / 1e9);
+  }
+  machine["libtorch"] = TORCH_VERSION;
+  machine["device"] = device_name(device);
+#if B3DGS_HAS_CUDA
+  if (device.is_cuda()) describe_gpu(machine);
+#endif
+  return machine;
+}
+
+void record_previews(Trainer& trainer, const Scene& scene, const ModelFolder& folder, Communicator& ranks) {
+  const std::vector<View> views = evenly_spaced(scene.test.empty() ? scene.train : scene.test, kPreviews);
+  if (!ranks.is_first()) {
+    trainer.evaluate(views);
     return;
   }
   RunInfo record = read_run_info(folder);
   record.iteration = trainer.iteration();
   record.held_out = !scene.test.empty();
-  record.previews = render_previews(trainer, previewed_views(scene), folder);
+  record.previews = render_previews(trainer, views, folder);
   write_run_info(record, folder);
 }
 
 void record_session(const SessionRecord& session, Trainer& trainer, const Scene& scene, const ModelFolder& folder,
-                    Communicator* ranks) {
-  const bool is_first = ranks == nullptr || ranks->is_first();
+                    Communicator& ranks) {
   RunInfo record;
-  if (is_first) record = read_run_info(folder);
-  bool lacks_previews = is_first && (record.iteration != trainer.iteration() || record.previews.empty());
-  if (ranks != nullptr) lacks_previews = ranks->max("previews", lacks_previews ? 1 : 0) > 0;
-  if (lacks_previews) record_previews(trainer, scene, folder, ranks);
-  if (!is_first) return;
-  if (lacks_previews) record = read_run_info(folder);
+  if (ranks.is_first()) record = read_run_info(folder);
+  const bool has_previews = record.iteration == trainer.iteration() && !record.previews.empty();
+  if (ranks.max("previews", ranks.is_first() && !has_previews ? 1 : 0) > 0) {
+    record_previews(trainer, scene, folder, ranks);
+    if (ranks.is_first()) record = read_run_info(folder);
+  }
+  if (!ranks.is_first()) return;
   record.machine = session.machine;
   record.reading_s += session.reading_s;
-  record.output_s += session.result.output_s;
+  record.output_s += session.output_s;
   write_run_info(record, folder);
 }
 

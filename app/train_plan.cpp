@@ -12,10 +12,8 @@
 #include "config/train_options.h"
 #include "core/check.h"
 #include "core/files/own_files.h"
-#include "core/options/command_line.h"
 #include "core/text.h"
 #include "model/checkpoint/checkpoint_header.h"
-#include "model/model_folder.h"
 #include "train/checkpoint/checkpoint.h"
 #include "train/scene_limits.h"
 
@@ -71,13 +69,9 @@ fs::path find_checkpoint(TrainConfig& config, const TrainCommandOptions& options
   return "";
 }
 
-void warn_of_former_options(const nlohmann::ordered_json& options, const std::string& place, StatusLine& status) {
-  for (const std::string& line : describe_former_options(options)) status.warn(place + line);
-}
-
 /// Of what the user has written.
 void warn_of_former(const nlohmann::ordered_json& options, const std::string& place, StatusLine& status) {
-  warn_of_former_options(options, place, status);
+  for (const std::string& line : describe_former_options(options)) status.warn(place + line);
   for (const std::string& line : describe_former_names(options)) status.warn(place + line);
 }
 
@@ -88,45 +82,21 @@ TrainConfig config_of_checkpoint(const fs::path& checkpoint, StatusLine& status)
   if (!header.contains("config"))
     input_error("not a training checkpoint: ", checkpoint.string(), " (expected a config in its header)");
   stored_config_from_json(config, header["config"], checkpoint.string());
-  warn_of_former_options(header["config"], checkpoint.string() + ": ", status);
+  for (const std::string& line : describe_former_options(header["config"])) {
+    status.warn(checkpoint.string() + ": " + line);
+  }
   config.device = TrainConfig{}.device;  // depends on the machine, not on the training
   const fs::path folder = fs::absolute(checkpoint).lexically_normal().parent_path();
   if (folder.filename() == "checkpoints") config.model_path = folder.parent_path().string();
   return config;
 }
 
-/// The options of a training that was interrupted before its first checkpoint.
-TrainConfig config_of_folder(const std::string& model_path) {
-  TrainConfig config = ModelFolder(model_path).read_config();
-  config.device = TrainConfig{}.device;
-  config.model_path = model_path;
-  return config;
-}
-
-/// With several ranks, each renders a view of a step unless the user says otherwise.
-void choose_batch(TrainConfig& config, const OptionLayers& layers, int n_ranks) {
-  const bool is_chosen =
-      layers.given.contains("batch") || layers.preset.contains("batch") || layers.strategy.contains("batch");
-  if (n_ranks > 1 && !is_chosen) config.batch = std::min(n_ranks, kMaxBatch);
-}
-
 /// @throws InputError if a rank would render nothing
 void check_batch(int batch, int n_ranks) {
   if (batch >= n_ranks) return;
-  const std::string larger =
-      n_ranks <= kMaxBatch ? detail::concat("--batch ", n_ranks, " or more, or ") : std::string();
+  const std::string larger = n_ranks <= kMaxBatch ? detail::concat("--batch ", n_ranks, " or more, or ") : "";
   input_error("--batch ", batch, " is too small for ", n_ranks, " ranks, each of which renders at least one view of a ",
               "step; use ", larger, "at most ", batch, batch == 1 ? " rank" : " ranks");
-}
-
-std::string describe_limit(const TrainConfig& config) {
-  return detail::concat("limit       ", format_count(config.max_gaussians), " Gaussians (--gaussians_per_pixel ",
-                        config.gaussians_per_pixel, ")");
-}
-
-std::string describe_decay(const TrainConfig& config) {
-  return detail::concat("rates       decay from iteration ", config.lr_decay_from_iter, " (--lr_decay_from_epoch ",
-                        config.lr_decay_from_epoch, ")");
 }
 
 /// @throws InputError if the training reads something at a place where it writes, or where --overwrite removes
@@ -160,8 +130,8 @@ void check_inputs_are_elsewhere(const ModelFolder& folder, const TrainPlan& plan
 
 }  // namespace
 
-TrainPlan make_plan(const CommandLine& line, StatusLine& status, const TrainCommandOptions& options,
-                    const TrainDevices& devices) {
+TrainPlan make_plan(const CommandLine& line, StatusLine& status, const TrainCommandOptions& options, int n_ranks,
+                    const std::string& device) {
   TrainPlan plan;
   plan.options = options;
   TrainConfig& config = plan.config;
@@ -182,19 +152,27 @@ TrainPlan make_plan(const CommandLine& line, StatusLine& status, const TrainComm
     if (!named_folder.empty()) config.model_path = named_folder;
     plan.layers.reset();
   } else if (options.resume == "auto" && config.source_path.empty()) {
-    config = config_of_folder(config.model_path);
+    // Interrupted before its first checkpoint.
+    const std::string folder = config.model_path;
+    config = ModelFolder(folder).read_config();
+    config.device = TrainConfig{}.device;
+    config.model_path = folder;
     apply_at_resume(config, given);
     plan.layers.reset();
   }
-  if (plan.layers) choose_batch(config, *plan.layers, devices.n_ranks);
-  check_batch(config.batch, devices.n_ranks);
+  const auto sets_batch = [](const auto& options) { return options.contains("batch"); };
+  if (n_ranks > 1 && plan.layers && !sets_batch(given) && !sets_batch(plan.layers->preset) &&
+      !sets_batch(plan.layers->strategy)) {
+    config.batch = std::min(n_ranks, kMaxBatch);  // each renders a view of a step
+  }
+  check_batch(config.batch, n_ranks);
   if (config.source_path.empty())
     input_error("missing argument: SOURCE_PATH; usage: b3dgs train SOURCE_PATH, or -s SOURCE_PATH");
   if (config.model_path.empty()) config.model_path = default_model_path(config.source_path);
   make_absolute(config.source_path);
   make_absolute(config.init_ply);
   plan.fixed = plan.layers ? given : config_to_json(config);
-  config.device = devices.device;
+  config.device = device;
   return plan;
 }
 
@@ -204,8 +182,14 @@ std::vector<std::string> fit_to_scene(TrainPlan& plan, const Scene& scene) {
   limit_epochs(config, photographs, plan.fixed);
   const TrainConfig before = std::exchange(config, with_scene_limits(config, scene));
   std::vector<std::string> lines{describe_epochs(config, photographs)};
-  if (config.max_gaussians != before.max_gaussians) lines.push_back(describe_limit(config));
-  if (config.lr_decay_from_iter != before.lr_decay_from_iter) lines.push_back(describe_decay(config));
+  if (config.max_gaussians != before.max_gaussians) {
+    lines.push_back(detail::concat("limit       ", format_count(config.max_gaussians),
+                                   " Gaussians (--gaussians_per_pixel ", config.gaussians_per_pixel, ")"));
+  }
+  if (config.lr_decay_from_iter != before.lr_decay_from_iter) {
+    lines.push_back(detail::concat("rates       decay from iteration ", config.lr_decay_from_iter,
+                                   " (--lr_decay_from_epoch ", config.lr_decay_from_epoch, ")"));
+  }
   if (!plan.layers) return lines;
   plan.layers->epoch_scale = limit_epochs(plan.layers->config, photographs, plan.layers->given);
   for (std::string& line : describe_options(*plan.layers)) lines.push_back(std::move(line));

@@ -53,17 +53,11 @@ struct TrainPlan {
   bool is_replaced = false;          // the model in the folder
 };
 
-/// What trains.
-struct TrainDevices {
-  int n_ranks = 1;
-  std::string device;  // of all ranks: a value of --device
-};
-
 /// The options of the training but for what depends on its scene: from the command line, the config file, and the
 /// checkpoint or model folder to resume. Without --batch, a step has a view for each rank; it cannot have fewer.
-/// @throws InputError
-TrainPlan make_plan(const CommandLine& line, StatusLine& status, const TrainCommandOptions& options,
-                    const TrainDevices& devices);
+/// `device`, of all ranks, is a value of --device. @throws InputError
+TrainPlan make_plan(const CommandLine& line, StatusLine& status, const TrainCommandOptions& options, int n_ranks,
+                    const std::string& device);
 
 /// What follows from the scene: --max_epochs, --gaussians_per_pixel and --lr_decay_from_epoch become numbers. Nothing
 /// changes the options after that. Returns lines about these numbers and the options that were given.

@@ -4,7 +4,6 @@
 #include <cstdint>
 #include <ctime>
 
-#include <array>
 #include <vector>
 
 #include "core/check.h"
@@ -52,19 +51,14 @@ std::vector<fs::path> parts_of(const ModelFolder& folder) {
   return parts;
 }
 
-/// What would be taken for a part of the new model: PLYs, checkpoints and results.
-std::vector<fs::path> remains_of(const ModelFolder& folder) {
+/// Of what would be taken for a part of the new model: PLYs, checkpoints and results.
+fs::path move_remains(const ModelFolder& folder, OwnFiles& own) {
   std::vector<fs::path> remains;
   for (const int iteration : folder.ply_iterations()) remains.push_back(folder.ply(iteration));
   for (const int iteration : folder.checkpoint_iterations()) remains.push_back(folder.checkpoint(iteration));
   for (const fs::path& results : folder.results()) {
     if (fs::exists(results)) remains.push_back(results);
   }
-  return remains;
-}
-
-fs::path move_remains(const ModelFolder& folder, OwnFiles& own) {
-  const std::vector<fs::path> remains = remains_of(folder);
   if (remains.empty()) return {};
   fs::path aside;
   for (int i = 1; aside.empty() || fs::exists(aside); ++i) {

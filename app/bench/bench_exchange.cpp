@@ -3,16 +3,14 @@
 #include <torch/types.h>
 
 #include <algorithm>
-#include <chrono>
 #include <cstdio>
 #include <functional>
-#include <memory>
 #include <string>
 #include <vector>
 
-#include "app/bench/bench_devices.h"
 #include "app/bench/bench_report.h"
 #include "app/ranks/rank_setup.h"
+#include "app/status/status_line.h"
 #include "app/tools/commands.h"
 #include "core/check.h"
 #include "core/options/command_line.h"
@@ -65,18 +63,15 @@ struct Operation {
 };
 
 Operation make_all_to_all(Communicator& ranks, std::int64_t n, const torch::Device& device) {
-  Counts send, receive;
+  Counts send(static_cast<std::size_t>(ranks.size()), n);
+  send[static_cast<std::size_t>(ranks.rank())] = 0;
   std::vector<torch::Tensor> sent, expected;
   for (int other = 0; other < ranks.size(); ++other) {
-    if (other == ranks.rank()) {
-      send.push_back(0);
-      continue;
-    }
-    send.push_back(n);
+    if (other == ranks.rank()) continue;
     sent.push_back(make_rows(ranks.rank(), other, n, device));
     expected.push_back(make_rows(other, ranks.rank(), n, device));
   }
-  receive = ranks.exchange_counts("bench", send);
+  const Counts receive = ranks.exchange_counts("bench", send);
   const torch::Tensor rows = torch::cat(sent);
   return {"all-to-all", [&ranks, rows, send, receive] { return ranks.all_to_all_rows(rows, send, receive); },
           torch::cat(expected)};
@@ -97,54 +92,41 @@ Timing time_on_all(Communicator& ranks, const torch::Device& device, int repeat,
   for (int i = 0; i <= repeat; ++i) {
     wait_for(device);
     ranks.barrier("start");
-    const auto start = std::chrono::steady_clock::now();
+    const double start_s = steady_seconds();
     run();
     wait_for(device);
-    const double own_ms = std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start).count();
+    const double own_ms = 1000 * (steady_seconds() - start_s);
     const std::vector<double> all_ms = ranks.exchange_record("time", own_ms);
     if (i > 0) ms.push_back(*std::max_element(all_ms.begin(), all_ms.end()));
   }
   return summarize(ms);
 }
 
-class ExchangeTable {
- public:
-  ExchangeTable(bool is_shown, const std::string& json) : is_shown_(is_shown), file_(is_shown ? json : "") {}
-
-  void begin(const Communicator& ranks, const RankPlace& place) {
-    if (!is_shown_) return;
+void time_exchanges(Communicator& ranks, const ExchangeConfig& config, const RankPlace& place,
+                    const torch::Device& device) {
+  BenchFile file(ranks.is_first() ? config.json : "");
+  nlohmann::ordered_json rows;
+  if (ranks.is_first()) {
     std::printf("%d ranks, %s, %s; results checked\n", ranks.size(), describe_transport(ranks).c_str(),
                 place.launcher.c_str());
     std::printf("%-12s %10s %10s %23s %12s\n", "exchange", "MiB", "median ms", "min .. max", "GB/s a rank");
-    file_.set("ranks", ranks.size());
-    file_.set("device", ranks.device().is_cuda() ? "cuda" : "cpu");
-    file_.set("transport", name_of(ranks.transport()));
+    file.set("ranks", ranks.size());
+    file.set("device", ranks.device().is_cuda() ? "cuda" : "cpu");
+    file.set("transport", name_of(ranks.transport()));
   }
-
-  /// @param mib       that a rank sends to each other; 0: a record
-  /// @param received  bytes that each rank receives from others
-  void add(const char* name, double mib, std::int64_t received, const Timing& timing) {
-    if (!is_shown_) return;
-    const double gb_per_s = 1e-6 * static_cast<double>(received) / timing.median_ms;
+  // `mib`: what a rank sends to each other; `received`: bytes that each rank receives from others, 0 for a record
+  const auto add = [&](const char* name, double mib, std::int64_t received, const Timing& timing) {
+    if (!ranks.is_first()) return;
     const bool is_record = received == 0;
-    std::printf("%-12s %10s %10.3f %10.3f .. %9.3f %12s\n", name, is_record ? "-" : print_to_string("%g", mib).c_str(),
-                timing.median_ms, timing.min_ms, timing.max_ms,
-                is_record ? "-" : print_to_string("%.2f", gb_per_s).c_str());
-    rows_.push_back(to_json(timing, {{"exchange", name}, {"mib", mib}, {"received_bytes", received}}));
-    file_.set("rows", rows_);
-  }
-
- private:
-  bool is_shown_;
-  BenchFile file_;
-  nlohmann::ordered_json rows_ = nlohmann::ordered_json::array();
-};
-
-void time_exchanges(Communicator& ranks, const ExchangeConfig& config, const RankPlace& place,
-                    const torch::Device& device) {
-  ExchangeTable table(ranks.is_first(), config.json);
-  table.begin(ranks, place);
-  table.add("record", 0, 0, time_on_all(ranks, torch::kCPU, config.repeat, [&] { ranks.sum("record", 1); }));
+    const std::string size = is_record ? "-" : print_to_string("%g", mib);
+    const std::string rate =
+        is_record ? "-" : print_to_string("%.2f", 1e-6 * static_cast<double>(received) / timing.median_ms);
+    std::printf("%-12s %10s %10.3f %10.3f .. %9.3f %12s\n", name, size.c_str(), timing.median_ms, timing.min_ms,
+                timing.max_ms, rate.c_str());
+    rows.push_back(to_json(timing, {{"exchange", name}, {"mib", mib}, {"received_bytes", received}}));
+    file.set("rows", rows);
+  };
+  add("record", 0, 0, time_on_all(ranks, torch::kCPU, config.repeat, [&] { ranks.sum("record", 1); }));
   for (const auto make : {make_all_to_all, make_all_gather}) {
     for (const double mib : config.mib) {
       const auto n = std::max<std::int64_t>(1, static_cast<std::int64_t>(mib * (1 << 20) / kRowBytes));
@@ -152,7 +134,7 @@ void time_exchanges(Communicator& ranks, const ExchangeConfig& config, const Ran
       const bool is_right = operation.run().equal(operation.expected);
       if (!is_right) throw LogicError(std::string(operation.name) + ": wrong bytes received");
       const Timing timing = time_on_all(ranks, device, config.repeat, [&] { operation.run(); });
-      table.add(operation.name, mib, (ranks.size() - 1) * n * kRowBytes, timing);
+      add(operation.name, mib, (ranks.size() - 1) * n * kRowBytes, timing);
     }
   }
 }

@@ -77,70 +77,56 @@ void BenchFile::set(const std::string& key, nlohmann::ordered_json value) {
   if (!path_.empty()) write_file(path_, figures_.dump(2) + "\n");
 }
 
-ComparisonTable::ComparisonTable(const std::string& title, const ComparisonColumns& columns) : columns_(columns) {
+void ComparisonTable::print_header() const {
+  const bool has_image = !first_->image.empty(), has_gradients = !first_->gradients.empty();
   std::printf("\nspeedup%s: relative to the first row%s\n",
-              columns_.image || columns_.gradients ? " and largest differences of image and gradients" : "",
-              columns_.keeping ? "; training: median ms when the kernel also stores data for the backward pass" : "");
-  std::printf("%-16s %10s %23s %9s", title.c_str(), "median ms", "min .. max", "speedup");
-  if (columns_.keeping) std::printf(" %10s", "training");
-  if (columns_.resources) std::printf(" %10s %12s %10s", "registers", "shared bytes", "occupancy");
-  if (columns_.image) std::printf(" %11s", "image diff.");
-  if (columns_.gradients) std::printf(" %11s", "grad. diff.");
+              has_image || has_gradients ? " and largest differences of image and gradients" : "",
+              first_->keeping ? "; training: median ms when the kernel also stores data for the backward pass" : "");
+  std::printf("%-16s %10s %23s %9s", title_.c_str(), "median ms", "min .. max", "speedup");
+  if (first_->keeping) std::printf(" %10s", "training");
+  if (first_->resources) std::printf(" %10s %12s %10s", "registers", "shared bytes", "occupancy");
+  if (has_image) std::printf(" %11s", "image diff.");
+  if (has_gradients) std::printf(" %11s", "grad. diff.");
   std::printf("\n");
 }
 
-void ComparisonTable::add(Measurement measurement) {
-  if (!first_) first_ = measurement;
+void ComparisonTable::add(const Measurement& measurement) {
+  if (!first_) {
+    first_ = measurement;
+    print_header();
+  }
   const double speedup = first_->timing.median_ms / measurement.timing.median_ms;
   nlohmann::ordered_json row = to_json(measurement.timing, {{"kernel", measurement.name}});
   row["speedup"] = speedup;
   print_timing(measurement.name, measurement.timing);
   std::printf(" %9.2f", speedup);
-  if (columns_.keeping) {
-    B3DGS_CHECK(measurement.keeping, measurement.name, ": time in training is missing");
+  if (measurement.keeping) {
     std::printf(" %10.3f", measurement.keeping->median_ms);
     row["keeping"] = to_json(*measurement.keeping);
   }
-  if (columns_.resources) {
-    B3DGS_CHECK(measurement.resources, measurement.name, ": resources are missing");
+  if (measurement.resources) {
     const cuda::KernelResources& r = *measurement.resources;
     std::printf(" %10d %12d %8.1f %%", r.registers, r.shared_bytes, 100 * r.occupancy());
-    row["registers"] = r.registers;
-    row["shared_bytes"] = r.shared_bytes;
-    row["local_bytes"] = r.local_bytes;
-    row["threads"] = r.threads;
-    row["occupancy_percent"] = 100 * r.occupancy();
+    row.update({{"registers", r.registers},
+                {"shared_bytes", r.shared_bytes},
+                {"local_bytes", r.local_bytes},
+                {"threads", r.threads},
+                {"occupancy_percent", 100 * r.occupancy()}});
   }
-  if (columns_.image) {
+  if (!first_->image.empty()) {
     const double difference = largest_difference(measurement.image, first_->image);
     std::printf(" %11.1e", difference);
     row["image_difference"] = difference;
   }
-  if (columns_.gradients) {
+  if (!first_->gradients.empty()) {
     const nlohmann::ordered_json differences = gradient_differences(measurement, *first_);
-    double largest = 0;
-    for (const auto& difference : differences) largest = std::max(largest, difference.get<double>());
+    const double largest = *std::max_element(differences.begin(), differences.end());
     std::printf(" %11.1e", largest);
     row["gradient_difference"] = largest;
     row["gradient_difference_by_parameter"] = differences;
   }
   std::printf("\n");
   rows_.push_back(row);
-}
-
-PassTable::PassTable(const std::string& title) {
-  std::printf("\n%-16s %10s %23s\n", title.c_str(), "median ms", "min .. max");
-}
-
-void PassTable::add(const std::string& name, const Timing& timing) {
-  print_timing(name, timing);
-  std::printf("\n");
-  rows_.push_back(to_json(timing, {{"pass", name}}));
-  sum_ms_ += timing.median_ms;
-}
-
-void PassTable::print_sum(const std::string& name) const {
-  std::printf("%-16s %10.3f\n", name.c_str(), sum_ms_);
 }
 
 }  // namespace b3dgs

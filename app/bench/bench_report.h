@@ -67,41 +67,21 @@ struct Measurement {
   std::optional<Timing> keeping{};                   // forward kernels: when also storing data for the backward pass
 };
 
-/// Columns besides the times. What is not shown need not be measured.
-struct ComparisonColumns {
-  bool image = true;
-  bool gradients = false;
-  bool resources = false;
-  bool keeping = false;
-};
-
-/// A table of kernels for one pass, each compared with the first.
+/// A table of kernels for one pass, each compared with the first, of which the same must have been measured.
 class ComparisonTable {
  public:
-  /// Prints the header.
-  ComparisonTable(const std::string& title, const ComparisonColumns& columns);
+  explicit ComparisonTable(std::string title) : title_(std::move(title)) {}
 
-  /// Prints the row.
-  void add(Measurement measurement);
+  /// Prints the row; before the first one a header, for what was measured.
+  void add(const Measurement& measurement);
 
   const nlohmann::ordered_json& rows() const { return rows_; }
 
  private:
-  ComparisonColumns columns_;
+  void print_header() const;
+
+  std::string title_;
   std::optional<Measurement> first_;
-  nlohmann::ordered_json rows_ = nlohmann::ordered_json::array();
-};
-
-/// A table of consecutive passes with the sum of their times.
-class PassTable {
- public:
-  explicit PassTable(const std::string& title);
-  void add(const std::string& name, const Timing& timing);
-  void print_sum(const std::string& name) const;
-  const nlohmann::ordered_json& rows() const { return rows_; }
-
- private:
-  double sum_ms_ = 0;
   nlohmann::ordered_json rows_ = nlohmann::ordered_json::array();
 };
 

@@ -3,16 +3,14 @@
 #include <algorithm>
 #include <cmath>
 
-#include "app/bench/bench_devices.h"
 #include "data_synth/random.h"
 #include "data_synth/synth_scene.h"
 #include "model/cameras/cameras_json.h"
-#include "model/formats/splat_formats.h"
 #include "model/model_folder.h"
 #include "model/raster_input.h"
 #include "scene/cameras/coordinate_frame.h"
 #include "scene/scene.h"
-#include "train/evaluate.h"
+#include "train/device.h"
 #include "train/gaussians/gaussian_model.h"
 
 namespace b3dgs {
@@ -36,14 +34,9 @@ BenchScene make_street_bench(const BenchConfig& config) {
 /// within a core, whose size is chosen so that skew 1 matches the points of `street`.
 class SpreadDensity {
  public:
-  explicit SpreadDensity(double skew)
-      : skew_(skew),
-        exponent_(2 - 2 * skew),
-        is_logarithmic_(std::abs(exponent_) < 1e-9),
-        slope_(2 * std::pow(kCore, 2 * skew)) {
-    const double beyond =
-        is_logarithmic_ ? -slope_ * std::log(kCore) : slope_ * (1 - std::pow(kCore, exponent_)) / exponent_;
-    mass_ = kCoreMass + beyond;
+  explicit SpreadDensity(double skew) : skew_(skew) {
+    mass_ = kCoreMass +
+            (is_logarithmic_ ? -slope_ * std::log(kCore) : slope_ * (1 - std::pow(kCore, exponent_)) / exponent_);
   }
 
   /// Maps a distance of the even distribution to the distance that encloses the same share of this distribution.
@@ -61,14 +54,12 @@ class SpreadDensity {
 
  private:
   static constexpr double kCore = 0.05;
-  static constexpr double kCoreMass =
-      kCore * kCore;  // with density 1; the area is distance^2, so the whole image has mass 1
+  static constexpr double kCoreMass = kCore * kCore;  // the area is distance^2, so the whole image has mass 1
 
-  double skew_;
-  double exponent_;  // of the mass beyond the core
-  bool is_logarithmic_;
-  double slope_;  // of the mass beyond the core
-  double mass_;   // of the whole image, with density 1 in the core
+  const double skew_;
+  const double exponent_ = 2 - 2 * skew_, slope_ = 2 * std::pow(kCore, 2 * skew_);  // of the mass beyond the core
+  const bool is_logarithmic_ = std::abs(exponent_) < 1e-9;
+  double mass_;  // of the whole image, with density 1 in the core
 };
 
 /// Appends the attributes of a trained Gaussian except its mean: random shape, opacity and colour.
@@ -92,34 +83,6 @@ void append_untrained(SplatCloud& cloud, double sigma, Random& random) {
   cloud.shN.insert(cloud.shN.end(), n_rest, 0.0f);
 }
 
-/// Gaussians and cameras of a folder; each is read only if no file was given instead.
-struct FolderContent {
-  SplatCloud cloud;
-  std::vector<NamedCamera> cameras;  // in world coordinates
-};
-
-FolderContent read_model(const BenchConfig& config, const ModelFolder& folder) {
-  FolderContent content;
-  if (config.ply.empty()) content.cloud = read_splat_ply(folder.ply(folder.ply_iterations().back()));
-  if (config.cameras.empty()) content.cameras = read_cameras_json(folder.cameras());
-  return content;
-}
-
-FolderContent read_colmap(const BenchConfig& config) {
-  SceneOptions options;
-  options.source_path = config.scene;
-  options.images = config.images;
-  options.load_images = false;
-  const Scene scene = load_scene(options);
-  FolderContent content;
-  if (config.ply.empty()) content.cloud = splats_from_points(scene.points, 3);
-  content.cloud.frame = scene.frame;
-  for (const View& view : scene.train) {
-    content.cameras.push_back({view.name, change_frame(scene.frame, {}, view.camera)});
-  }
-  return content;
-}
-
 const Camera& choose_view(const std::vector<NamedCamera>& cameras, const std::string& name) {
   if (name.empty()) return cameras.front().camera;
   const auto found =
@@ -130,33 +93,45 @@ const Camera& choose_view(const std::vector<NamedCamera>& cameras, const std::st
   return found->camera;
 }
 
+/// Of a model or scene folder, and of files in place of its Gaussians or cameras.
 BenchScene read_bench_scene(const BenchConfig& config) {
-  FolderContent content;
-  if (config.ply.empty() || config.cameras.empty()) {
-    const ModelFolder folder(config.scene);
-    content = folder.ply_iterations().empty() ? read_colmap(config) : read_model(config, folder);
+  BenchScene result{config.ply.empty() ? config.scene : config.ply, {}, {}};
+  std::vector<NamedCamera> cameras;  // in world coordinates
+  if (!config.ply.empty()) result.cloud = read_splats(config.ply);
+  if (!config.cameras.empty()) cameras = read_cameras_json(config.cameras);
+  const ModelFolder folder(config.scene);
+  const bool is_complete = !config.ply.empty() && !config.cameras.empty();
+  if (!is_complete && !folder.ply_iterations().empty()) {
+    if (config.ply.empty()) result.cloud = read_splat_ply(folder.ply(folder.ply_iterations().back()));
+    if (config.cameras.empty()) cameras = read_cameras_json(folder.cameras());
+  } else if (!is_complete) {
+    SceneOptions options;
+    options.source_path = config.scene;
+    options.images = config.images;
+    options.load_images = false;
+    const Scene scene = load_scene(options);
+    if (config.ply.empty()) {
+      result.cloud = splats_from_points(scene.points, 3);
+      result.cloud.frame = scene.frame;
+    }
+    for (const View& view : scene.train) {
+      if (config.cameras.empty()) cameras.push_back({view.name, change_frame(scene.frame, {}, view.camera)});
+    }
   }
-  BenchScene scene;
-  scene.name = config.ply.empty() ? config.scene : config.ply;
-  scene.cloud = config.ply.empty() ? std::move(content.cloud) : read_splats(config.ply);
-  if (!config.cameras.empty()) content.cameras = read_cameras_json(config.cameras);
-  scene.view = to_camera_view(change_frame({}, scene.cloud.frame, choose_view(content.cameras, config.view)));
-  if (scene.cloud.size() == 0)
-    input_error(scene.name, ": no points to initialize Gaussians from; give a model with --ply");
-  return scene;
+  result.view = to_camera_view(change_frame({}, result.cloud.frame, choose_view(cameras, config.view)));
+  if (result.cloud.size() == 0) {
+    input_error(result.name, ": no points to initialize Gaussians from; give a model with --ply");
+  }
+  return result;
 }
 
 }  // namespace
 
 void resolve_auto(BenchRun& run) {
-  if (run.device == "auto") run.device = default_bench_device();
+  if (run.device == "auto") run.device = device_name(choose_device(run.device));
   if (run.tile_width == 0) run.tile_width = 16;
   if (run.tile_height == 0) run.tile_height = run.tile == "16x8" ? 8 : 16;
   run.tile = detail::concat(run.tile_width, "x", run.tile_height);
-}
-
-GaussianArrays BenchScene::arrays() const {
-  return to_gaussian_arrays(cloud);
 }
 
 BenchScene make_spread_scene(const SpreadConfig& spread, const BenchRun& run) {

@@ -44,12 +44,13 @@ void resolve_auto(BenchRun& run);
 
 /// The state of training that synthetic Gaussians are in.
 enum class SpreadState {
-  /// Sizes, shapes and opacities vary, independent of position. A tile is opaque after about 300 Gaussians, where
-  /// kernels stop, so crowded tiles take no longer than others and skew has little effect on a GPU.
+  /// The scene `spread`: log-normal sizes of about 1.7 px, varied opacities and shapes; skew changes only the
+  /// positions.
+  /// A tile is opaque after about 300 Gaussians, where kernels stop, so skew has little effect on a GPU.
   kTrained,
-  /// Spherical, with opacity 0.1 and a size that decreases with the density, as training initializes them from points
-  /// on a surface. A crowded tile needs thousands of Gaussians to become opaque, so its thread block runs long after
-  /// the others, as at the horizon of `street`.
+  /// Spherical, with opacity 0.1 and sizes that follow from the distance to the nearest neighbours on the screen, 0.729
+  /// / sqrt(density in 1/px^2) px, as training initializes them from points on a surface. A crowded tile needs
+  /// thousands of Gaussians to become opaque, so its thread block runs long after the others, as in `street`.
   kFirstIteration,
 };
 
@@ -61,7 +62,7 @@ struct SpreadConfig {
   /// doubling of the distance adds the same number.
   double skew = 0;
   int sh_degree = 3;
-  SpreadState state = SpreadState::kTrained;  // as in the scene `spread`
+  SpreadState state = SpreadState::kTrained;
 };
 
 struct BenchConfig : BenchRun {
@@ -90,17 +91,13 @@ void visit_fields(BenchConfig& c, Visitor&& field) {
 struct BenchScene {
   std::string name;
   SplatCloud cloud;
-  PinholeView view{};
-
-  GaussianArrays arrays() const;
+  CameraView view{};
 };
 
 /// @throws InputError if a folder or file is missing or invalid
 BenchScene make_bench_scene(const BenchConfig& config);
 
-/// Synthetic Gaussians in front of one camera. kTrained is the scene `spread`: log-normal sizes of about 1.7 px,
-/// varied opacities and shapes; skew changes only the positions. kFirstIteration: sizes follow from the distance to the
-/// nearest neighbours on the screen, 0.729 / sqrt(density in 1/px^2) px.
+/// Synthetic Gaussians in front of one camera.
 BenchScene make_spread_scene(const SpreadConfig& spread, const BenchRun& run);
 
 }  // namespace b3dgs

@@ -1,14 +1,11 @@
 // b3dgs bench step: times the stages of whole training steps on a scene, with the unmodified Trainer.
 #include <algorithm>
-#include <chrono>
 #include <cstdio>
 #include <limits>
 #include <numeric>
 
-#include "app/bench/bench_devices.h"
 #include "app/bench/bench_report.h"
-#include "app/model.h"
-#include "app/terminal/progress.h"
+#include "app/status/status_line.h"
 #include "app/tools/commands.h"
 #include "app/train_setup.h"
 #include "config/former_options.h"
@@ -17,9 +14,11 @@
 #include "core/check.h"
 #include "core/files/atomic_file.h"
 #include "core/options/command_line.h"
+#include "core/text.h"
 #include "raster/stages.h"
 #include "train/checkpoint/checkpoint.h"
 #include "train/device.h"
+#include "train/scene_limits.h"
 #include "train/trainer.h"
 
 namespace b3dgs {
@@ -44,29 +43,12 @@ void visit_fields(BenchStepOptions& c, Visitor&& field) {
   field(Option{"json"}, c.json, Any{}, "also write all numbers to this file");
 }
 
-/// Times of the steps after the warm-up.
-class StepTimes {
- public:
-  explicit StepTimes(int n_warmup) : n_warmup_(n_warmup) {}
-
-  void add(const StageTimes& times) {
-    if (times.kind == StageTimes::Kind::kDensityRound) {
-      if (!steps_.empty()) rounds_.push_back(times);
-    } else if (n_warmup_ > 0) {
-      --n_warmup_;
-    } else {
-      steps_.push_back(times);
-    }
-  }
-  const std::vector<StageTimes>& steps() const { return steps_; }
-  const std::vector<StageTimes>& rounds() const { return rounds_; }
-
- private:
-  int n_warmup_;
-  std::vector<StageTimes> steps_, rounds_;
+/// After the warm-up.
+struct StepTimes {
+  std::vector<StageTimes> steps, rounds;
 };
 
-/// Prints the table of stages and returns it as JSON.
+/// Prints the table of stages, and returns it as JSON.
 Json show_stages(const std::vector<StageTimes>& steps) {
   std::vector<double> wall_ms, host_ms;
   for (const StageTimes& step : steps) {
@@ -115,60 +97,44 @@ TrainConfig make_config(const CommandLine& line, const BenchStepOptions& options
   return config;
 }
 
-Json show_rounds(const std::vector<StageTimes>& rounds) {
-  std::vector<double> ms;
-  for (const StageTimes& round : rounds) ms.push_back(round.wall_ms);
-  print_timing("density control", summarize(ms));
-  std::printf("  %zu rounds\n", ms.size());
-  return to_json(summarize(ms), {{"count", ms.size()}});
-}
-
-/// After the last step.
-struct StepSize {
-  std::int64_t n_gaussians = 0;
-  int sh_degree = 3;    // of the rendered colours
-  double n_pixels = 0;  // per view
-};
-
-double mean_pixels(const Scene& scene) {
-  double sum = 0;
-  for (const View& view : scene.train) sum += static_cast<double>(view.camera.width) * view.camera.height;
-  return sum / static_cast<double>(scene.train.size());
-}
-
 /// Runs up to n steps, fewer after a stop signal, and waits for the device. Returns the mean wall-clock time per step,
 /// ms.
 double run_steps(Trainer& trainer, int n) {
-  const auto start = std::chrono::steady_clock::now();
+  const double start_s = steady_seconds();
   int done = 0;
-  while (done < n && stop_signal() == 0) {
-    trainer.step();
-    ++done;
-  }
+  for (; done < n && stop_signal() == 0; ++done) trainer.step();
   trainer.wait();
-  return std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start).count() /
-         std::max(1, done);
+  return 1000 * (steady_seconds() - start_s) / std::max(1, done);
 }
 
 /// Prints all results and returns them as JSON.
-Json report_steps(const StepTimes& times, const TrainConfig& config, const StepSize& size, double wall_ms) {
-  const torch::Device device = choose_device(config.device);
+Json report_steps(const StepTimes& times, const TrainConfig& config, const Trainer& trainer, const Scene& scene,
+                  double wall_ms) {
+  double n_pixels = 0;  // of a view, on average
+  for (const View& view : scene.train) n_pixels += static_cast<double>(view.camera.width) * view.camera.height;
+  n_pixels /= static_cast<double>(scene.train.size());
   const TileShape tile = tile_shape(config);
   std::printf("%s: %s Gaussians, %.2f Mpixel, tiles of %d x %d px, %s, SH degree %d; %zu steps\n%s\n",
-              config.source_path.c_str(), format_count(size.n_gaussians).c_str(), 1e-6 * size.n_pixels, tile.width,
-              tile.height, config.kernel.c_str(), size.sh_degree, times.steps().size(),
-              describe_device(device).c_str());
+              config.source_path.c_str(), format_count(trainer.n_gaussians()).c_str(), 1e-6 * n_pixels, tile.width,
+              tile.height, config.kernel.c_str(), trainer.sh_degree(), times.steps.size(),
+              describe_device(choose_device(config.device)).c_str());
   Json report;
-  report["stages"] = show_stages(times.steps());
+  report["stages"] = show_stages(times.steps);
   std::printf("%-16s %10.3f  per step, including density control and time between steps\n", "wall clock", wall_ms);
   report["wall_ms"] = wall_ms;
-  if (!times.rounds().empty()) report["density_rounds"] = show_rounds(times.rounds());
-  report["steps"] = times.steps().size();
-  report["n_gaussians"] = size.n_gaussians;
-  report["n_pixels"] = size.n_pixels;
-  report["sh_degree"] = size.sh_degree;
-  report["device"] = config.device;
-  report["config"] = config_to_json(config);
+  if (!times.rounds.empty()) {
+    std::vector<double> ms;
+    for (const StageTimes& round : times.rounds) ms.push_back(round.wall_ms);
+    print_timing("density control", summarize(ms));
+    std::printf("  %zu rounds\n", ms.size());
+    report["density_rounds"] = to_json(summarize(ms), {{"count", ms.size()}});
+  }
+  report.update({{"steps", times.steps.size()},
+                 {"n_gaussians", trainer.n_gaussians()},
+                 {"n_pixels", n_pixels},
+                 {"sh_degree", trainer.sh_degree()},
+                 {"device", config.device},
+                 {"config", config_to_json(config)}});
   return report;
 }
 
@@ -190,12 +156,20 @@ int run_bench_step(const std::vector<std::string>& words) {
   SceneOptions how = scene_options(config);
   if (!options.checkpoint.empty()) how.frame = checkpoint_frame(options.checkpoint);
   const Scene scene = open_scene(how, status);
-  StepTimes times(options.warmup);
+  StepTimes times;
   TrainHooks hooks;
   hooks.on_message = [&](const std::string& message) { status.print(message); };
   hooks.on_warning = [&](const std::string& message) { status.warn(message); };
   hooks.on_loading = show_loading(status);
-  hooks.on_stage_times = [&](const StageTimes& known) { times.add(known); };
+  hooks.on_stage_times = [&, n_warmup = options.warmup](const StageTimes& known) mutable {
+    if (known.kind == StageTimes::Kind::kDensityRound) {
+      if (!times.steps.empty()) times.rounds.push_back(known);
+    } else if (n_warmup > 0) {
+      --n_warmup;
+    } else {
+      times.steps.push_back(known);
+    }
+  };
   Trainer trainer(config, scene, ModelFolder(""), hooks);
   status.clear();
   if (!options.checkpoint.empty()) trainer.resume(options.checkpoint);
@@ -203,9 +177,8 @@ int run_bench_step(const std::vector<std::string>& words) {
   catch_stop_signals();
   if (options.warmup > 0) run_steps(trainer, options.warmup);
   const double wall_ms = run_steps(trainer, options.steps);
-  if (times.steps().empty()) return 128 + stop_signal();  // interrupted before the first timed step
-  const StepSize size{trainer.n_gaussians(), trainer.sh_degree(), mean_pixels(scene)};
-  const Json report = report_steps(times, config, size, wall_ms);
+  if (times.steps.empty()) return 128 + stop_signal();  // interrupted before the first timed step
+  const Json report = report_steps(times, config, trainer, scene, wall_ms);
   if (!options.json.empty()) write_file(options.json, report.dump(2) + "\n");
   return stop_signal() == 0 ? 0 : 128 + stop_signal();
 }

@@ -1,10 +1,11 @@
 // b3dgs compare: trains one scene with several configurations, taking turns, and compares their time and quality.
 #include <algorithm>
 #include <iostream>
+#include <set>
 
 #include "app/compare/interleaved_training.h"
-#include "app/machine/machine.h"
 #include "app/model.h"
+#include "app/record_run.h"
 #include "app/terminal/progress.h"
 #include "app/tools/commands.h"
 #include "app/train_setup.h"
@@ -64,17 +65,33 @@ std::string output_folder(const CommandLine& line) {
   return (fs::path("output") / (scene_name(source) + "-compare")).string();
 }
 
-std::string listed(const std::vector<std::int64_t>& seeds) {
-  std::string text;
-  for (const std::int64_t seed : seeds) text += (text.empty() ? "" : " ") + std::to_string(seed);
-  return text;
-}
-
 /// As parse_configurations() reads them.
 std::string joined(const std::vector<std::string>& configs) {
   std::string text;
   for (const std::string& entry : configs) text += (text.empty() ? "" : ",") + entry;
   return text;
+}
+
+/// @throws InputError if options that were given differ from those of the comparison to resume
+void refuse_changes(const CommandLine& line, const CompareOptions& options, const ComparisonPlan& plan,
+                    std::int64_t planned_seed, const std::string& planned_preset) {
+  const std::string remedy = "use another folder (-m)";
+  if (line.was_given("configs") && joined(options.configs) != plan.configs) {
+    input_error("--resume cannot change --configs (", plan.configs, "); ", remedy);
+  }
+  if (line.was_given("seed") || plan.base.seed != planned_seed) {
+    std::string seeds;
+    for (const std::int64_t seed : plan.seeds) seeds += " " + std::to_string(seed);
+    input_error("--resume cannot change --seed (the comparison has the seeds", seeds, "); add seeds with --seeds, or ",
+                remedy);
+  }
+  if (plan.base.preset != planned_preset) {
+    input_error("--resume cannot change --preset (", planned_preset, "); ", remedy);
+  }
+  if (line.was_given("noise") && options.noise != plan.has_repetition) {
+    input_error("--resume cannot change --noise (the comparison was started ", plan.has_repetition ? "with" : "without",
+                " it); ", remedy);
+  }
 }
 
 /// The stored plan for --resume, else a plan from the command line.
@@ -115,30 +132,18 @@ ComparisonPlan make_plan(const CommandLine& line, const CompareOptions& options)
   given["source_path"] = plan.base.source_path;
   given["init_ply"] = plan.base.init_ply;
 
-  if (options.resume && line.was_given("configs") && joined(options.configs) != plan.configs) {
-    input_error("--resume cannot change --configs (", plan.configs, "); use another folder (-m)");
+  if (options.resume) {
+    refuse_changes(line, options, plan, planned_seed, planned_preset);
+  } else {
+    plan.configs = joined(options.configs);
+    plan.has_repetition = options.noise;
   }
-  if (options.resume && (line.was_given("seed") || plan.base.seed != planned_seed)) {
-    input_error("--resume cannot change --seed (the comparison has the seeds ", listed(plan.seeds),
-                "); add seeds with --seeds, or use another folder (-m)");
-  }
-  if (options.resume && plan.base.preset != planned_preset) {
-    input_error("--resume cannot change --preset (", planned_preset, "); use another folder (-m)");
-  }
-  if (options.resume && line.was_given("noise") && options.noise != plan.has_repetition) {
-    input_error("--resume cannot change --noise (the comparison was started ", plan.has_repetition ? "with" : "without",
-                " it); use another folder (-m)");
-  }
-  if (!options.resume) plan.configs = joined(options.configs);
-  if (!options.resume) plan.has_repetition = options.noise;
   if (!options.resume || line.was_given("chunk")) plan.chunk = options.chunk;
   if (line.was_given("seeds")) plan.seeds = options.seeds;
   if (plan.seeds.empty()) plan.seeds = {plan.base.seed};
-  for (std::size_t i = 0; i < plan.seeds.size(); ++i) {
-    if (std::find(plan.seeds.begin(), plan.seeds.begin() + static_cast<std::ptrdiff_t>(i), plan.seeds[i]) !=
-        plan.seeds.begin() + static_cast<std::ptrdiff_t>(i)) {
-      input_error("--seeds: ", plan.seeds[i], " occurs twice");
-    }
+  std::set<std::int64_t> seen;
+  for (const std::int64_t seed : plan.seeds) {
+    if (!seen.insert(seed).second) input_error("--seeds: ", seed, " occurs twice");
   }
   // All have one scene, and anti-aliasing needs pinholes (scene_options()).
   const std::vector<Configuration> all = plan.configurations();
@@ -147,6 +152,14 @@ ComparisonPlan make_plan(const CommandLine& line, const CompareOptions& options)
     given["lenses"] = plan.base.lenses = "undistort";
   }
   return plan;
+}
+
+std::vector<ModelFolder> model_folders(const ComparisonPlan& plan) {
+  std::vector<ModelFolder> folders;
+  for (const Configuration& configuration : plan.configurations()) {
+    for (const std::int64_t seed : plan.seeds) folders.push_back(plan.folder(configuration, seed));
+  }
+  return folders;
 }
 
 /// Prevents replacing a comparison by accident, or using models of other trainings as part of it.
@@ -161,13 +174,10 @@ void guard_comparison(const ComparisonPlan& plan, const CompareOptions& options)
                 ": already holds a comparison; resume it with --resume, replace it with --overwrite, or choose another "
                 "folder with -m");
   }
-  for (const Configuration& configuration : plan.configurations()) {
-    for (const std::int64_t seed : plan.seeds) {
-      const ModelFolder folder = plan.folder(configuration, seed);
-      if (!folder.holds_model()) continue;
-      input_error(folder.root().string(), ": already holds a model that belongs to no comparison; replace it with ",
-                  "--overwrite, or choose another folder with -m");
-    }
+  for (const ModelFolder& folder : model_folders(plan)) {
+    if (!folder.holds_model()) continue;
+    input_error(folder.root().string(), ": already holds a model that belongs to no comparison; replace it with ",
+                "--overwrite, or choose another folder with -m");
   }
 }
 
@@ -180,22 +190,12 @@ void suggest_fewer_iterations(const ComparisonPlan& plan, const torch::Device& d
                               " gives a first comparison sooner"));
 }
 
-void remove_runs(const ComparisonPlan& plan, StatusLine& status) {
-  for (const Configuration& configuration : plan.configurations()) {
-    for (const std::int64_t seed : plan.seeds) {
-      const fs::path aside = remove_model(plan.folder(configuration, seed));
-      if (!aside.empty()) status.warn("files that b3dgs has not written, or that were changed: " + aside.string());
-    }
-  }
-}
-
 bool is_trained(const ComparisonPlan& plan, std::int64_t seed) {
-  for (const Configuration& configuration : plan.configurations()) {
-    const ModelFolder folder = plan.folder(configuration, seed);
-    const std::vector<int> saved = folder.ply_iterations();
-    if (std::find(saved.begin(), saved.end(), configuration.config.iterations) == saved.end()) return false;
-  }
-  return true;
+  const std::vector<Configuration> all = plan.configurations();
+  return std::all_of(all.begin(), all.end(), [&](const Configuration& configuration) {
+    const std::vector<int> saved = plan.folder(configuration, seed).ply_iterations();
+    return std::find(saved.begin(), saved.end(), configuration.config.iterations) != saved.end();
+  });
 }
 
 /// Deletes the runs of `replaced` and trains all runs that are not finished. Returns false if a signal stopped it.
@@ -223,7 +223,12 @@ bool train_all(ComparisonPlan& plan, const std::vector<ComparisonPlan>& replaced
     std::cout << describe_device(device) << std::endl;
   }
   // Only after the scene has been read, so that an unreadable scene does not delete existing models.
-  for (const ComparisonPlan& old : replaced) remove_runs(old, status);
+  for (const ComparisonPlan& old : replaced) {
+    for (const ModelFolder& folder : model_folders(old)) {
+      const fs::path aside = remove_model(folder);
+      if (!aside.empty()) status.warn("files that b3dgs has not written, or that were changed: " + aside.string());
+    }
+  }
   write_plan(plan);
   const nlohmann::ordered_json machine = describe_machine(device);
   const double loading_ms = warm_up(plan, scene);
@@ -255,9 +260,10 @@ int run_compare(const std::vector<std::string>& words) {
   if (!line.parse(words)) return 0;
 
   StatusLine status = StatusLine::for_stderr(options.quiet);
-  for (const std::string& former : describe_former_options(line.given())) status.warn(former);
-  for (const std::string& former : describe_former_names(line.given())) status.warn(former);
-  for (const std::string& former : describe_former_parts(joined(options.configs))) status.warn(former);
+  for (const auto& formers : {describe_former_options(line.given()), describe_former_names(line.given()),
+                              describe_former_parts(joined(options.configs))}) {
+    for (const std::string& former : formers) status.warn(former);
+  }
   ComparisonPlan plan = make_plan(line, options);
   const torch::Device device = choose_device(plan.base.device);
   plan.base.device = device_name(device);

@@ -5,7 +5,6 @@
 
 #include "app/record_run.h"
 #include "app/train_setup.h"
-#include "core/files/folders.h"
 #include "core/text.h"
 #include "report/train_log_reader.h"
 #include "report/train_report.h"
@@ -34,39 +33,38 @@ InterleavedTraining::InterleavedTraining(const ComparisonPlan& plan, std::int64_
       status_(status),
       iterations_(plan.longest()),
       chunk_(plan.chunk),
-      seed_index_(static_cast<std::size_t>(
-          std::distance(plan.seeds.begin(), std::find(plan.seeds.begin(), plan.seeds.end(), seed)))),
-      label_("seed " + std::to_string(seed)) {
+      seed_(seed),
+      seed_index_(
+          static_cast<std::size_t>(std::find(plan.seeds.begin(), plan.seeds.end(), seed) - plan.seeds.begin())) {
   const std::vector<Configuration> configurations = plan.configurations();
   // By default a trainer takes half of the free memory for images, so later trainers would get less than the first.
   // Here the budget is divided equally.
   const std::int64_t share = image_budget(-1, choose_device(plan.base.device), plan.base.gpu_memory_gb) /
                              static_cast<std::int64_t>(configurations.size());
-  for (const Configuration& configuration : configurations) add(plan, configuration, seed, scene, share);
+  for (const Configuration& configuration : configurations) add(plan, configuration, share);
 }
 
-void InterleavedTraining::add(const ComparisonPlan& plan, const Configuration& configuration, std::int64_t seed,
-                              const Scene& scene, std::int64_t image_budget) {
-  const ModelFolder folder = plan.folder(configuration, seed);
-  TrainConfig config = with_scene_limits(run_config(configuration, folder, seed), scene);
+void InterleavedTraining::add(const ComparisonPlan& plan, const Configuration& configuration,
+                              std::int64_t image_budget) {
+  const ModelFolder folder = plan.folder(configuration, seed_);
+  TrainConfig config = with_scene_limits(run_config(configuration, folder, seed_), scene_);
   config.kernel_times_interval = config.stats_interval;  // over the whole training, whatever kernel is in use
-  turns_.push_back(std::make_unique<Turn>(
-      Turn{configuration, folder, std::make_unique<FolderLock>(folder.root()), nullptr, {}, Eta(config.iterations)}));
+  const std::string label = detail::concat(configuration.name, ", seed ", seed_, ": ");
+  turns_.push_back(std::make_unique<Turn>(Turn{configuration, folder, label, Eta(config.iterations)}));
   Turn& turn = *turns_.back();
+  turn.lock = std::make_unique<FolderLock>(folder.root());
   TrainHooks hooks;
   hooks.on_progress = [this, &turn](const TrainProgress& progress) { show(turn, progress); };
   hooks.on_message = [this, &turn](const std::string& message) {
-    if (!status_.is_quiet()) status_.print(turn.configuration.name + ", " + label_ + ": " + message);
+    if (!status_.is_quiet()) status_.print(turn.label + message);
   };
-  hooks.on_warning = [this, &turn](const std::string& message) {
-    status_.warn(turn.configuration.name + ", " + label_ + ": " + message);
-  };
+  hooks.on_warning = [this, &turn](const std::string& message) { status_.warn(turn.label + message); };
   hooks.stop_signal = &stop_signal();
   hooks.image_budget = image_budget;
-  hooks.on_result = [this, &turn] { record_previews(*turn.trainer, scene_, turn.folder); };
+  hooks.on_result = [this, &turn] { record_previews(*turn.trainer, scene_, turn.folder, *ranks_); };
   hooks.on_loading = show_loading(status_);
   hooks.resume_command = resume_command(plan);
-  turn.trainer = std::make_unique<Trainer>(config, scene, folder, hooks);
+  turn.trainer = std::make_unique<Trainer>(config, scene_, folder, hooks);
   status_.clear();
   if (const std::string text = describe_epochs(config, plan.photographs); !text.empty()) hooks.on_message(text);
   hooks.on_message("photographs " + turn.trainer->describe_images());
@@ -109,7 +107,7 @@ bool InterleavedTraining::run(double reading_s, const nlohmann::ordered_json& ma
   if (!is_complete) write_checkpoints();
   for (const auto& turn : turns_) {
     if (turn->result.iteration == 0) continue;  // stopped before its first turn
-    record_session({machine, reading_s, turn->result}, *turn->trainer, scene_, turn->folder);
+    record_session({machine, reading_s, turn->result.output_s}, *turn->trainer, scene_, turn->folder, *ranks_);
     write_train_report(turn->folder);
   }
   return is_complete;
@@ -122,8 +120,7 @@ void InterleavedTraining::show(Turn& turn, const TrainProgress& progress) {
     const std::optional<double> left = own->eta.seconds_left();
     all = all && left ? std::optional(*all + *left) : std::nullopt;
   }
-  status_.show(turn.configuration.name + ", " + label_ + ": " +
-               format_train_progress(progress, turn.eta.iterations_per_second(), all));
+  status_.show(turn.label + format_train_progress(progress, turn.eta.iterations_per_second(), all));
 }
 
 std::string resume_command(const ComparisonPlan& plan) {

@@ -4,13 +4,13 @@
 #include <cstddef>
 #include <cstdint>
 #include <memory>
-#include <optional>
 #include <string>
 #include <vector>
 
 #include "app/terminal/progress.h"
 #include "compare/comparison.h"
 #include "core/files/folders.h"
+#include "dist/communicator.h"
 #include "train/trainer.h"
 
 namespace b3dgs {
@@ -29,24 +29,25 @@ class InterleavedTraining {
   struct Turn {
     Configuration configuration;
     ModelFolder folder;
-    std::unique_ptr<FolderLock> lock;
-    std::unique_ptr<Trainer> trainer;
-    TrainResult result;
+    std::string label;  // "NAME, seed 0: "
     Eta eta;
+    std::unique_ptr<FolderLock> lock{};
+    std::unique_ptr<Trainer> trainer{};
+    TrainResult result{};
     int iterations() const { return configuration.config.iterations; }
   };
 
-  void add(const ComparisonPlan& plan, const Configuration& configuration, std::int64_t seed, const Scene& scene,
-           std::int64_t image_budget);
+  void add(const ComparisonPlan& plan, const Configuration& configuration, std::int64_t image_budget);
   bool take_turns();
   void write_checkpoints();
   void show(Turn& turn, const TrainProgress& progress);
 
   const Scene& scene_;
   StatusLine& status_;
+  const std::unique_ptr<Communicator> ranks_ = Communicator::alone();
   const int iterations_, chunk_;  // iterations_: of the longest configuration
+  const std::int64_t seed_;
   const std::size_t seed_index_;
-  std::string label_;                         // "seed 0"
   std::vector<std::unique_ptr<Turn>> turns_;  // pointers, since the trainers' hooks refer to their Turn
 };
 

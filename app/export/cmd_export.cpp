@@ -2,7 +2,6 @@
 #include <algorithm>
 #include <array>
 #include <cstdio>
-#include <iostream>
 #include <optional>
 
 #include "app/export/scene_views.h"
@@ -86,17 +85,6 @@ void check_output(const ModelOptions& model, const ExportOptions& options) {
   if (options.sh_bits != kSpzShBits && !is_spz(output)) input_error("--sh_bits is for .spz, not ", options.output);
 }
 
-std::int64_t keep_most_contributing(LoadedModel& model, const ExportOptions& options, const torch::Device& device,
-                                    StatusLine& status, std::string& by_what) {
-  if (options.max_gaussians >= model.splats.size()) return 0;
-  const std::vector<View> views = evenly_spaced(model.scene.train, kScoredViews);
-  by_what = views.empty() ? "opacity times area, for lack of a scene (-s SCENE)"
-                          : "contribution to " + std::to_string(views.size()) + " training views";
-  const std::vector<double> scores =
-      views.empty() ? opacity_times_area(model.splats) : blend_weight_sums(model, views, device, status);
-  return keep_highest(scores, options.max_gaussians, model.splats);
-}
-
 std::int64_t crop(const std::string& text, SplatCloud& splats) {
   const CropRegion region = parse_crop(text);
   return keep_if([&](std::size_t row) { return region.contains(splats.frame.to_world(&splats.means[3 * row])); },
@@ -117,10 +105,13 @@ void reduce(LoadedModel& model, const ExportOptions& options, const torch::Devic
            print_to_string("of opacity below %g", options.min_opacity));
   }
   limit_sh_degree(options.max_sh_degree, splats);
-  if (options.max_gaussians > 0) {
-    std::string by_what;
-    const std::int64_t removed = keep_most_contributing(model, options, device, status, by_what);
-    report(removed, "of the least " + by_what);
+  if (options.max_gaussians > 0 && options.max_gaussians < splats.size()) {
+    const std::vector<View> views = evenly_spaced(model.scene.train, kScoredViews);
+    const std::vector<double> scores =
+        views.empty() ? opacity_times_area(splats) : blend_weight_sums(model, views, device, status);
+    report(keep_highest(scores, options.max_gaussians, splats),
+           "of the least " + (views.empty() ? "opacity times area, for lack of a scene (-s SCENE)"
+                                            : detail::concat("contribution to ", views.size(), " training views")));
   }
 }
 
@@ -147,18 +138,14 @@ CoordinateFrame spz_frame(const SplatCloud& splats, StatusLine& status) {
   return around;
 }
 
-void warn_of_coarse_positions(const SplatCloud& splats, StatusLine& status) {
-  constexpr int kUsualBits = 12;
-  const int bits = spz_fractional_bits(splats);
-  if (bits >= kUsualBits) return;
-  status.warn(detail::concat("Gaussians are so far away that SPZ stores all positions in steps of 1/", 1 << bits,
-                             " world units instead of 1/", 1 << kUsualBits, "; leave out distant ones with --crop"));
-}
-
 void write_output(const fs::path& output, const SplatCloud& splats, int sh_bits, StatusLine& status) {
   if (needs_splat_transform(output)) return write_by_splat_transform(output, splats, status);
   if (!is_spz(output)) return write_splats(output, splats);
-  warn_of_coarse_positions(splats, status);
+  constexpr int kUsualBits = 12;
+  if (const int bits = spz_fractional_bits(splats); bits < kUsualBits) {
+    status.warn(detail::concat("Gaussians are so far away that SPZ stores all positions in steps of 1/", 1 << bits,
+                               " world units instead of 1/", 1 << kUsualBits, "; leave out distant ones with --crop"));
+  }
   write_spz(output, splats, sh_bits);
 }
 
@@ -209,13 +196,12 @@ int run_export(const std::vector<std::string>& words) {
   const torch::Device device = choose_device(model_options.device);
   LoadedModel model = load_without_scene(model_options);
   if (model.splats.size() == 0) input_error(model_options.model_path, ": holds no Gaussians");
-  const bool is_file = fs::is_regular_file(model_options.model_path);
-  std::string why_not = is_file && model_options.source_path.empty()
+  std::string why_not = model.is_file() && model_options.source_path.empty()
                             ? "no scene is named (-s SCENE)"
                             : add_scene_or_cameras(model, model_options, status);
   LoadedModel original = model;
   if (!options.crop.empty()) crop(options.crop, original.splats);
-  const fs::path input = is_file ? fs::path(model_options.model_path) : model.folder.ply(model.iteration);
+  const fs::path input = model.is_file() ? model.file : model.folder.ply(model.iteration);
   refuse_to_replace(input, options.output);
   const auto input_bytes = static_cast<std::int64_t>(fs::file_size(input));
   print_line("from", "%s, %s Gaussians, SH degree %d, %s", input.string().c_str(),
@@ -260,7 +246,7 @@ int run_export(const std::vector<std::string>& words) {
   rotate_splats(inverse(rotation), *written);
   const ExportQuality quality = compare_export(original, std::move(*written), views, device, status);
   if (stop_signal() != 0) return 128 + stop_signal();
-  print_quality(quality, has_test ? "test views" : is_file ? "views" : "training views", !options.crop.empty());
+  print_quality(quality, has_test ? "test views" : model.is_file() ? "views" : "training views", !options.crop.empty());
   return 0;
 }
 

@@ -13,19 +13,13 @@
 namespace b3dgs {
 namespace {
 
-torch::Tensor row_of(const Camera& camera, int row) {
-  const double* const values = camera.cam_from_world.rotation.data() + 3 * row;
-  return torch::tensor({values[0], values[1], values[2]}, torch::kFloat64);
+/// An axis of the camera in world coordinates: 0 right, 1 down.
+torch::Tensor axis_of(const Camera& camera, std::size_t axis) {
+  const double* const row = &camera.cam_from_world.rotation[3 * axis];
+  return torch::tensor({row[0], row[1], row[2]}, torch::kFloat64);
 }
 
 }  // namespace
-
-std::vector<View> evenly_spaced(const std::vector<View>& views, std::size_t count) {
-  if (views.size() <= count) return views;
-  std::vector<View> chosen;
-  for (std::size_t i = 0; i < count; ++i) chosen.push_back(views[i * views.size() / count]);
-  return chosen;
-}
 
 std::vector<double> blend_weight_sums(const LoadedModel& model, const std::vector<View>& views,
                                       const torch::Device& device, StatusLine& status) {
@@ -53,8 +47,8 @@ std::array<double, 3> up_direction(const std::vector<View>& views) {
   constexpr double kMinSpread = 0.05;    // share of the horizontal axes' second direction
   torch::Tensor mean_up = torch::zeros({3}, torch::kFloat64), spread = torch::zeros({3, 3}, torch::kFloat64);
   for (const View& view : views) {
-    const torch::Tensor right = row_of(view.camera, 0);
-    mean_up -= row_of(view.camera, 1);
+    const torch::Tensor right = axis_of(view.camera, 0);
+    mean_up -= axis_of(view.camera, 1);
     spread += torch::outer(right, right);
   }
   const auto n = static_cast<double>(views.size());

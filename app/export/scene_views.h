@@ -9,9 +9,6 @@
 
 namespace b3dgs {
 
-/// At most `count` of the views, evenly spaced, in their order.
-std::vector<View> evenly_spaced(const std::vector<View>& views, std::size_t count);
-
 /// Sum over the pixels of `views` of each Gaussian's blend weight, px. Photographs are not needed.
 std::vector<double> blend_weight_sums(const LoadedModel& model, const std::vector<View>& views,
                                       const torch::Device& device, StatusLine& status);

@@ -3,19 +3,18 @@
 #include <unistd.h>
 
 #include <algorithm>
-#include <array>
 #include <cctype>
 #include <cstdint>
-#include <cstring>
 #include <fstream>
 #include <iterator>
+#include <string_view>
 #include <vector>
 
 #include "core/check.h"
 #include "core/files/atomic_file.h"
 #include "core/files/folders.h"
 #include "core/process/child_process.h"
-#include "model/formats/splat_formats.h"
+#include "core/text.h"
 
 namespace b3dgs {
 namespace {
@@ -25,15 +24,10 @@ namespace fs = std::filesystem;
 constexpr const char* kProgram = "splat-transform";
 constexpr const char* kSuffixes[] = {".compressed.ply", ".sog", ".html"};  // that can be read back
 
-std::string lower_case_name(const fs::path& file) {
-  std::string name = file.filename().string();
-  std::transform(name.begin(), name.end(), name.begin(),
-                 [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
-  return name;
-}
-
-bool ends_with(const std::string& text, const std::string& end) {
-  return text.size() >= end.size() && text.compare(text.size() - end.size(), end.size(), end) == 0;
+/// Of its name, in lower case.
+bool ends_with(const fs::path& file, const std::string& end) {
+  const std::string name = lower_case(file.filename().string());
+  return name.size() >= end.size() && name.compare(name.size() - end.size(), end.size(), end) == 0;
 }
 
 /// Without control sequences, symbols and words in front of the error, and without the path of `folder`.
@@ -42,49 +36,34 @@ std::string plain_text(std::string line, const fs::path& folder) {
   for (std::size_t at = line.find(path); at != std::string::npos; at = line.find(path)) line.erase(at, path.size());
   const std::size_t error = line.find("Error: ");
   if (error != std::string::npos) return line.substr(error);
-  const std::size_t begin = line.find_first_of("ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz");
-  return begin == std::string::npos ? "" : line.substr(begin);
+  return {std::find_if(line.begin(), line.end(), [](unsigned char c) { return std::isalpha(c) != 0; }), line.end()};
 }
 
 struct Conversion {
-  ChildResult result;
-  std::string reason;  // of a failure
+  bool has_written = false, is_stopped = false;  // by a signal
+  std::string reason;                            // of a failure
 };
 
 Conversion convert(const fs::path& from, const fs::path& to, bool on_cpu) {
   std::vector<std::string> words{kProgram, "-q", "-w"};
   if (on_cpu) words.insert(words.end(), {"-g", "cpu"});
   words.insert(words.end(), {from.string(), to.string()});
-  Conversion conversion;
-  std::string first;
-  conversion.result = run_program_lines(words, [&](const std::string& line) {
+  std::string first, reason;
+  const ChildResult result = run_program_lines(words, [&](const std::string& line) {
     const std::string text = plain_text(line, to.parent_path());
     if (first.empty()) first = text;
-    if (conversion.reason.empty() && text.find("rror") != std::string::npos) conversion.reason = text;
+    if (reason.empty() && text.find("rror") != std::string::npos) reason = text;
   });
-  if (conversion.reason.empty()) conversion.reason = first;
-  if (!conversion.result.succeeded()) {
-    conversion.reason = describe(conversion.result) + (conversion.reason.empty() ? "" : ": ") + conversion.reason;
-  }
-  return conversion;
-}
-
-bool has_written(const Conversion& conversion, const fs::path& file) {
+  if (reason.empty()) reason = first;
+  if (!result.succeeded()) reason = describe(result) + (reason.empty() ? "" : ": ") + reason;
   std::error_code error;
-  return conversion.result.succeeded() && fs::file_size(file, error) > 0 && !error;
-}
-
-/// -1: not a digit of base64.
-int base64_digit(char c) {
-  if (c >= 'A' && c <= 'Z') return c - 'A';
-  if (c >= 'a' && c <= 'z') return c - 'a' + 26;
-  if (c >= '0' && c <= '9') return c - '0' + 52;
-  return c == '+' ? 62 : c == '/' ? 63 : -1;
+  return {result.succeeded() && fs::file_size(to, error) > 0 && !error, result.signal != 0, reason};
 }
 
 /// The SOG file, a zip archive, that the viewer in a page loads from a data URL. Empty if there is none.
 std::string sog_in_page(const fs::path& page) {
   constexpr const char* kZipInBase64 = ";base64,UEsDB";  // "PK\3\4"
+  constexpr std::string_view kDigits = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
   std::ifstream file(page, std::ios::binary);
   const std::string text((std::istreambuf_iterator<char>(file)), std::istreambuf_iterator<char>());
   std::size_t at = text.find(kZipInBase64);
@@ -93,8 +72,8 @@ std::string sog_in_page(const fs::path& page) {
   std::string bytes;
   std::uint32_t bits = 0;
   int n_bits = 0;
-  for (; at < text.size() && base64_digit(text[at]) >= 0; ++at) {
-    bits = bits << 6 | static_cast<std::uint32_t>(base64_digit(text[at]));
+  for (; at < text.size() && kDigits.find(text[at]) != std::string_view::npos; ++at) {
+    bits = bits << 6 | static_cast<std::uint32_t>(kDigits.find(text[at]));
     n_bits += 6;
     if (n_bits < 8) continue;
     n_bits -= 8;
@@ -106,7 +85,7 @@ std::string sog_in_page(const fs::path& page) {
 }  // namespace
 
 bool needs_splat_transform(const fs::path& file) {
-  return find_splat_format(file) == nullptr || ends_with(lower_case_name(file), ".compressed.ply");
+  return find_splat_format(file) == nullptr || ends_with(file, ".compressed.ply");
 }
 
 void require_splat_transform(const fs::path& file) {
@@ -124,14 +103,14 @@ void write_by_splat_transform(const fs::path& file, const SplatCloud& cloud, Sta
   write_splat_ply(ply, cloud);
   status.show(std::string(kProgram) + " writes " + file.filename().string(), /*now=*/true);
   Conversion conversion = convert(ply, result, /*on_cpu=*/false);
-  if (!has_written(conversion, result) && conversion.result.signal == 0) {
+  if (!conversion.has_written && !conversion.is_stopped) {
     // Some formats are compressed on a GPU, if there is one that the program can use.
     status.show(std::string(kProgram) + " writes " + file.filename().string() + " without a GPU", /*now=*/true);
     const Conversion again = convert(ply, result, /*on_cpu=*/true);
-    if (has_written(again, result)) conversion = again;
+    if (again.has_written) conversion = again;
   }
   status.clear();
-  if (!has_written(conversion, result)) {
+  if (!conversion.has_written) {
     input_error(file.string(), ": ", kProgram, " has not written it (", conversion.reason, ")");
   }
   std::error_code error;
@@ -140,16 +119,14 @@ void write_by_splat_transform(const fs::path& file, const SplatCloud& cloud, Sta
 }
 
 std::optional<SplatCloud> read_by_splat_transform(const fs::path& file, std::string& why_not, StatusLine& status) {
-  const std::string name = lower_case_name(file);
-  const bool is_readable = std::any_of(std::begin(kSuffixes), std::end(kSuffixes),
-                                       [&](const char* suffix) { return ends_with(name, suffix); });
-  if (!is_readable) {
+  if (std::none_of(std::begin(kSuffixes), std::end(kSuffixes),
+                   [&](const char* suffix) { return ends_with(file, suffix); })) {
     why_not = std::string(kProgram) + " does not read " + file.extension().string();
     return std::nullopt;
   }
   const WorkFolder work(fs::absolute(file).parent_path());
   fs::path source = fs::absolute(file);
-  if (ends_with(name, ".html")) {
+  if (ends_with(file, ".html")) {
     const std::string sog = sog_in_page(file);
     if (sog.empty()) {
       why_not = "no SOG file was found in the page";
@@ -162,7 +139,7 @@ std::optional<SplatCloud> read_by_splat_transform(const fs::path& file, std::str
   status.show(std::string(kProgram) + " reads " + file.filename().string() + " back", /*now=*/true);
   const Conversion conversion = convert(source, ply, /*on_cpu=*/false);
   status.clear();
-  if (!has_written(conversion, ply)) {
+  if (!conversion.has_written) {
     why_not = std::string(kProgram) + " cannot read it back (" + conversion.reason + ")";
     return std::nullopt;
   }

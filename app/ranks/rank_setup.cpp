@@ -73,13 +73,6 @@ bool may_share(const RankOptions& options, const std::string& device_name) {
   return options.ranks > 1 && device_name == "cuda";
 }
 
-/// @throws InputError if n ranks of this machine cannot use the device
-void check_start(const RankOptions& options, int n, const std::string& device_name) {
-  const int n_gpus = device_name == "cpu" ? 0 : count_gpus();
-  const bool uses_gpus = device_name == "cuda" || n_gpus > 0;
-  if (uses_gpus) require_gpus(options, n, n_gpus, may_share(options, device_name));
-}
-
 std::string machine_name() {
   std::string boot_id;
   std::ifstream file("/proc/sys/kernel/random/boot_id");
@@ -166,15 +159,17 @@ RankPlan plan_ranks(const RankOptions& options, const std::string& device_name) 
   if (options.ranks == 1) return plan;
 
   const std::optional<RankPlace> launched = choose_rank_place(has_gpus ? n_gpus : options.ranks);
-  const bool is_launched = launched && launched->size > 1;
-  if (is_launched) {
+  if (launched && launched->size > 1) {
     plan.place = *launched;
     if (has_gpus) plan.device_name = "cuda";
     return plan;
   }
   const int n = options.gpus == "auto" ? count_gpus() : has_gpus ? n_gpus : options.ranks;
   if (n > 1) {
-    check_start(options, n, has_gpus ? "cuda" : device_name);
+    const int n_here = !has_gpus && device_name == "cpu" ? 0 : count_gpus();
+    if (has_gpus || device_name == "cuda" || n_here > 0) {
+      require_gpus(options, n, n_here, !has_gpus && plan.may_share_gpus);
+    }
     plan.n_to_start = n;
   } else if (n_gpus == 1) {
     require_gpus(options, 1, count_gpus(), false);

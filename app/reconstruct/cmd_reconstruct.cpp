@@ -5,6 +5,7 @@
 
 #include "app/status/status_line.h"
 #include "app/tools/commands.h"
+#include "app/tools/single_option.h"
 #include "core/check.h"
 #include "core/options/command_line.h"
 #include "core/text.h"
@@ -12,15 +13,6 @@
 
 namespace b3dgs {
 namespace {
-
-struct ReconstructCommandOptions {
-  bool quiet = false;
-};
-
-template <class Visitor>
-void visit_fields(ReconstructCommandOptions& c, Visitor&& field) {
-  field(Option{"quiet"}.common(), c.quiet, Any{}, "show no progress");
-}
 
 std::atomic<int> stop_signal{0};
 
@@ -46,9 +38,9 @@ int run_reconstruct(const std::vector<std::string>& words) {
                    "on after an interruption.",
                    "b3dgs reconstruct photos/garden scenes/garden");
   ReconstructOptions options;
-  ReconstructCommandOptions command;
+  SingleOption<bool> quiet{Option{"quiet"}.common(), false, "show no progress"};
   line.add(options, "Reconstruct", {"input", "output"});
-  line.add(command, "Run");
+  line.add(quiet, "Run");
   if (!line.parse(words)) return 0;
   if (options.input.empty() || options.output.empty()) {
     input_error("missing argument: ", options.input.empty() ? "INPUT" : "OUTPUT",
@@ -59,7 +51,7 @@ int run_reconstruct(const std::vector<std::string>& words) {
   std::signal(SIGINT, stop_reconstruction);
   std::signal(SIGTERM, stop_reconstruction);
 
-  StatusLine status = StatusLine::for_stderr(command.quiet);
+  StatusLine status = StatusLine::for_stderr(quiet.value);
   const ReconstructResult result =
       reconstruct(options, show_loading(status), &stop_signal, [&](const std::string& line) { status.warn(line); });
   status.clear();

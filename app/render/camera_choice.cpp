@@ -5,7 +5,6 @@
 #include <filesystem>
 
 #include "app/render/camera_path.h"
-#include "app/render/orbit.h"
 #include "core/check.h"
 #include "core/text.h"
 #include "scene/cameras/camera_lens.h"
@@ -22,6 +21,11 @@ constexpr double kDefaultFov = 50, kDefaultElevation = 15, kDefaultFisheyeFov = 
 
 bool goes_around(const CameraOptions& options) {
   return options.path == "orbit" || options.path == "turntable";
+}
+
+/// Through cameras or around something.
+bool is_path(const CameraOptions& options) {
+  return goes_around(options) || options.path == "interpolated";
 }
 
 double radians(double degrees) {
@@ -70,19 +74,16 @@ ImageSize wanted_size(const CameraOptions& options, ImageSize size) {
 
 /// Image size and focal lengths of the cameras on an orbit.
 Camera orbit_lens(const CameraOptions& options, const std::vector<Camera>& keys) {
-  Camera lens;
-  if (!keys.empty()) {
-    lens = fit_to_size(keys[0], wanted_size(options, {keys[0].width, keys[0].height}));
-  } else {
-    const ImageSize size = wanted_size(options, kDefaultSize);
-    lens.width = size.width;
-    lens.height = size.height;
-  }
   const bool has_fov = options.fov > 0 && options.projection != "fisheye";
-  if (keys.empty() || has_fov) {
-    const double fov = radians(has_fov ? options.fov : kDefaultFov);
-    const double pixel_aspect = keys.empty() ? 1 : lens.fx / lens.fy;
-    lens.fy = 0.5 * lens.height / std::tan(0.5 * fov);
+  const double fov = has_fov ? options.fov : kDefaultFov;
+  if (keys.empty()) {
+    const ImageSize size = wanted_size(options, kDefaultSize);
+    return Camera::with_field_of_view(size.width, size.height, fov, {});
+  }
+  Camera lens = fit_to_size(keys[0], wanted_size(options, {keys[0].width, keys[0].height}));
+  if (has_fov) {
+    const double pixel_aspect = lens.fx / lens.fy;
+    lens.fy = 0.5 * lens.height / std::tan(0.5 * radians(fov));
     lens.fx = pixel_aspect * lens.fy;
   }
   return lens;
@@ -133,42 +134,6 @@ Orbit choose_orbit(const CommandLine& line, const CameraOptions& options, const 
   return turntable(focus, up, placement.distance, placement.elevation, toward);
 }
 
-}  // namespace
-
-bool needs_views(const CameraOptions& options) {
-  return options.cameras.empty() && !goes_around(options);
-}
-
-void check_camera_options(const CommandLine& line, const CameraOptions& options) {
-  const bool is_path = goes_around(options) || options.path == "interpolated";
-  if (!options.cameras.empty() && line.was_given("path") && !is_path) {
-    input_error("--cameras replaces --path ", options.path, "; use one of them");
-  }
-  if (!options.cameras.empty() && line.was_given("resolution")) {
-    input_error("-r is for the views of a scene; use --width and --height with --cameras");
-  }
-  if (line.was_given("frames") && !is_path) {
-    input_error("--frames is for --path interpolated, orbit and turntable; the others have one image for each view");
-  }
-  const bool is_fisheye = options.projection == "fisheye";
-  for (const char* name : {"fov", "up"}) {
-    const bool has_use = goes_around(options) || (is_fisheye && name == std::string("fov"));
-    if (line.was_given(name) && !has_use) {
-      input_error("--", name, " is for --path orbit and turntable",
-                  name == std::string("fov") ? " and --projection fisheye" : "");
-    }
-  }
-  if (options.fov > kMaxPinholeFov && !is_fisheye) {
-    input_error("--fov ", options.fov, ": a pinhole shows at most ", kMaxPinholeFov,
-                " degrees; use --projection fisheye");
-  }
-  for (const char* name : {"elevation", "distance"}) {
-    if (line.was_given(name) && options.path != "turntable") input_error("--", name, " is for --path turntable");
-  }
-}
-
-namespace {
-
 /// The same place and direction in the projection that the options ask for.
 Camera in_projection(const CameraOptions& options, const Camera& camera) {
   if (options.projection == "auto") return camera;
@@ -197,23 +162,19 @@ Camera in_projection(const CameraOptions& options, const Camera& camera) {
 CameraChoice choose_places(const CommandLine& line, const CameraOptions& options, const Scene& scene,
                            const SplatCloud& splats) {
   CameraChoice choice = key_cameras(line, options, scene, splats.frame);
-  const bool is_path = goes_around(options) || options.path == "interpolated";
-  if (!is_path) {
+  if (is_path(options)) {
+    choice.set = options.cameras.empty() ? options.path : choice.set + "_" + options.path;
+    choice.views.clear();
+    for (Camera& key : choice.cameras) key = as_pinhole(key);
+  }
+  if (!goes_around(options)) {
     for (Camera& camera : choice.cameras) {
       camera = fit_to_size(camera, wanted_size(options, {camera.width, camera.height}));
     }
+    if (is_path(options)) choice.cameras = interpolate_cameras(choice.cameras, options.frames);
     return choice;
   }
-  const bool is_of_file = !options.cameras.empty();
-  choice.set = is_of_file ? choice.set + "_" + options.path : options.path;
-  choice.views.clear();
-  std::vector<Camera> keys = std::move(choice.cameras);
-  for (Camera& key : keys) key = as_pinhole(key);
-  if (options.path == "interpolated") {
-    for (Camera& camera : keys) camera = fit_to_size(camera, wanted_size(options, {camera.width, camera.height}));
-    choice.cameras = interpolate_cameras(keys, options.frames);
-    return choice;
-  }
+  const std::vector<Camera> keys = std::move(choice.cameras);
   const Camera lens = orbit_lens(options, keys);
   const Orbit orbit = choose_orbit(line, options, keys, splats, lens);
   choice.cameras = cameras_on(orbit, lens, options.frames);
@@ -236,6 +197,34 @@ CameraChoice choose_places(const CommandLine& line, const CameraOptions& options
 }
 
 }  // namespace
+
+bool needs_views(const CameraOptions& options) {
+  return options.cameras.empty() && !goes_around(options);
+}
+
+void check_camera_options(const CommandLine& line, const CameraOptions& options) {
+  if (!options.cameras.empty() && line.was_given("path") && !is_path(options)) {
+    input_error("--cameras replaces --path ", options.path, "; use one of them");
+  }
+  if (!options.cameras.empty() && line.was_given("resolution")) {
+    input_error("-r is for the views of a scene; use --width and --height with --cameras");
+  }
+  if (line.was_given("frames") && !is_path(options)) {
+    input_error("--frames is for --path interpolated, orbit and turntable; the others have one image for each view");
+  }
+  const bool is_fisheye = options.projection == "fisheye";
+  if (line.was_given("fov") && !goes_around(options) && !is_fisheye) {
+    input_error("--fov is for --path orbit and turntable and --projection fisheye");
+  }
+  if (line.was_given("up") && !goes_around(options)) input_error("--up is for --path orbit and turntable");
+  if (options.fov > kMaxPinholeFov && !is_fisheye) {
+    input_error("--fov ", options.fov, ": a pinhole shows at most ", kMaxPinholeFov,
+                " degrees; use --projection fisheye");
+  }
+  for (const char* name : {"elevation", "distance"}) {
+    if (line.was_given(name) && options.path != "turntable") input_error("--", name, " is for --path turntable");
+  }
+}
 
 CameraChoice choose_cameras(const CommandLine& line, const CameraOptions& options, const Scene& scene,
                             const SplatCloud& splats) {

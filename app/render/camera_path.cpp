@@ -2,14 +2,45 @@
 
 #include <algorithm>
 #include <cmath>
+#include <opencv2/core.hpp>
+#include <utility>
 
 #include "core/check.h"
+#include "model/edit/edit.h"
 
 namespace b3dgs {
 namespace {
 
+constexpr double kPi = 3.14159265358979323846;
+constexpr std::int64_t kSamples = 200000;  // Gaussians that are examined
+constexpr double kParallel = 1e-3;         // determinant of the mean projection, below which axes are nearly parallel
+constexpr double kLongestEllipse = 2.5;    // ratio of the axes
+constexpr double kInside = 0.9;            // share of the cameras' arc that an orbit along it uses
+constexpr double kLeastSwing = kPi / 18;   // of that orbit to each side, rad
+
+Vec3d to_vec(const std::array<double, 3>& v) {
+  return {v[0], v[1], v[2]};
+}
+double length(const Vec3d& v) {
+  return std::sqrt(dot(v, v));
+}
+Vec3d normalized(const Vec3d& v) {
+  return (1 / length(v)) * v;
+}
+/// Of a camera at `center`; `rotation` is row-major.
+Pose pose_at(const Vec3d& center, const std::array<double, 9>& rotation) {
+  Pose pose{rotation, {}};
+  for (std::size_t i = 0; i < 3; ++i) {
+    pose.translation[i] = -dot(Vec3d{rotation[3 * i], rotation[3 * i + 1], rotation[3 * i + 2]}, center);
+  }
+  return pose;
+}
+Vec3d forward_of(const Camera& camera) {
+  const std::array<double, 9>& r = camera.cam_from_world.rotation;
+  return {r[6], r[7], r[8]};
+}
+
 using Quat = std::array<double, 4>;
-using Vec = std::array<double, 3>;
 
 Quat slerp(const Quat& a, Quat b, double share) {
   double cosine = a[0] * b[0] + a[1] * b[1] + a[2] * b[2] + a[3] * b[3];
@@ -27,15 +58,70 @@ Quat slerp(const Quat& a, Quat b, double share) {
 }
 
 /// Catmull-Rom segment from p1 to p2, t in [0, 1].
-Vec catmull_rom(const Vec& p0, const Vec& p1, const Vec& p2, const Vec& p3, double t) {
-  Vec result{};
-  for (int i = 0; i < 3; ++i) {
-    result[i] =
-        p1[i] + 0.5 * t *
-                    (p2[i] - p0[i] +
-                     t * (2 * p0[i] - 5 * p1[i] + 4 * p2[i] - p3[i] + t * (3 * (p1[i] - p2[i]) + p3[i] - p0[i])));
+Vec3d catmull_rom(const Vec3d& p0, const Vec3d& p1, const Vec3d& p2, const Vec3d& p3, double t) {
+  const Vec3d cubic = 3.0 * (p1 - p2) + p3 - p0;
+  return p1 + 0.5 * t * (p2 - p0 + t * (2.0 * p0 - 5.0 * p1 + 4.0 * p2 - p3 + t * cubic));
+}
+
+/// The smallest value at which half of the weight is reached.
+double weighted_median(std::vector<std::pair<double, double>>& values) {
+  std::sort(values.begin(), values.end());
+  double total = 0, sum = 0;
+  for (const auto& [value, weight] : values) total += weight;
+  for (const auto& [value, weight] : values) {
+    sum += weight;
+    if (2 * sum >= total) return value;
   }
-  return result;
+  return 0;
+}
+
+double median(std::vector<double> values) {
+  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
+  std::nth_element(values.begin(), middle, values.end());
+  return *middle;
+}
+
+/// A unit vector perpendicular to `up`, as near to `wanted` as possible.
+Vec3d horizontal(const Vec3d& wanted, const Vec3d& up) {
+  const Vec3d across = wanted - dot(wanted, up) * up;
+  if (length(across) > 1e-6 * length(wanted)) return normalized(across);
+  const Vec3d other = std::abs(up.x) < 0.5 ? Vec3d{1, 0, 0} : Vec3d{0, 1, 0};
+  return normalized(other - dot(other, up) * up);
+}
+
+/// Positions relative to the focus along `axis` and up x axis.
+std::vector<std::pair<double, double>> horizontal_positions(const std::vector<Camera>& cameras, const Vec3d& focus,
+                                                            const Vec3d& axis, const Vec3d& up) {
+  std::vector<std::pair<double, double>> positions;
+  for (const Camera& camera : cameras) {
+    const Vec3d offset = to_vec(camera.center()) - focus;
+    positions.emplace_back(dot(offset, axis), dot(offset, cross(up, axis)));
+  }
+  return positions;
+}
+
+struct Ellipse {
+  double angle = 0, first_radius = 0, second_radius = 0;
+};
+
+/// The ellipse a x^2 + b x y + c y^2 = 1 by least squares; radii of 0 if the positions do not determine one.
+Ellipse fit_ellipse(const std::vector<std::pair<double, double>>& positions, double scale) {
+  cv::Matx33d m;  // of the normal equations
+  cv::Vec3d sum;
+  for (const auto& [x_world, y_world] : positions) {
+    const double x = x_world / scale, y = y_world / scale;
+    const cv::Vec3d row(x * x, x * y, y * y);
+    m += row * row.t();
+    sum += row;
+  }
+  const auto n = static_cast<double>(positions.size());
+  if (!(std::abs(cv::determinant(m)) > 1e-6 * n * n * n)) return {};
+  const cv::Vec3d solution = m.solve(sum, cv::DECOMP_LU);
+  const double a = solution[0], b = solution[1], c = solution[2];
+  // The eigenvalues of [a, b/2; b/2, c] are 1 / radius^2.
+  const double middle = 0.5 * (a + c), spread = std::hypot(0.5 * (a - c), 0.5 * b);
+  if (!(middle - spread > 0)) return {};
+  return {0.5 * std::atan2(b, a - c), scale / std::sqrt(middle + spread), scale / std::sqrt(middle - spread)};
 }
 
 }  // namespace
@@ -51,6 +137,7 @@ std::vector<Camera> interpolate_cameras(const std::vector<Camera>& keys, int fra
     const auto at = [&](int index) -> const Camera& {
       return keys[static_cast<std::size_t>(std::clamp(index, 0, last))];
     };
+    const auto center_at = [&](int index) { return to_vec(at(index).center()); };
 
     Camera camera = at(key).scaled_to(keys[0].width, keys[0].height);
     const Camera next = at(key + 1).scaled_to(keys[0].width, keys[0].height);
@@ -58,19 +145,161 @@ std::vector<Camera> interpolate_cameras(const std::vector<Camera>& keys, int fra
     camera.fy += share * (next.fy - camera.fy);
     camera.cx += share * (next.cx - camera.cx);
     camera.cy += share * (next.cy - camera.cy);
-
-    Pose& pose = camera.cam_from_world;
-    pose.rotation = rotation_from_quaternion(
-        slerp(quaternion_from_rotation(pose.rotation), quaternion_from_rotation(next.cam_from_world.rotation), share));
-    const Vec center =
-        catmull_rom(at(key - 1).center(), at(key).center(), at(key + 1).center(), at(key + 2).center(), share);
-    for (int i = 0; i < 3; ++i) {
-      const double* row = &pose.rotation[static_cast<std::size_t>(3 * i)];
-      pose.translation[static_cast<std::size_t>(i)] = -(row[0] * center[0] + row[1] * center[1] + row[2] * center[2]);
-    }
+    const Vec3d center = catmull_rom(center_at(key - 1), center_at(key), center_at(key + 1), center_at(key + 2), share);
+    const Quat rotation = slerp(quaternion_from_rotation(camera.cam_from_world.rotation),
+                                quaternion_from_rotation(next.cam_from_world.rotation), share);
+    camera.cam_from_world = pose_at(center, rotation_from_quaternion(rotation));
     path.push_back(camera);
   }
   return path;
+}
+
+SplatBounds splat_bounds(const SplatCloud& splats) {
+  SplatBounds bounds;
+  const std::int64_t stride = std::max<std::int64_t>(1, splats.size() / kSamples);
+  const auto median_of = [&](auto&& value_of) {
+    std::vector<std::pair<double, double>> values;
+    for (std::int64_t i = 0; i < splats.size(); i += stride) {
+      const auto row = static_cast<std::size_t>(i);
+      const float* p = &splats.means[3 * row];
+      values.emplace_back(value_of(Vec3d{p[0], p[1], p[2]}), opacity_of(splats, row));
+    }
+    return weighted_median(values);
+  };
+  bounds.center.x = median_of([](const Vec3d& p) { return p.x; });
+  bounds.center.y = median_of([](const Vec3d& p) { return p.y; });
+  bounds.center.z = median_of([](const Vec3d& p) { return p.z; });
+  bounds.radius = median_of([&](const Vec3d& p) { return length(p - bounds.center); });
+  if (!(bounds.radius > 0)) bounds.radius = 1;
+  return bounds;
+}
+
+Vec3d focus_of(const std::vector<Camera>& cameras, const Vec3d& fallback) {
+  if (cameras.empty()) return fallback;
+  // Sum of (I - d d^T) (p - c) = 0 over the axes c + s d, about the fallback so that coordinates stay small.
+  cv::Matx33d a;
+  cv::Vec3d b;
+  const double share = 1 / static_cast<double>(cameras.size());
+  for (const Camera& camera : cameras) {
+    const Vec3d forward = forward_of(camera), center = to_vec(camera.center()) - fallback;
+    const cv::Vec3d d(forward.x, forward.y, forward.z), c(center.x, center.y, center.z);
+    a += share * (cv::Matx33d::eye() - d * d.t());
+    b += share * (c - c.dot(d) * d);
+  }
+  // Draws the point along the axes to the fallback, which is 0 here.
+  if (cv::determinant(a) < kParallel) a += 0.01 * cv::Matx33d::eye();
+  const cv::Vec3d solution = a.solve(b, cv::DECOMP_LU);
+  const Vec3d focus = fallback + Vec3d{solution[0], solution[1], solution[2]};
+  const auto n_in_front = std::count_if(cameras.begin(), cameras.end(), [&](const Camera& camera) {
+    return dot(focus - to_vec(camera.center()), forward_of(camera)) > 0;
+  });
+  return 2 * n_in_front >= static_cast<std::ptrdiff_t>(cameras.size()) ? focus : fallback;
+}
+
+Vec3d up_of(const std::vector<Camera>& cameras) {
+  Vec3d sum{};
+  for (const Camera& camera : cameras) {
+    const std::array<double, 9>& r = camera.cam_from_world.rotation;
+    sum = sum - Vec3d{r[3], r[4], r[5]};
+  }
+  const double least = 0.1 * static_cast<double>(cameras.size());
+  return !cameras.empty() && length(sum) > least ? normalized(sum) : Vec3d{0, -1, 0};
+}
+
+CameraPlacement placement_of(const std::vector<Camera>& cameras, const Vec3d& focus, const Vec3d& up) {
+  B3DGS_CHECK(!cameras.empty(), "no cameras");
+  std::vector<double> distances, elevations;
+  for (const Camera& camera : cameras) {
+    const Vec3d offset = to_vec(camera.center()) - focus;
+    distances.push_back(length(offset));
+    elevations.push_back(length(offset) > 0 ? std::asin(std::clamp(dot(offset, up) / length(offset), -1.0, 1.0)) : 0);
+  }
+  const double distance = median(distances);
+  return {distance > 0 ? distance : 1, median(elevations)};
+}
+
+Coverage coverage_of(const std::vector<Camera>& cameras, const Vec3d& focus, const Vec3d& up, const Vec3d& axis) {
+  B3DGS_CHECK(!cameras.empty(), "no cameras");
+  std::vector<double> angles;
+  for (const auto& [x, y] : horizontal_positions(cameras, focus, axis, up)) angles.push_back(std::atan2(y, x));
+  std::sort(angles.begin(), angles.end());
+  Coverage coverage{angles.front() + 2 * kPi - angles.back(), 0.5 * (angles.front() + angles.back())};
+  for (std::size_t i = 1; i < angles.size(); ++i) {
+    const double gap = angles[i] - angles[i - 1];
+    if (gap > coverage.gap) coverage = {gap, 0.5 * (angles[i] + angles[i - 1]) + kPi};
+  }
+  return coverage;
+}
+
+Orbit orbit_through(const std::vector<Camera>& cameras, const Vec3d& focus, const Vec3d& up) {
+  B3DGS_CHECK(!cameras.empty(), "no cameras");
+  Orbit orbit;
+  orbit.focus = focus;
+  orbit.up = up;
+  const Vec3d first = to_vec(cameras[0].center()) - focus;
+  orbit.first_axis = horizontal(first, up);
+  const auto positions = horizontal_positions(cameras, focus, orbit.first_axis, up);
+  std::vector<double> distances;
+  for (const auto& [x, y] : positions) distances.push_back(std::hypot(x, y));
+  const double radius = median(distances);
+  orbit.first_radius = orbit.second_radius = radius > 0 ? radius : 1;
+  const auto share = 1 / static_cast<double>(cameras.size());
+  double square = 0;
+  for (const Camera& camera : cameras) {
+    const double height = dot(to_vec(camera.center()) - focus, up);
+    orbit.height += share * height;
+    square += share * height * height;
+  }
+  const Coverage coverage = coverage_of(cameras, focus, up, orbit.first_axis);
+  if (coverage.gap > kFullCircleGap) {
+    orbit.start = coverage.middle;
+    orbit.swing = std::max(kInside * 0.5 * (2 * kPi - coverage.gap), kLeastSwing);
+    const double deviation = std::sqrt(std::max(0.0, square - orbit.height * orbit.height));
+    orbit.height_swing = std::min(deviation, std::tan(kLeastSwing) * orbit.first_radius);
+    return orbit;
+  }
+  const Ellipse ellipse = fit_ellipse(positions, orbit.first_radius);
+  if (!(ellipse.first_radius > 0) || ellipse.second_radius > kLongestEllipse * ellipse.first_radius) return orbit;
+  const double c = std::cos(ellipse.angle), s = std::sin(ellipse.angle);
+  orbit.first_axis = c * orbit.first_axis + s * cross(up, orbit.first_axis);
+  orbit.first_radius = ellipse.first_radius;
+  orbit.second_radius = ellipse.second_radius;
+  orbit.start = std::atan2(dot(first, cross(up, orbit.first_axis)) / orbit.second_radius,
+                           dot(first, orbit.first_axis) / orbit.first_radius);
+  return orbit;
+}
+
+Orbit turntable(const Vec3d& focus, const Vec3d& up, double distance, double elevation, const Vec3d& toward) {
+  Orbit orbit;
+  orbit.focus = focus;
+  orbit.up = up;
+  orbit.first_axis = horizontal(toward - focus, up);
+  orbit.first_radius = orbit.second_radius = distance * std::cos(elevation);
+  orbit.height = distance * std::sin(elevation);
+  return orbit;
+}
+
+std::vector<Camera> cameras_on(const Orbit& orbit, const Camera& lens, int frames) {
+  B3DGS_CHECK(frames > 0, "frames: ", frames);
+  std::vector<Camera> cameras;
+  const Vec3d second_axis = cross(orbit.up, orbit.first_axis);
+  for (int frame = 0; frame < frames; ++frame) {
+    const double turn = 2 * kPi * frame / frames;
+    const double angle = orbit.start + (orbit.swing > 0 ? orbit.swing * std::sin(turn) : turn);
+    const double height = orbit.height + orbit.height_swing * std::cos(turn);
+    const Vec3d offset = orbit.first_radius * std::cos(angle) * orbit.first_axis +
+                         orbit.second_radius * std::sin(angle) * second_axis + height * orbit.up;
+    const Vec3d center = orbit.focus + offset;
+    const Vec3d forward = normalized(-1.0 * offset);
+    const Vec3d right = normalized(cross(forward, orbit.up)), down = cross(forward, right);
+    Camera camera = lens;
+    camera.cx = 0.5 * lens.width;
+    camera.cy = 0.5 * lens.height;
+    camera.cam_from_world =
+        pose_at(center, {right.x, right.y, right.z, down.x, down.y, down.z, forward.x, forward.y, forward.z});
+    cameras.push_back(camera);
+  }
+  return cameras;
 }
 
 }  // namespace b3dgs

@@ -2,17 +2,15 @@
 // a path.
 #include <algorithm>
 #include <atomic>
-#include <cstdio>
 #include <filesystem>
 #include <iostream>
 #include <memory>
 #include <optional>
 #include <utility>
 
-#include "app/colors/depth_colors.h"
+#include "app/colors/depth_images.h"
 #include "app/model.h"
 #include "app/render/camera_choice.h"
-#include "app/render/depth_numbers.h"
 #include "app/render/video_writer.h"
 #include "app/tools/commands.h"
 #include "core/check.h"
@@ -88,16 +86,17 @@ void check_options(const CommandLine& line, const ModelOptions& model, const Ren
 
 LoadedModel load(const ModelOptions& model, const RenderOptions& options, const CameraOptions& cameras,
                  StatusLine& status) {
-  if (options.ply.empty()) return load_model_cameras(model, status);
-  if (model.source_path.empty() && !needs_views(cameras)) return load_splat_file(options.ply, model);
-  return load_file_cameras(options.ply, model, status);
+  const bool is_file = !options.ply.empty();
+  if (is_file && needs_views(cameras)) require_scene(options.ply, model);
+  LoadedModel loaded = is_file ? load_splat_file(options.ply, model) : load_without_scene(model);
+  if (!is_file || !model.source_path.empty()) add_cameras(loaded, model, status);
+  return loaded;
 }
 
 fs::path output_folder(const LoadedModel& model, const RenderOptions& options, const std::string& set) {
   if (!options.output.empty()) return options.output;
-  if (options.ply.empty()) return image_folder(model, set);
-  const fs::path file = options.ply;
-  return file.parent_path() / (file.stem().string() + "_" + set);
+  if (!model.is_file()) return image_folder(model, set);
+  return model.file.parent_path() / (model.file.stem().string() + "_" + set);
 }
 
 /// The size of all frames. @throws InputError if they differ
@@ -126,7 +125,7 @@ class Output {
         folder_(output_folder(model, options, choice.set)),
         unit_(model.splats.frame.unit),
         tasks_(options.video.empty() ? writer_threads() : 1, kFramesAhead) {  // frames of a video keep their order
-    const bool is_in_model = options.output.empty() && options.ply.empty();
+    const bool is_in_model = options.output.empty() && !model.is_file();
     if (options.writes_images()) own_files_.emplace(is_in_model ? model.folder.root() : folder_);
     if (options.colors_depth() || options.depth_format == "png16") {
       range_ = visible_depth_range(model.splats, choice.cameras, model.near_plane);

@@ -1,7 +1,7 @@
 #include "app/render/video_writer.h"
 
-#include <algorithm>
-#include <cctype>
+#include <iterator>
+#include <sstream>
 #include <system_error>
 #include <vector>
 
@@ -15,38 +15,28 @@ namespace fs = std::filesystem;
 using Words = std::vector<std::string>;
 
 std::string extension_of(const fs::path& path) {
-  std::string extension = path.extension().string();
-  std::transform(extension.begin(), extension.end(), extension.begin(),
-                 [](unsigned char c) { return std::tolower(c); });
-  return extension;
+  return lower_case(path.extension().string());
+}
+
+/// Words that are separated by blanks.
+Words words_of(const std::string& text) {
+  std::istringstream stream(text);
+  return {std::istream_iterator<std::string>(stream), {}};
 }
 
 /// What ffmpeg is told about the output, without the file's name.
 Words output_options(const std::string& extension, const VideoSettings& settings) {
   if (extension == ".gif") {
-    return {"-vf", "split[frames][all];[all]palettegen[palette];[frames][palette]paletteuse", "-loop", "0", "-f",
-            "gif"};
+    return words_of("-vf split[frames][all];[all]palettegen[palette];[frames][palette]paletteuse -loop 0 -f gif");
   }
   const bool is_mp4 = extension == ".mp4";
-  const std::string crf = std::to_string(settings.crf >= 0 ? settings.crf : is_mp4 ? 18 : 30);
+  const int crf = settings.crf >= 0 ? settings.crf : is_mp4 ? 18 : 30;
   // Without these tags, players take videos of HD size for BT.709, but ffmpeg converts to BT.601. The transfer function
   // is that of the images, sRGB.
-  Words words{"-vf",
-              "crop=trunc(iw/2)*2:trunc(ih/2)*2:0:0,scale=out_color_matrix=bt709:out_range=tv,format=yuv420p",
-              "-colorspace",
-              "bt709",
-              "-color_primaries",
-              "bt709",
-              "-color_trc",
-              "iec61966-2-1",
-              "-color_range",
-              "tv",
-              "-crf",
-              crf};
-  const Words codec = is_mp4 ? Words{"-c:v", "libx264", "-movflags", "+faststart", "-f", "mp4"}
-                             : Words{"-c:v", "libvpx-vp9", "-b:v", "0", "-row-mt", "1", "-f", "webm"};
-  words.insert(words.end(), codec.begin(), codec.end());
-  return words;
+  return words_of(detail::concat(
+      "-vf crop=trunc(iw/2)*2:trunc(ih/2)*2:0:0,scale=out_color_matrix=bt709:out_range=tv,format=yuv420p"
+      " -colorspace bt709 -color_primaries bt709 -color_trc iec61966-2-1 -color_range tv -crf ",
+      crf, is_mp4 ? " -c:v libx264 -movflags +faststart -f mp4" : " -c:v libvpx-vp9 -b:v 0 -row-mt 1 -f webm"));
 }
 
 }  // namespace
@@ -73,21 +63,9 @@ VideoWriter::VideoWriter(const fs::path& path, ImageSize size, int channels, con
     input_error(path.string(), ": expected frames of at least 2 x 2 px, found ", size.width, " x ", size.height);
   }
   check_video_file(path, /*may_replace=*/true);
-  Words words{"ffmpeg",
-              "-hide_banner",
-              "-loglevel",
-              "error",
-              "-y",
-              "-f",
-              "rawvideo",
-              "-pixel_format",
-              channels == 3 ? "rgb24" : "gray",
-              "-video_size",
-              detail::concat(size.width, "x", size.height),
-              "-framerate",
-              print_to_string("%.6g", settings.fps),
-              "-i",
-              "pipe:0"};
+  Words words = words_of(detail::concat("ffmpeg -hide_banner -loglevel error -y -f rawvideo -pixel_format ",
+                                        channels == 3 ? "rgb24" : "gray", " -video_size ", size.width, "x", size.height,
+                                        print_to_string(" -framerate %.6g -i pipe:0", settings.fps)));
   const Words output = output_options(extension_of(path), settings);
   words.insert(words.end(), output.begin(), output.end());
   words.push_back("file:" + file_.temporary().string());

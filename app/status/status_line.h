@@ -14,7 +14,8 @@ using Clock = std::function<double()>;
 double steady_seconds();
 
 /// An output stream with a status line below the output. Without a terminal, the status is printed as a line of its
-/// own, at most every 10 seconds unless requested.
+/// own, at most every 10 seconds unless requested. What is printed meanwhile must go through print() or warn(), or it
+/// mixes with the status.
 class StatusLine {
  public:
   /// `columns` is the width of the terminal, 0 if there is none. If `quiet`, only lines from print() are shown.

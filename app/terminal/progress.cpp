@@ -3,8 +3,6 @@
 #include <algorithm>
 #include <cmath>
 
-#include "core/text.h"
-
 namespace b3dgs {
 namespace {
 
@@ -15,10 +13,9 @@ constexpr int kBarFromColumns = 100;  // narrower terminals show the numbers onl
 
 void Eta::add(int iteration, double elapsed_s) {
   constexpr int kWindow = 100;  // iterations, a round of density control
+  if (first_ >= 0 && iteration <= last_) return;
   if (first_ < 0) {
     first_ = iteration;
-  } else if (iteration <= last_) {
-    return;
   } else {
     const double n = iteration - last_, seconds = std::max(0.0, elapsed_s - last_s_);
     const double share = std::min(1.0, n / std::min(iteration - first_, kWindow));  // at first, the plain mean

@@ -5,16 +5,17 @@
 #include <cstdio>
 #include <filesystem>
 #include <fstream>
-#include <iostream>
 
 #include "app/status/status_line.h"
 #include "app/tools/commands.h"
+#include "app/tools/single_option.h"
 #include "config/option_layers.h"
 #include "config/train_options.h"
 #include "core/check.h"
 #include "core/options/command_line.h"
 #include "core/text.h"
 #include "model/checkpoint/checkpoint_header.h"
+#include "model/edit/edit.h"
 #include "model/formats/splat_formats.h"
 #include "model/model_folder.h"
 #include "report/train_report.h"
@@ -26,16 +27,6 @@ namespace {
 
 namespace fs = std::filesystem;
 
-struct InfoOptions {
-  std::string input;
-};
-
-template <class Visitor>
-void visit_fields(InfoOptions& c, Visitor&& field) {
-  field(Option{"input"}, c.input, Any{},
-        "scene folder, model folder, file of Gaussians (.ply, .spz), points or checkpoint");
-}
-
 template <class... Args>
 void print_line(const char* name, const char* format, Args... args) {
   std::printf("%-18s%s\n", name, print_to_string(format, args...).c_str());
@@ -43,15 +34,12 @@ void print_line(const char* name, const char* format, Args... args) {
 
 /// The 1st, 50th and 99th percentile.
 std::array<double, 3> quantiles(std::vector<double> values) {
-  std::array<double, 3> result{};
-  if (values.empty()) return result;
+  if (values.empty()) return {};
   std::sort(values.begin(), values.end());
-  const double last = static_cast<double>(values.size() - 1);
-  for (std::size_t i = 0; i < 3; ++i) {
-    constexpr double kShares[3] = {0.01, 0.5, 0.99};
-    result[i] = values[static_cast<std::size_t>(kShares[i] * last)];
-  }
-  return result;
+  const auto at = [&](double share) {
+    return values[static_cast<std::size_t>(share * static_cast<double>(values.size() - 1))];
+  };
+  return {at(0.01), at(0.5), at(0.99)};
 }
 
 /// Of world coordinates, [N, 3].
@@ -74,7 +62,7 @@ void describe_splats(const std::string& path) {
   if (cloud.size() == 0) return;
   std::vector<double> opacities, scales, shapes;
   for (std::size_t i = 0; i < static_cast<std::size_t>(cloud.size()); ++i) {
-    opacities.push_back(1 / (1 + std::exp(-static_cast<double>(cloud.logit_opacities[i]))));
+    opacities.push_back(opacity_of(cloud, i));
     const float* s = &cloud.log_scales[3 * i];
     const auto [least, most] = std::minmax({s[0], s[1], s[2]});
     scales.push_back(cloud.frame.unit * std::exp(static_cast<double>(most)));
@@ -184,10 +172,11 @@ std::string read_start(const std::string& path) {
 int run_info(const std::vector<std::string>& words) {
   CommandLine line("info", "Describe a scene folder, model folder, file of Gaussians or checkpoint.",
                    "b3dgs info output/garden");
-  InfoOptions options;
-  line.add(options, "Input", {"input"});
+  SingleOption<std::string> input{
+      {"input"}, "", "scene folder, model folder, file of Gaussians (.ply, .spz), points or checkpoint"};
+  line.add(input, "Input", {"input"});
   if (!line.parse(words)) return 0;
-  const std::string& path = options.input;
+  const std::string& path = input.value;
   if (path.empty()) input_error("missing argument: INPUT; usage: b3dgs info INPUT");
 
   if (!fs::exists(path)) input_error("file or folder not found: ", path);

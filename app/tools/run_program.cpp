@@ -29,9 +29,8 @@ int report_out_of_memory(const std::string& what) {
                 kFailed);
 }
 
-}  // namespace
-
-void reject_command(const std::string& word) {
+/// @throws InputError that names a similar command, or all commands
+[[noreturn]] void reject_command(const std::string& word) {
   std::vector<std::string> names;
   std::string list;
   for (const CommandName& command : kCommandNames) {
@@ -43,9 +42,15 @@ void reject_command(const std::string& word) {
               nearest.empty() ? "expected one of " + list : "did you mean " + nearest + "?");
 }
 
-int run_program(int argc, char** argv, const std::function<int(const std::vector<std::string>& words)>& run) {
+}  // namespace
+
+int run_program(int argc, char** argv, const std::vector<Command>& commands) {
   try {
-    const int code = run(std::vector<std::string>(argv + 1, argv + std::max(1, argc)));
+    const std::string name = argc > 1 ? argv[1] : "";
+    const auto found =
+        std::find_if(commands.begin(), commands.end(), [&](const Command& command) { return name == command.name; });
+    if (found == commands.end()) reject_command(name);
+    const int code = found->run({argv + 2, argv + argc});
     std::cout.flush();
     if (!std::cout) io_error("cannot write to standard output");
     return code;

@@ -26,11 +26,9 @@ bool is_place(const std::string& word) {
 
 }  // namespace
 
-std::unique_ptr<ViewServer> start_view_server(FrameSource& source, const ViewOptions& options, StatusLine& status) {
-  ViewServerOptions server;
-  server.address = options.address;
-  if (options.port >= 0) server.port = options.port;
-  auto started = std::make_unique<ViewServer>(source, server);
+std::unique_ptr<ViewServer> start_view_server(FrameSource& source, const ViewServerOptions& options,
+                                              StatusLine& status) {
+  auto started = std::make_unique<ViewServer>(source, options);
   if (!is_loopback(options.address)) {
     status.warn("address " + options.address +
                 ": other machines can reach the page, and what is sent is not encrypted: whoever reads the token can "
@@ -40,8 +38,8 @@ std::unique_ptr<ViewServer> start_view_server(FrameSource& source, const ViewOpt
   return started;
 }
 
-ViewOptions parse_view_place(const std::string& place) {
-  ViewOptions options;
+ViewServerOptions parse_view_place(const std::string& place) {
+  ViewServerOptions options;
   const std::size_t colon = place.rfind(':');
   if (colon != std::string::npos) options.address = place.substr(0, colon);
   if (!options.address.empty() && options.address.front() == '[' && options.address.back() == ']') {
@@ -49,11 +47,13 @@ ViewOptions parse_view_place(const std::string& place) {
   }
   const std::string port = place.substr(colon == std::string::npos ? 0 : colon + 1);
   if (port == kAutoPort && !options.address.empty()) return options;
-  const auto [end, error] = std::from_chars(port.data(), port.data() + port.size(), options.port);
+  int number = -1;
+  const auto [end, error] = std::from_chars(port.data(), port.data() + port.size(), number);
   const bool is_read = error == std::errc() && end == port.data() + port.size();
-  if (!is_read || options.port < 0 || options.port > 65535 || options.address.empty()) {
+  if (!is_read || number < 0 || number > 65535 || options.address.empty()) {
     input_error("--view ", place, ": not a place for the page (expected PORT or ADDRESS:PORT, such as 127.0.0.1:8080)");
   }
+  options.port = number;
   return options;
 }
 
@@ -69,7 +69,7 @@ void add_former_view_options(CommandLine& line, const std::string& port) {
 void take_former_view_options(const CommandLine& line, const std::string& port, std::string& view) {
   if (!line.was_given(port) && !line.was_given(kFormerAddress)) return;
   const std::string number = line.given().value(port, "-1");
-  view = line.given().value(kFormerAddress, ViewOptions{}.address) + ":" + (number == "-1" ? kAutoPort : number);
+  view = line.given().value(kFormerAddress, ViewServerOptions{}.address) + ":" + (number == "-1" ? kAutoPort : number);
   std::cerr << "warning: --" << port << " and --" << kFormerAddress
             << " are now --view PORT and --view ADDRESS:PORT: --view " << view << '\n';
 }

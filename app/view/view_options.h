@@ -1,4 +1,4 @@
-// The options of the live view, and the server that they ask for.
+// The option --view, and the server that it asks for.
 #pragma once
 
 #include <memory>
@@ -11,16 +11,12 @@
 
 namespace b3dgs {
 
-struct ViewOptions {
-  int port = -1;  // -1: the first free one
-  std::string address = "127.0.0.1";
-};
-
 /// Starts the server and says how to reach it; warns if other machines can. @throws InputError if it cannot listen
-std::unique_ptr<ViewServer> start_view_server(FrameSource& source, const ViewOptions& options, StatusLine& status);
+std::unique_ptr<ViewServer> start_view_server(FrameSource& source, const ViewServerOptions& options,
+                                              StatusLine& status);
 
 /// Of --view PLACE: "8080", "0.0.0.0:8080" or "auto". @throws InputError
-ViewOptions parse_view_place(const std::string& place);
+ViewServerOptions parse_view_place(const std::string& place);
 
 /// What --view ADDRESS:PORT has replaced: --view_address, and the option `port`. They are not listed in the help.
 void add_former_view_options(CommandLine& line, const std::string& port);

@@ -14,8 +14,19 @@ constexpr double kShare = 0.05;  // of the time, for frames
 constexpr double kMostSavedSeconds = 0.25;
 constexpr std::size_t kMaxCurve = 2000;  // points; then every second one is dropped
 
-double now_s() {
-  return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count();
+/// `first` is called with the arguments of `hook`, before it.
+template <class... Args, class First>
+void call_before(std::function<void(Args...)>& hook, First first) {
+  hook = [first, next = hook](Args... args) {
+    first(args...);
+    if (next) next(args...);
+  };
+}
+
+ViewedScene viewed_training(const Scene& scene) {
+  ViewedScene viewed = viewed_scene(scene, scene.points.positions, scene_name(scene.source_path));
+  viewed.is_training = true;
+  return viewed;
 }
 
 }  // namespace
@@ -27,14 +38,7 @@ bool FrameBudget::allows(double now_s) {
 }
 
 WatchedTraining::WatchedTraining(const TrainConfig& config, const Scene& scene, std::function<void()> stop)
-    : WatchedScene(
-          scene,
-          [&] {
-            ViewedScene viewed = viewed_scene(scene, scene.points.positions, scene_name(scene.source_path));
-            viewed.is_training = true;
-            return viewed;
-          }(),
-          choose_device(config.device)),
+    : WatchedScene(scene, viewed_training(scene), choose_device(config.device)),
       config_(config),
       stop_(std::move(stop)),
       budget_(kShare),
@@ -45,24 +49,12 @@ WatchedTraining::WatchedTraining(const TrainConfig& config, const Scene& scene, 
 
 void WatchedTraining::attach(TrainHooks& hooks) {
   stop_signal_ = hooks.stop_signal;
-  hooks.on_progress = [this, next = hooks.on_progress](const TrainProgress& progress) {
-    note_progress(progress);
-    if (next) next(progress);
-  };
-  hooks.on_evaluation = [this, next = hooks.on_evaluation](int iteration, const Evaluation& evaluation) {
-    {
-      const std::lock_guard<std::mutex> lock(mutex_);
-      state_.psnr.push_back({iteration, evaluation.mean.psnr});
-    }
-    if (next) next(iteration, evaluation);
-  };
-  hooks.on_warning = [this, next = hooks.on_warning](const std::string& warning) {
-    {
-      const std::lock_guard<std::mutex> lock(mutex_);
-      state_.notice = warning;
-    }
-    if (next) next(warning);
-  };
+  call_before(hooks.on_progress, [this](const TrainProgress& progress) { note_progress(progress); });
+  call_before(hooks.on_evaluation, [this](int iteration, const Evaluation& evaluation) {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    state_.psnr.push_back({iteration, evaluation.mean.psnr});
+  });
+  call_before(hooks.on_warning, [this](const std::string& warning) { set_notice(warning); });
   hooks.wants_model = [this] { return wants_model(); };
   hooks.on_model = [this](const ModelInTraining& model) { show(model); };
 }
@@ -88,7 +80,7 @@ void WatchedTraining::note_progress(const TrainProgress& progress) {
 
 bool WatchedTraining::wants_model() {
   if (is_paused_ || is_to_save_) return true;
-  return queue_.has_request() && budget_.allows(now_s());
+  return queue_.has_request() && budget_.allows(steady_seconds());
 }
 
 void WatchedTraining::show(const ModelInTraining& model) {
@@ -100,10 +92,9 @@ void WatchedTraining::show(const ModelInTraining& model) {
     return queue_.serve([&](const FrameRequest& request) { return paint(request, model); }, wait);
   };
   if (is_to_save_.exchange(false)) save_now();
-  const double start_s = now_s();
+  const double start_s = steady_seconds();
   serve(std::chrono::milliseconds(0));
-  budget_.spend(now_s() - start_s);
-  if (!is_paused_) return;
+  budget_.spend(steady_seconds() - start_s);
   while (is_paused_ && !is_stopped()) {
     serve(std::chrono::milliseconds(50));
     if (is_to_save_.exchange(false)) save_now();
@@ -117,7 +108,7 @@ Frame WatchedTraining::paint(const FrameRequest& request, const ModelInTraining&
     const std::vector<View> refined = with_refined_poses({view}, source_.train, model.poses);
     wanted.camera = refined.front().camera.scaled_to(request.camera.width, request.camera.height);
   }
-  Frame frame = painter_.paint(wanted, model.gaussians, evaluation_settings(config_, model.sh_degree));
+  Frame frame = WatchedScene::paint(wanted, model.gaussians, evaluation_settings(config_, model.sh_degree));
   frame.iteration = model.iteration;
   return frame;
 }
@@ -129,6 +120,10 @@ void WatchedTraining::save_now() {
   } catch (const std::exception& error) {
     notice = std::string("not saved: ") + error.what();
   }
+  set_notice(notice);
+}
+
+void WatchedTraining::set_notice(const std::string& notice) {
   const std::lock_guard<std::mutex> lock(mutex_);
   state_.notice = notice;
 }
@@ -155,19 +150,12 @@ ViewState WatchedTraining::state(int since) const {
 }
 
 void WatchedTraining::command(ViewCommand command) {
-  switch (command) {
-    case ViewCommand::kPause:
-      is_paused_ = true;
-      break;
-    case ViewCommand::kResume:
-      is_paused_ = false;
-      break;
-    case ViewCommand::kSave:
-      is_to_save_ = true;
-      break;
-    case ViewCommand::kStop:
-      stop_();
-      break;
+  if (command == ViewCommand::kSave) {
+    is_to_save_ = true;
+  } else if (command == ViewCommand::kStop) {
+    stop_();
+  } else {
+    is_paused_ = command == ViewCommand::kPause;
   }
 }
 

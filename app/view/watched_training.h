@@ -2,12 +2,11 @@
 #pragma once
 
 #include <atomic>
-#include <chrono>
 #include <functional>
 #include <mutex>
 
 #include "app/terminal/progress.h"
-#include "app/view/viewed_scene.h"
+#include "app/view/watched_scene.h"
 #include "train/trainer.h"
 
 namespace b3dgs {
@@ -46,6 +45,7 @@ class WatchedTraining final : public WatchedScene {
   void show(const ModelInTraining& model);
   Frame paint(const FrameRequest& request, const ModelInTraining& model);
   void save_now();
+  void set_notice(const std::string& notice);
   bool is_stopped() const { return stop_signal_ != nullptr && *stop_signal_ != 0; }
 
   const TrainConfig config_;

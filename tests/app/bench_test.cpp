@@ -9,7 +9,6 @@
 #include <limits>
 #include <nlohmann/json.hpp>
 
-#include "app/bench/bench_devices.h"
 #include "app/bench/bench_report.h"
 #include "app/bench/bench_scenes.h"
 #include "core/check.h"
@@ -20,6 +19,7 @@
 #include "support/files.h"
 #include "support/run_program.h"
 #include "support/temp_dir.h"
+#include "train/device.h"
 #include "train/evaluate.h"
 #include "train/gaussians/gaussian_model.h"
 
@@ -64,7 +64,7 @@ TEST(BenchReport, DifferencesOfNanAreInfinite) {
 
 TEST(BenchReport, ComparesEveryRowWithTheFirst) {
   testing::internal::CaptureStdout();
-  ComparisonTable table("forward kernel", {/*image=*/true, /*gradients=*/true, /*resources=*/true});
+  ComparisonTable table("forward kernel");
   table.add({"naive",
              {6, 5, 7},
              {0.5f, 1},
@@ -91,7 +91,7 @@ TEST(BenchReport, ComparesEveryRowWithTheFirst) {
 
 TEST(BenchReport, ColumnsThatWereNotMeasuredAreAbsent) {
   testing::internal::CaptureStdout();
-  ComparisonTable table("forward kernel", {});
+  ComparisonTable table("forward kernel");
   table.add({"naive", {1, 1, 1}, {0.5f}, {}});
   EXPECT_EQ(testing::internal::GetCapturedStdout().find("registers"), std::string::npos);
   EXPECT_FALSE(table.rows()[0].contains("gradient_difference"));
@@ -141,7 +141,7 @@ TEST(BenchRun, AutoSelectsTheDefaultDevice) {
   BenchRun run;
   ASSERT_EQ(run.device, "auto") << "the default, as in other commands";
   resolve_auto(run);
-  EXPECT_EQ(run.device, default_bench_device());
+  EXPECT_EQ(run.device, device_name(choose_device("auto")));
 }
 
 constexpr int kWidth = 480, kHeight = 270;

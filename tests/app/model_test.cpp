@@ -31,6 +31,12 @@ LoadedModel load_model(const ModelOptions& options, StatusLine& status) {
   return model;
 }
 
+LoadedModel load_cameras(const ModelOptions& options, StatusLine& status) {
+  LoadedModel model = load_without_scene(options);
+  add_cameras(model, options, status);
+  return model;
+}
+
 class TrainedModel : public ::testing::Test {
  protected:
   TrainedModel() {
@@ -152,12 +158,12 @@ TEST_F(TrainedModel, IsRenderedAndEvaluatedWithRefinedPoses) {
   ASSERT_EQ(trained.exit_code, 0) << trained.err;
   const auto poses = nlohmann::json::parse(read_bytes(folder_ / "model/poses.json"));
   ASSERT_GT(poses.at(2).at("moved").get<double>(), 0.0005);
-  const auto refined = position(load_model_cameras(options_, status_));  // from cameras.json
+  const auto refined = position(load_cameras(options_, status_));  // from cameras.json
   EXPECT_GT(std::hypot(refined[0] - given[0], refined[1] - given[1], refined[2] - given[2]), 0.0005);
   fs::rename(folder_ / "scene", folder_ / "moved");
   options_.source_path = path("moved");
   options_.resolution = 2;
-  for (const LoadedModel& model : {load_model(options_, status_), load_model_cameras(options_, status_)}) {
+  for (const LoadedModel& model : {load_model(options_, status_), load_cameras(options_, status_)}) {
     for (std::size_t axis = 0; axis < 3; ++axis) EXPECT_NEAR(position(model)[axis], refined[axis], 1e-9);
     EXPECT_EQ(results_variant(model, options_), "r2");
   }
@@ -171,7 +177,7 @@ TEST_F(TrainedModel, IsRenderedAndEvaluatedWithRefinedPoses) {
 TEST_F(TrainedModel, ImagesKeepNothingForABackwardPass) {
   change_config("deterministic", true);
   change_config("backward_kernel", "per-pixel");
-  const LoadedModel model = load_model_cameras(options_, status_);
+  const LoadedModel model = load_cameras(options_, status_);
   EXPECT_FALSE(image_settings(model).keep_for_backward) << "on a GPU this pair has no backward pass";
   EXPECT_EQ(run_b3dgs({"render", path("model"), "--device", "cpu", "--quiet"}).exit_code, 0);
 }
@@ -204,7 +210,7 @@ TEST_F(TrainedModel, RendersTheSameWithoutTheScene) {
   const Outcome before = run_b3dgs({"render", path("model"), "-s", path("scene"), "--output", path("before")});
   ASSERT_EQ(before.exit_code, 0) << before.err;
   remove_tree(path("scene"));
-  const LoadedModel model = load_model_cameras(options_, status_);
+  const LoadedModel model = load_cameras(options_, status_);
   ASSERT_EQ(model.scene.test.size(), with_scene.scene.test.size());
   ASSERT_EQ(model.scene.train.size(), with_scene.scene.train.size());
   for (std::size_t i = 0; i < model.scene.train.size(); ++i) {

@@ -1,5 +1,5 @@
 // b3dgs render --depth_format png16 and exr: the files hold the rendered depth.
-#include "app/render/depth_numbers.h"
+#include "app/colors/depth_images.h"
 
 #include <gtest/gtest.h>
 

@@ -1,5 +1,5 @@
 // Circles around the focus of the cameras or the middle of the Gaussians.
-#include "app/render/orbit.h"
+#include "app/render/camera_path.h"
 
 #include <gtest/gtest.h>
 

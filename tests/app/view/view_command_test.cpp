@@ -9,8 +9,7 @@
 #include "app/model.h"
 #include "app/tools/commands.h"
 #include "app/view/view_options.h"
-#include "app/view/viewed_scene.h"
-#include "app/view/watched_model.h"
+#include "app/view/watched_scene.h"
 #include "dist/control/socket.h"
 #include "scene/images/image.h"
 #include "support/expect_error.h"
@@ -177,10 +176,10 @@ TEST(ViewOptions, APlaceMayFollowTheOption) {
 }
 
 TEST(ViewOptions, APlaceIsAPortOrAnAddressAndAPort) {
-  EXPECT_EQ(parse_view_place("auto").port, -1);
+  EXPECT_EQ(parse_view_place("auto").port, std::nullopt);
   EXPECT_EQ(parse_view_place("::1:auto").address, "::1") << "as the former --view_address";
   EXPECT_EQ(parse_view_place("8080").port, 8080);
-  EXPECT_EQ(parse_view_place("8080").address, ViewOptions{}.address);
+  EXPECT_EQ(parse_view_place("8080").address, ViewServerOptions{}.address);
   EXPECT_EQ(parse_view_place("0.0.0.0:0").port, 0);
   EXPECT_EQ(parse_view_place("0.0.0.0:0").address, "0.0.0.0");
   EXPECT_EQ(parse_view_place("[::1]:80").address, "::1");

@@ -1,10 +1,12 @@
-#include "app/colors/depth_colors.h"
+#include "app/colors/depth_images.h"
 
 #include <algorithm>
 #include <cmath>
+#include <nlohmann/json.hpp>
 #include <opencv2/imgproc.hpp>
 
 #include "core/check.h"
+#include "core/files/atomic_file.h"
 
 namespace b3dgs {
 namespace {
@@ -82,6 +84,32 @@ Image8 color_depth(const torch::Tensor& depth, const torch::Tensor& alpha, const
     }
   }
   return image;
+}
+
+std::vector<float> mean_depths(const torch::Tensor& depth, const torch::Tensor& alpha) {
+  const torch::Tensor means =
+      torch::where(alpha >= kLeastDepthAlpha, depth / alpha, torch::zeros_like(depth)).cpu().contiguous();
+  return {means.data_ptr<float>(), means.data_ptr<float>() + means.numel()};
+}
+
+InverseDepth16 inverse_depth_16(const std::vector<float>& depths, ImageSize size, double scale) {
+  constexpr double kMax = 65535;
+  InverseDepth16 result{Depth16(size.width, size.height), 0};
+  B3DGS_CHECK(depths.size() == result.map.values.size() && scale > 0, depths.size(), " depths, scale ", scale);
+  for (std::size_t i = 0; i < depths.size(); ++i) {
+    if (depths[i] <= 0) continue;
+    const double value = std::round(scale / depths[i]);
+    result.n_too_near += value > kMax ? 1 : 0;
+    result.map.values[i] = static_cast<std::uint16_t>(std::min(value, kMax));
+  }
+  return result;
+}
+
+void write_depth_scale(const std::filesystem::path& folder, double scale) {
+  const nlohmann::ordered_json json{{"format", "16-bit inverse depth"},
+                                    {"depth", "scale / value, along the camera's z axis, world units; 0: nothing seen"},
+                                    {"scale", scale}};
+  write_file(folder / "depth.json", json.dump(2) + "\n");
 }
 
 }  // namespace b3dgs

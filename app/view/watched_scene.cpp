@@ -1,23 +1,44 @@
-#include "app/view/frame_painter.h"
+#include "app/view/watched_scene.h"
 
 #include <algorithm>
-#include <chrono>
 #include <cmath>
+#include <memory>
 #include <opencv2/imgproc.hpp>
 
 #include "adaptive/load_statistics.h"
-#include "app/colors/depth_colors.h"
+#include "app/colors/depth_images.h"
+#include "app/status/status_line.h"
+#include "core/check.h"
 #include "core/text.h"
 #include "model/raster_input.h"
+#include "raster/kernels.h"
+#include "scene/images/image.h"
+#include "scene/view_image.h"
 #include "train/quality/metrics.h"
 
 namespace b3dgs {
 namespace {
 
 constexpr double kFullError = 0.25;  // mean absolute difference of a pixel's channels that has the brightest colour
+constexpr std::size_t kSamples = 100000;  // points that are examined
 
-double now_ms() {
-  return std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now().time_since_epoch()).count();
+/// Half of the values lie within `spread` of `middle`.
+struct Middle {
+  double middle = 0, spread = 0;
+};
+
+Middle middle_of(std::vector<double> values) {
+  if (values.empty()) return {};
+  const auto median = [](std::vector<double>& v) {
+    const auto at = v.begin() + static_cast<std::ptrdiff_t>(v.size() / 2);
+    std::nth_element(v.begin(), at, v.end());
+    return *at;
+  };
+  Middle result;
+  result.middle = median(values);
+  for (double& value : values) value = std::abs(value - result.middle);
+  result.spread = median(values);
+  return result;
 }
 
 /// Grey values in the colours of an OpenCV map, as RGB.
@@ -79,25 +100,81 @@ void paint_load(const ViewLoad& load, const TileShape& tile, Frame& frame) {
 
 }  // namespace
 
-Frame FramePainter::paint(const FrameRequest& request, const GaussianTensors& gaussians, RenderSettings settings) {
-  const double start_ms = now_ms();
+ViewedScene viewed_scene(const Scene& scene, const std::vector<float>& points, const std::string& title) {
+  ViewedScene viewed;
+  viewed.title = title;
+  viewed.frame = scene.frame;
+  for (const auto* views : {&scene.train, &scene.test}) {
+    for (const View& view : *views) {
+      viewed.views.push_back({view.name, view.camera, views == &scene.test, view.image != nullptr});
+    }
+  }
+  const std::size_t n = points.size() / 3, stride = std::max<std::size_t>(1, n / kSamples);
+  double squares = 0;
+  for (std::size_t axis = 0; axis < 3; ++axis) {
+    std::vector<double> values;
+    for (std::size_t i = 0; i < n; i += stride) {
+      if (std::isfinite(points[3 * i + axis])) values.push_back(points[3 * i + axis]);
+    }
+    const Middle middle = middle_of(std::move(values));
+    viewed.center[axis] = middle.middle;
+    squares += middle.spread * middle.spread;
+  }
+  viewed.radius = squares > 0 ? std::sqrt(squares) : 1;
+  return viewed;
+}
+
+const View& view_at(const Scene& scene, int index) {
+  const auto i = static_cast<std::size_t>(index);
+  return i < scene.train.size() ? scene.train[i] : scene.test.at(i - scene.train.size());
+}
+
+Image8 WatchedScene::photograph(int view, ImageSize size) const {
+  const std::shared_ptr<const Image8> image = view_at(source_, view).image->read();
+  if (image->width == size.width && image->height == size.height) return *image;
+  return resize_image(*image, size.width, size.height);
+}
+
+Frame WatchedScene::paint(const FrameRequest& request, const GaussianTensors& gaussians, RenderSettings settings) {
+  const double start_s = steady_seconds();
   settings.keep_for_backward = false;
-  const CameraView view = to_camera_view(request.camera);
-  const RenderedView rendered = rasterizer_.forward(gaussians, view, settings);
+  const RenderedView rendered = rasterizer_.forward(gaussians, to_camera_view(request.camera), settings);
   Frame frame;
   frame.n_gaussians = gaussians.size();
   if (request.mode == FrameMode::kAlpha) {
     frame.image = to_image8(rendered.alpha);
     frame.legend = "alpha: black 0, white 1";
   } else if (request.mode == FrameMode::kDepth) {
-    paint_depth(rendered, unit_, frame);
+    paint_depth(rendered, viewed_.frame.unit, frame);
   } else {
     frame.image = to_image8(rendered.color);
   }
-  frame.render_ms = now_ms() - start_ms;
+  frame.render_ms = 1000 * (steady_seconds() - start_s);
   if (request.mode == FrameMode::kDifference) paint_difference(*request.photograph, frame);
   if (request.mode == FrameMode::kLoad) paint_load(rasterizer_.count_load(), settings.tile, frame);
   return frame;
+}
+
+void WatchedModel::run(const std::atomic<int>& stop_signal) {
+  const auto paint = [this](const FrameRequest& request) {
+    Frame frame = WatchedScene::paint(request, model_.gaussians, model_.settings);
+    frame.iteration = model_.iteration;
+    return frame;
+  };
+  while (stop_signal == 0) queue_.serve(paint, std::chrono::milliseconds(100));
+}
+
+ViewState WatchedModel::state(int) const {
+  ViewState state;
+  state.iteration = state.iterations = model_.iteration;
+  state.n_gaussians = model_.gaussians.size();
+  state.kernel = forward_kernel_name(model_.settings.kernel);
+  state.activity = "at rest";
+  return state;
+}
+
+void WatchedModel::command(ViewCommand) {
+  input_error("this is a model at rest: there is no training to command");
 }
 
 }  // namespace b3dgs
