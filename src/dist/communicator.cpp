@@ -150,7 +150,7 @@ void Communicator::agree_on_transport(bool relays) {
 
 std::vector<std::string> Communicator::exchange(const std::string& label, const std::string& bytes) {
   if (size_ == 1) return {bytes};
-  return link_->gather(label, bytes);
+  return link_->exchange(label, {bytes});
 }
 
 std::vector<std::int64_t> Communicator::exchange_counts(const std::string& label,
