@@ -2,8 +2,6 @@
 // model; the others project their Gaussians on its request.
 #include "multi/rank_stepper.h"
 
-#include "multi/train_on_ranks.h"
-
 namespace b3dgs {
 
 void RankStepper::on_first(const std::function<void()>& work) {
@@ -99,10 +97,6 @@ void RankStepper::share_kernels() {
   const std::string text =
       ranks_.exchange("kernels", ranks_.is_first() ? training_.kernels.to_json().dump() : "").front();
   if (!ranks_.is_first()) training_.kernels.restore(nlohmann::ordered_json::parse(text), "rank 0");
-}
-
-void RankStepper::check_same_scene(const nlohmann::ordered_json& fingerprint) {
-  b3dgs::check_same_scene(ranks_, training_.scene, fingerprint);
 }
 
 Stepper::Missing RankStepper::agree_on_start(Missing here) {

@@ -5,6 +5,7 @@
 //   rank_step.cpp     one step, of all its views at a time or some of them
 //   rank_views.cpp    its views: who renders them, which are read ahead, their losses
 //   rank_model.cpp    the model distributed to the ranks and gathered for files; density control
+//   rank_scene.cpp    whether all ranks read the same scene
 //   rank_stepper.cpp  what rank 0 does for all, and what ranks agree on
 //
 // Ranks take the same decisions in the same order: from what all of them know, or from what records tell them
