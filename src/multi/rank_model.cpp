@@ -154,11 +154,11 @@ void RankStepper::allocate_together(const std::function<void()>& work) {
   }
   const std::vector<std::string> failures = ranks_.exchange("memory", failure);
   for (std::size_t r = 0; r < failures.size(); ++r) {
-    if (!failures[r].empty()) throw_out_of_memory(static_cast<int>(r), failures[r]);
+    if (!failures[r].empty()) throw_out_of_memory(r, failures[r]);
   }
 }
 
-void RankStepper::throw_out_of_memory(int rank, const std::string& reason) {
+void RankStepper::throw_out_of_memory(std::size_t rank, const std::string& reason) {
   has_failed_together_ = true;
   throw OutOfMemoryError(detail::concat("rank ", rank, " of ", ranks_.size(), ": ", reason));
 }

@@ -66,23 +66,17 @@ RenderedView RankStepper::render(const CameraView& view, const RenderSettings& s
 }
 
 RenderedView RankStepper::project_and_render(const CameraView& view, const RenderSettings& settings) {
-  ProjectRecord record;
+  StepRecord record;
   ViewSplats own;
-  try {
+  record_errors(record, [&] {
     own = with_remedies(training_.remedies(),
                         [&] { return training_.rasterizer.project(flushed_state().gaussians, view, settings); });
-    record.n_splats = own.size();
-  } catch (const InvalidGaussianError& error) {
-    record.first_invalid = owners_.row_of_model(error.row());
-  } catch (const OutOfMemoryError&) {
-    record.is_out_of_memory = 1;
-  }
-  const std::vector<ProjectRecord> records = ranks_.exchange_record("projected", record);
-  check_valid(records);
-  check_memory(records, "a view's projection");
+    record.n_splats[0] = own.size();
+  });
+  const std::vector<StepRecord> records = ranks_.exchange_record("projected", record);
+  check_projections(records);
   std::vector<std::vector<std::int64_t>> counts;
-  counts.reserve(records.size());
-  for (const ProjectRecord& other : records) counts.push_back({other.n_splats});
+  for (const StepRecord& other : records) counts.push_back({other.n_splats[0]});
   std::vector<ViewSplats> splats;
   try {
     splats = splats_.to_renderers({own}, counts, {0}, owners_.own());
