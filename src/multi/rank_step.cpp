@@ -49,18 +49,20 @@ void RankStepper::take_step() {
   const int last = step_end(config_.batch, config_.iterations, state_.iteration);
   bool is_filter_due = begin_step(last);
   do {
-    const int from = state_.iteration;
     const std::vector<ViewOfStep> views = next_views_of_step(last);
-    learn_part(from, views, last, std::exchange(is_filter_due, false));
+    learn_part(views, last, std::exchange(is_filter_due, false));
   } while (state_.iteration < last);
   finish_step(owners_.own());
 }
 
-void RankStepper::learn_part(int from, const std::vector<ViewOfStep>& views, int last, bool is_filter_due) {
-  render_plan_.forget_before(from);
+void RankStepper::learn_part(const std::vector<ViewOfStep>& views, int last, bool is_filter_due) {
   Part part;
-  part.renderers = planned_renderers(from, views);
-  for (const ViewOfStep& view : views) part.views.emplace_back().id = view;
+  std::vector<std::int32_t> indices;
+  for (const ViewOfStep& view : views) {
+    part.views.emplace_back().id = view;
+    indices.push_back(view.index);
+  }
+  part.renderers = render_plan_.renderers(indices);
   StepRecord record;
   project_own_gaussians(part, is_filter_due, record);
   exchange_records(part, record, last);

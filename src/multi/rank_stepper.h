@@ -111,8 +111,8 @@ class RankStepper final : public Stepper {
   // rank_step.cpp
   struct Part;  // of a step: the views that the ranks take at a time
   /// Up to the gradients of the splats of these views, which each rank keeps for its Gaussians.
-  /// `from`, `last`: the iteration before this part of the step, and the step's last one.
-  void learn_part(int from, const std::vector<ViewOfStep>& views, int last, bool is_filter_due);
+  /// `last`: the step's last iteration.
+  void learn_part(const std::vector<ViewOfStep>& views, int last, bool is_filter_due);
   /// Calls project(). Errors are left in the record: all ranks learn of them.
   void record_errors(StepRecord& record, const std::function<void()>& project);
   /// @throws InvalidGaussianError or OutOfMemoryError, on all ranks, if that is what a record says
@@ -135,10 +135,8 @@ class RankStepper final : public Stepper {
   /// The next views of a step up to iteration `last`, at most n_views_at_a_time().
   std::vector<ViewOfStep> next_views_of_step(int last);
   std::size_t n_views_at_a_time() const;
-  /// Views that this rank will probably render after this part. Plans the next steps, on all ranks alike.
+  /// Views that this rank will probably render after this part, by what has been counted so far.
   std::vector<std::int32_t> own_views_ahead();
-  /// Who renders these views, which are those of the step after iteration `from`, or of a part of it.
-  std::vector<int> planned_renderers(int from, const std::vector<ViewOfStep>& views);
   /// Waits for the loss of the view rendered last, if it has not been read.
   void read_own_loss();
   /// Rasterizer::row_entries() in host memory, valid when the loss of the view has been read.
