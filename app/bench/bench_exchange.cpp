@@ -65,20 +65,19 @@ struct Operation {
 };
 
 Operation make_all_to_all(Communicator& ranks, std::int64_t n, const torch::Device& device) {
-  Counts send, receive;
+  Counts counts;  // sent to each rank, and received from it
   std::vector<torch::Tensor> sent, expected;
   for (int other = 0; other < ranks.size(); ++other) {
     if (other == ranks.rank()) {
-      send.push_back(0);
+      counts.push_back(0);
       continue;
     }
-    send.push_back(n);
+    counts.push_back(n);
     sent.push_back(make_rows(ranks.rank(), other, n, device));
     expected.push_back(make_rows(other, ranks.rank(), n, device));
   }
-  receive = ranks.exchange_counts("bench", send);
   const torch::Tensor rows = torch::cat(sent);
-  return {"all-to-all", [&ranks, rows, send, receive] { return ranks.all_to_all_rows(rows, send, receive); },
+  return {"all-to-all", [&ranks, rows, counts] { return ranks.all_to_all_rows(rows, counts, counts); },
           torch::cat(expected)};
 }
 
@@ -86,9 +85,8 @@ Operation make_all_gather(Communicator& ranks, std::int64_t n, const torch::Devi
   std::vector<torch::Tensor> expected;
   expected.reserve(static_cast<std::size_t>(ranks.size()));
   for (int rank = 0; rank < ranks.size(); ++rank) expected.push_back(make_rows(rank, 0, n, device));
-  const Counts counts(static_cast<std::size_t>(ranks.size()), n);
   const torch::Tensor rows = expected[static_cast<std::size_t>(ranks.rank())].clone();
-  return {"all-gather", [&ranks, rows, counts] { return ranks.all_gather_rows(rows, counts); }, torch::cat(expected)};
+  return {"all-gather", [&ranks, rows] { return ranks.all_gather_rows(rows); }, torch::cat(expected)};
 }
 
 /// Times of the slowest rank, from a common start until the results are there. The first run is not timed.
@@ -144,7 +142,8 @@ void time_exchanges(Communicator& ranks, const ExchangeConfig& config, const Ran
                     const torch::Device& device) {
   ExchangeTable table(ranks.is_first(), config.json);
   table.begin(ranks, place);
-  table.add("record", 0, 0, time_on_all(ranks, torch::kCPU, config.repeat, [&] { ranks.sum("record", 1); }));
+  table.add("record", 0, 0,
+            time_on_all(ranks, torch::kCPU, config.repeat, [&] { ranks.exchange_record("record", std::int64_t{1}); }));
   for (const auto make : {make_all_to_all, make_all_gather}) {
     for (const double mib : config.mib) {
       const auto n = std::max<std::int64_t>(1, static_cast<std::int64_t>(mib * (1 << 20) / kRowBytes));

@@ -239,7 +239,7 @@ void RankStepper::gather_pose_gradients(Part& part) {
     const Part::View& view = part.views[v];
     columns.push_back(camera_parts(state_.gaussians, view.own, part.sums[v], view.camera, view.settings));
   }
-  columns = splats_.columns_to_renderers(columns, kCameraGradients, torch::kFloat32);
+  columns = splats_.columns_to_renderers(columns);
   for (std::size_t i = 0; i < columns.size(); ++i) {
     part.shared[i].slice(0, 0, kCameraColumns).copy_(sum_camera_parts(columns[i]).view(torch::kFloat32));
   }

@@ -79,7 +79,8 @@ RenderedView RankStepper::project_and_render(const CameraView& view, const Rende
   for (const StepRecord& other : records) counts.push_back({other.n_splats[0]});
   std::vector<ViewSplats> splats;
   try {
-    splats = splats_.to_renderers({own}, counts, {0}, owners_.own());
+    splats_.pack({own}, {0}, owners_.own());
+    splats = splats_.to_renderers(counts);
   } catch (const OutOfMemoryError& error) {  // not to be repeated by this rank alone: the others are in the exchange
     throw PeerError(ranks_.rank(), ranks_.size(), error.what());
   }
@@ -117,9 +118,8 @@ std::string RankStepper::last_checkpoint() const {
 
 void RankStepper::compute_filters(SmoothingFilter& filter) {
   filter.compute(state_.gaussians, [this](torch::Tensor& largest) {
-    torch::Tensor bits = largest.view(torch::kInt32).to(torch::kInt64);  // in the order of the values
-    ranks_.all_reduce_max(bits);
-    largest = bits.to(torch::kInt32).view(torch::kFloat32);
+    const torch::Tensor bits = largest.view(torch::kInt32);  // in the order of the values
+    largest = ranks_.all_gather_rows(bits).amax(0, /*keepdim=*/true).view(torch::kFloat32);
   });
 }
 
