@@ -4,8 +4,10 @@
 #include <string>
 #include <utility>
 
+#include "core/check.h"
 #include "model/checkpoint/checkpoint_header.h"
 #include "multi/rank_stepper.h"
+#include "scene/scene.h"
 
 namespace b3dgs {
 
