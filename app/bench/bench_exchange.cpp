@@ -63,17 +63,19 @@ struct Operation {
 };
 
 Operation make_all_to_all(Communicator& ranks, std::int64_t n, const torch::Device& device) {
-  Counts send(static_cast<std::size_t>(ranks.size()), n);
-  send[static_cast<std::size_t>(ranks.rank())] = 0;
+  Counts counts;  // sent to each rank, and received from it
   std::vector<torch::Tensor> sent, expected;
   for (int other = 0; other < ranks.size(); ++other) {
-    if (other == ranks.rank()) continue;
+    if (other == ranks.rank()) {
+      counts.push_back(0);
+      continue;
+    }
+    counts.push_back(n);
     sent.push_back(make_rows(ranks.rank(), other, n, device));
     expected.push_back(make_rows(other, ranks.rank(), n, device));
   }
-  const Counts receive = ranks.exchange_counts("bench", send);
   const torch::Tensor rows = torch::cat(sent);
-  return {"all-to-all", [&ranks, rows, send, receive] { return ranks.all_to_all_rows(rows, send, receive); },
+  return {"all-to-all", [&ranks, rows, counts] { return ranks.all_to_all_rows(rows, counts, counts); },
           torch::cat(expected)};
 }
 
@@ -81,9 +83,8 @@ Operation make_all_gather(Communicator& ranks, std::int64_t n, const torch::Devi
   std::vector<torch::Tensor> expected;
   expected.reserve(static_cast<std::size_t>(ranks.size()));
   for (int rank = 0; rank < ranks.size(); ++rank) expected.push_back(make_rows(rank, 0, n, device));
-  const Counts counts(static_cast<std::size_t>(ranks.size()), n);
   const torch::Tensor rows = expected[static_cast<std::size_t>(ranks.rank())].clone();
-  return {"all-gather", [&ranks, rows, counts] { return ranks.all_gather_rows(rows, counts); }, torch::cat(expected)};
+  return {"all-gather", [&ranks, rows] { return ranks.all_gather_rows(rows); }, torch::cat(expected)};
 }
 
 /// Times of the slowest rank, from a common start until the results are there. The first run is not timed.
@@ -126,7 +127,8 @@ void time_exchanges(Communicator& ranks, const ExchangeConfig& config, const Ran
     rows.push_back(to_json(timing, {{"exchange", name}, {"mib", mib}, {"received_bytes", received}}));
     file.set("rows", rows);
   };
-  add("record", 0, 0, time_on_all(ranks, torch::kCPU, config.repeat, [&] { ranks.sum("record", 1); }));
+  add("record", 0, 0,
+      time_on_all(ranks, torch::kCPU, config.repeat, [&] { ranks.exchange_record("record", std::int64_t{1}); }));
   for (const auto make : {make_all_to_all, make_all_gather}) {
     for (const double mib : config.mib) {
       const auto n = std::max<std::int64_t>(1, static_cast<std::int64_t>(mib * (1 << 20) / kRowBytes));

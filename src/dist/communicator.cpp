@@ -1,5 +1,6 @@
 #include "dist/communicator.h"
 
+#include <c10/util/accumulate.h>
 #include <signal.h>
 
 #include <algorithm>
@@ -24,9 +25,6 @@ torch::Tensor as_type(const torch::Tensor& tensor, torch::ScalarType type) {
   const bool is_aligned = tensor.storage_offset() * static_cast<std::int64_t>(tensor.element_size()) % size == 0;
   return (is_aligned ? tensor : tensor.clone()).view({tensor.numel()}).view(type);
 }
-torch::Tensor as_bytes(const torch::Tensor& tensor) {
-  return as_type(tensor, torch::kUInt8);
-}
 
 std::int64_t sum_of(const std::vector<std::int64_t>& counts) {
   return std::accumulate(counts.begin(), counts.end(), std::int64_t{0});
@@ -38,19 +36,13 @@ torch::Tensor empty_rows_like(const torch::Tensor& rows, std::int64_t n) {
   return torch::empty(shape, rows.options());
 }
 
-std::int64_t bytes_per_row(const torch::Tensor& rows) {
-  std::int64_t bytes = static_cast<std::int64_t>(rows.element_size());
-  for (std::int64_t i = 1; i < rows.dim(); ++i) bytes *= rows.size(i);
-  return bytes;
-}
-
 /// What an all-to-all counts. c10d (1.13) counts no further than 2^31 - 1, so the largest type that divides a row.
 struct Unit {
   torch::ScalarType type;
   std::int64_t per_row;
 
   explicit Unit(const torch::Tensor& rows) {
-    const std::int64_t bytes = bytes_per_row(rows);
+    const auto bytes = c10::multiply_integers(rows.sizes().slice(1)) * static_cast<std::int64_t>(rows.element_size());
     type = bytes % 8 == 0 ? torch::kInt64 : bytes % 4 == 0 ? torch::kInt32 : torch::kUInt8;
     per_row = bytes / static_cast<std::int64_t>(torch::elementSize(type));
   }
@@ -150,25 +142,7 @@ void Communicator::agree_on_transport(bool relays) {
 
 std::vector<std::string> Communicator::exchange(const std::string& label, const std::string& bytes) {
   if (size_ == 1) return {bytes};
-  return link_->gather(label, bytes);
-}
-
-std::vector<std::int64_t> Communicator::exchange_counts(const std::string& label,
-                                                        const std::vector<std::int64_t>& counts) {
-  B3DGS_CHECK(counts.size() == static_cast<std::size_t>(size_), counts.size(), " counts for ", size_, " ranks");
-  if (size_ == 1) return counts;
-  const std::size_t n_bytes = counts.size() * sizeof(std::int64_t);
-  std::vector<std::int64_t> receive;
-  for (const std::string& row : exchange(label, std::string(reinterpret_cast<const char*>(counts.data()), n_bytes))) {
-    B3DGS_CHECK(row.size() == n_bytes, label);
-    std::memcpy(&receive.emplace_back(), row.data() + static_cast<std::size_t>(rank_) * sizeof(std::int64_t),
-                sizeof(std::int64_t));
-  }
-  return receive;
-}
-
-std::int64_t Communicator::sum(const std::string& label, std::int64_t value) {
-  return sum_of(exchange_record(label, value));
+  return link_->exchange(label, {bytes});
 }
 
 std::int64_t Communicator::max(const std::string& label, std::int64_t value) {
@@ -180,24 +154,18 @@ void Communicator::barrier(const std::string& label) {
   exchange(label, "");
 }
 
-void Communicator::check_tensor(const torch::Tensor& tensor) const {
-  B3DGS_CHECK(tensor.is_contiguous() && (size_ == 1 || tensor.device() == device_), "tensor ", tensor.sizes(), " on ",
-              tensor.device().str(), ", expected a contiguous one on ", device_.str());
-}
-
-void Communicator::check_rows(const torch::Tensor& rows, const std::vector<std::int64_t>& counts) const {
-  check_tensor(rows);
-  B3DGS_CHECK(rows.dim() >= 1, "a tensor without rows");
-  B3DGS_CHECK(counts.size() == static_cast<std::size_t>(size_), counts.size(), " counts for ", size_, " ranks");
-  B3DGS_CHECK(std::all_of(counts.begin(), counts.end(), [](std::int64_t n) { return n >= 0; }), "negative count");
+void Communicator::check_rows(const torch::Tensor& rows) const {
+  B3DGS_CHECK(rows.dim() >= 1 && rows.is_contiguous() && rows.device() == device_, "tensor ", rows.sizes(), " on ",
+              rows.device().str(), ", expected contiguous rows on ", device_.str());
 }
 
 torch::Tensor Communicator::all_to_all_rows(const torch::Tensor& rows, const std::vector<std::int64_t>& send,
                                             const std::vector<std::int64_t>& receive) {
-  check_rows(rows, send);
-  check_rows(rows, receive);
-  B3DGS_CHECK(sum_of(send) == rows.size(0), sum_of(send), " rows to send, ", rows.size(0), " given");
-  B3DGS_CHECK(send[static_cast<std::size_t>(rank_)] == receive[static_cast<std::size_t>(rank_)], "rows to itself");
+  check_rows(rows);
+  const auto size = static_cast<std::size_t>(size_), rank = static_cast<std::size_t>(rank_);
+  B3DGS_CHECK(
+      send.size() == size && receive.size() == size && sum_of(send) == rows.size(0) && send[rank] == receive[rank],
+      sum_of(send), " rows to send, ", rows.size(0), " given");
   if (size_ == 1) return rows;
   const Unit unit(rows);
   const torch::Tensor received = empty_rows_like(rows, sum_of(receive));
@@ -205,36 +173,23 @@ torch::Tensor Communicator::all_to_all_rows(const torch::Tensor& rows, const std
   return received;
 }
 
-torch::Tensor Communicator::all_gather_rows(const torch::Tensor& rows, const std::vector<std::int64_t>& counts) {
-  check_rows(rows, counts);
-  const std::int64_t own = counts[static_cast<std::size_t>(rank_)];
-  B3DGS_CHECK(own == rows.size(0), own, " rows announced, ", rows.size(0), " given");
+torch::Tensor Communicator::all_gather_rows(const torch::Tensor& rows) {
+  check_rows(rows);
   if (size_ == 1) return rows;
-  const std::int64_t total = sum_of(counts), most = *std::max_element(counts.begin(), counts.end());
-  const torch::Tensor all = empty_rows_like(rows, total);
-  if (total == 0) {
+  if (rows.size(0) == 0) {
     throw_if_failed();
+    return rows;
+  }
+  if (device_.is_cuda()) {
+    const torch::Tensor all = empty_rows_like(rows, rows.size(0) * size_);
+    group_->all_gather(as_type(all, torch::kUInt8), as_type(rows, torch::kUInt8));
     return all;
   }
-  if (device_.is_cuda() && most * size_ == total) {
-    group_->all_gather(as_bytes(all), as_bytes(rows));
-    return all;
-  }
-  // c10d gathers parts of one size only, and Gloo in a ring with copies. Sending the rows to each rank is as many
-  // bytes.
+  // Gloo gathers in a ring with copies. Sending the rows to each rank is as many bytes.
   std::vector<std::int64_t> shape(static_cast<std::size_t>(rows.dim()), 1);
   shape[0] = size_;
-  const Unit unit(rows);
-  const std::vector<std::int64_t> send(static_cast<std::size_t>(size_), own);
-  group_->all_to_all(as_type(all, unit.type), unit.counts(counts), as_type(rows.repeat(shape), unit.type),
-                     unit.counts(send));
-  return all;
-}
-
-void Communicator::all_reduce_max(torch::Tensor& tensor) {
-  check_tensor(tensor);
-  B3DGS_CHECK(tensor.scalar_type() == torch::kInt64, "expected int64");
-  if (size_ > 1 && tensor.numel() > 0) group_->all_reduce_max(tensor);
+  const std::vector<std::int64_t> counts(static_cast<std::size_t>(size_), rows.size(0));
+  return all_to_all_rows(rows.repeat(shape), counts, counts);
 }
 
 void Communicator::stop_others(const std::string& cause) noexcept {

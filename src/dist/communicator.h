@@ -77,10 +77,6 @@ class Communicator {
     return records;
   }
 
-  /// counts[r] of rank s is result[s] on rank r: how many rows each rank will receive.
-  std::vector<std::int64_t> exchange_counts(const std::string& label, const std::vector<std::int64_t>& counts);
-
-  std::int64_t sum(const std::string& label, std::int64_t value);
   std::int64_t max(const std::string& label, std::int64_t value);
   void barrier(const std::string& label);
 
@@ -88,15 +84,12 @@ class Communicator {
   // on the type and on the other dimensions. Results are new tensors; with one rank, the input itself.
 
   /// Rows [0, send[0]) go to rank 0, the next send[1] to rank 1, and so on. Returns the received rows in the order of
-  /// the ranks, receive[r] from rank r, as exchange_counts() says.
+  /// the ranks, receive[r] from rank r.
   torch::Tensor all_to_all_rows(const torch::Tensor& rows, const std::vector<std::int64_t>& send,
                                 const std::vector<std::int64_t>& receive);
 
-  /// The rows of all ranks in the order of the ranks, counts[r] from rank r.
-  torch::Tensor all_gather_rows(const torch::Tensor& rows, const std::vector<std::int64_t>& counts);
-
-  /// Overwrites an int64 tensor by the element-wise maximum over all ranks.
-  void all_reduce_max(torch::Tensor& tensor);
+  /// The rows of all ranks in the order of the ranks, the same number from each.
+  torch::Tensor all_gather_rows(const torch::Tensor& rows);
 
   /// Tells the others that this rank stops. Afterwards, only the destructor may be called.
   void stop_others(const std::string& cause) noexcept;
@@ -108,8 +101,7 @@ class Communicator {
   Communicator() = default;
   /// Compares the devices of all ranks, and chooses the transport.
   void agree_on_transport(bool relays);
-  void check_tensor(const torch::Tensor& tensor) const;
-  void check_rows(const torch::Tensor& rows, const std::vector<std::int64_t>& counts) const;
+  void check_rows(const torch::Tensor& rows) const;
 
   int rank_ = 0, size_ = 1;
   torch::Device device_ = torch::kCPU;

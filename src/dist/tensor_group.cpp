@@ -125,13 +125,6 @@ class C10dGroup : public TensorGroup {
     run([&] { return group_->allgather(outs, ins, c10d::AllgatherOptions()); });
   }
 
-  void all_reduce_max(torch::Tensor tensor) override {
-    std::vector<torch::Tensor> tensors{tensor};
-    c10d::AllreduceOptions options;
-    options.reduceOp = c10d::ReduceOp::MAX;
-    run([&] { return group_->allreduce(tensors, options); });
-  }
-
  protected:
   /// Starts an operation and waits for it.
   template <class Start>
@@ -246,26 +239,6 @@ class NcclGroup final : public C10dGroup<c10d::ProcessGroupNCCL> {
 
 #endif
 
-std::unique_ptr<TensorGroup> make_tensor_group(const torch::Device& device, Transport transport, RankLink& link) {
-  if (transport == Transport::kRelay) return std::make_unique<RelayGroup>(link);
-  B3DGS_CHECK(transport == fastest_transport(device), "no ", name_of(transport), " for this device");
-  try {
-#if B3DGS_NCCL
-    if (transport == Transport::kNccl) return std::make_unique<NcclGroup>(device, link);
-#endif
-#if B3DGS_GLOO
-    if (transport == Transport::kGloo) return std::make_unique<GlooGroup>(link);
-#endif
-  } catch (const Error&) {
-    throw;
-  } catch (const std::exception& error) {
-    link.wait_for_failure(std::chrono::seconds(15));
-    link.throw_if_failed();
-    throw Error(detail::concat("ranks cannot connect to each other: ", error.what()));
-  }
-  throw LogicError("no group for this device");
-}
-
 namespace {
 
 /// A host tensor for a result; `tensor` itself if it is one.
@@ -277,53 +250,58 @@ void write_back(const torch::Tensor& tensor, const torch::Tensor& host) {
   if (!tensor.is_cpu()) tensor.copy_(host);
 }
 
-}  // namespace
+/// Every byte passes rank 0: without a library that a build may lack, and, unlike NCCL, also for ranks that share a
+/// GPU. On a GPU, the host waits for the current stream, and results are written in it.
+class RelayGroup final : public TensorGroup {
+ public:
+  explicit RelayGroup(RankLink& link) : link_(link) {}
 
-RelayGroup::Bytes RelayGroup::bytes_of(const torch::Tensor& host) {
-  return {static_cast<char*>(host.data_ptr()), static_cast<std::size_t>(host.numel()) * host.element_size()};
-}
-
-std::vector<RelayGroup::Bytes> RelayGroup::split(const torch::Tensor& host, const std::vector<std::int64_t>& counts) {
-  std::vector<Bytes> parts;
-  char* next = bytes_of(host).data;
-  for (const std::int64_t count : counts) {
-    parts.push_back({next, static_cast<std::size_t>(count) * host.element_size()});
-    next += parts.back().size;
+  void all_to_all(torch::Tensor out, const std::vector<std::int64_t>& out_counts, torch::Tensor in,
+                  const std::vector<std::int64_t>& in_counts) override {
+    const torch::Tensor sent = in.to(torch::kCPU), received = host_like(out);
+    std::vector<Bytes> parts = split(sent, in_counts), room = split(received, out_counts);
+    Bytes& own = parts[static_cast<std::size_t>(link_.rank())];
+    Bytes& own_room = room[static_cast<std::size_t>(link_.rank())];
+    if (own.size > 0) std::memcpy(own_room.data, own.data, own.size);
+    own.size = own_room.size = 0;
+    exchange("all-to-all of tensors", parts, room);
+    write_back(out, received);
   }
-  return parts;
-}
 
-void RelayGroup::all_to_all(torch::Tensor out, const std::vector<std::int64_t>& out_counts, torch::Tensor in,
-                            const std::vector<std::int64_t>& in_counts) {
-  const torch::Tensor sent = in.to(torch::kCPU), received = host_like(out);
-  std::vector<Bytes> parts = split(sent, in_counts), room = split(received, out_counts);
-  Bytes& own = parts[static_cast<std::size_t>(link_.rank())];
-  Bytes& own_room = room[static_cast<std::size_t>(link_.rank())];
-  if (own.size > 0) std::memcpy(own_room.data, own.data, own.size);
-  own.size = own_room.size = 0;
-  exchange("all-to-all of tensors", parts, room);
-  write_back(out, received);
-}
+  void all_gather(const torch::Tensor& out, torch::Tensor in) override {
+    const torch::Tensor sent = in.to(torch::kCPU), received = host_like(out);
+    const std::vector<std::int64_t> counts(static_cast<std::size_t>(link_.size()), in.numel());
+    exchange("all-gather of tensors", split(sent, {in.numel()}), split(received, counts));
+    write_back(out, received);
+  }
 
-void RelayGroup::all_gather(const torch::Tensor& out, torch::Tensor in) {
-  const torch::Tensor sent = in.to(torch::kCPU), received = host_like(out);
-  const std::vector<std::int64_t> counts(static_cast<std::size_t>(link_.size()), in.numel());
-  exchange("all-gather of tensors", {bytes_of(sent)}, split(received, counts));
-  write_back(out, received);
-}
+ private:
+  struct Bytes {
+    char* data = nullptr;
+    std::size_t size = 0;
+  };
 
-void RelayGroup::all_reduce_max(torch::Tensor tensor) {
-  const torch::Tensor own = tensor.to(torch::kCPU).view({1, tensor.numel()});
-  const torch::Tensor all = torch::empty({link_.size(), tensor.numel()}, own.options());
-  const std::vector<std::int64_t> counts(static_cast<std::size_t>(link_.size()), tensor.numel());
-  exchange("reduction of a tensor", {bytes_of(own)}, split(all, counts));
-  tensor.copy_(all.amax(0).view(tensor.sizes()));
-}
+  static std::vector<Bytes> split(const torch::Tensor& host, const std::vector<std::int64_t>& counts) {
+    std::vector<Bytes> parts;
+    char* next = static_cast<char*>(host.data_ptr());
+    for (const std::int64_t count : counts) {
+      parts.push_back({next, static_cast<std::size_t>(count) * host.element_size()});
+      next += parts.back().size;
+    }
+    return parts;
+  }
 
+  void exchange(const std::string& label, const std::vector<Bytes>& parts, const std::vector<Bytes>& room);
+
+  RankLink& link_;
+};
+
+/// Sends parts[r] to rank r, or the only part to all, and fills room[r] with what comes from rank r.
 void RelayGroup::exchange(const std::string& label, const std::vector<Bytes>& parts, const std::vector<Bytes>& room) {
   // Rounds bound the memory of rank 0, and leave time for signs of life. A rank knows only its own parts: each round
   // says whether its sender needs another one.
-  const std::size_t limit = std::max<std::size_t>(1, round_bytes_ / parts.size());
+  constexpr std::size_t kRoundBytes = 4 << 20;  // that a rank sends in a message
+  const std::size_t limit = std::max<std::size_t>(1, kRoundBytes / parts.size());
   std::vector<std::size_t> filled(room.size(), 0);
   std::size_t sent = 0;  // of each part, unless it is shorter
   for (bool needs_round = true; needs_round; sent += limit) {
@@ -348,6 +326,28 @@ void RelayGroup::exchange(const std::string& label, const std::vector<Bytes>& pa
   for (std::size_t from = 0; from < room.size(); ++from) {
     B3DGS_CHECK(filled[from] == room[from].size, label, ": rank ", from, " sends less than was announced");
   }
+}
+
+}  // namespace
+
+std::unique_ptr<TensorGroup> make_tensor_group(const torch::Device& device, Transport transport, RankLink& link) {
+  if (transport == Transport::kRelay) return std::make_unique<RelayGroup>(link);
+  B3DGS_CHECK(transport == fastest_transport(device), "no ", name_of(transport), " for this device");
+  try {
+#if B3DGS_NCCL
+    if (transport == Transport::kNccl) return std::make_unique<NcclGroup>(device, link);
+#endif
+#if B3DGS_GLOO
+    if (transport == Transport::kGloo) return std::make_unique<GlooGroup>(link);
+#endif
+  } catch (const Error&) {
+    throw;
+  } catch (const std::exception& error) {
+    link.wait_for_failure(std::chrono::seconds(15));
+    link.throw_if_failed();
+    throw Error(detail::concat("ranks cannot connect to each other: ", error.what()));
+  }
+  throw LogicError("no group for this device");
 }
 
 }  // namespace b3dgs

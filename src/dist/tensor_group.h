@@ -4,7 +4,6 @@
 
 #include <torch/types.h>
 
-#include <cstddef>
 #include <cstdint>
 #include <memory>
 #include <string>
@@ -27,18 +26,15 @@ class TensorGroup {
   virtual void all_to_all(torch::Tensor out, const std::vector<std::int64_t>& out_counts, torch::Tensor in,
                           const std::vector<std::int64_t>& in_counts) = 0;
 
-  /// `out` has `size` times the elements of `in`.
+  /// 1-D tensors of uint8: `out` has `size` times the elements of `in`. Not on CPUs: all_to_all() does not copy more.
   virtual void all_gather(const torch::Tensor& out, torch::Tensor in) = 0;
-
-  /// Of int64.
-  virtual void all_reduce_max(torch::Tensor tensor) = 0;
 };
 
 /// How tensors travel between ranks.
 enum class Transport {
   kNccl,  // from GPU to GPU; each rank needs one of its own
   kGloo,  // between CPUs
-  kRelay  // through the memory of rank 0, from and to any device, in every build; slow
+  kRelay  // through the control connections and the memory of rank 0, from and to any device, in every build; slow
 };
 /// For messages: "NCCL".
 const char* name_of(Transport transport);
@@ -48,35 +44,5 @@ Transport fastest_transport(const torch::Device& device);
 
 /// All ranks of the link call this together. @param transport  that this build has for the device
 std::unique_ptr<TensorGroup> make_tensor_group(const torch::Device& device, Transport transport, RankLink& link);
-
-// Collective operations on tensors through the control connections: every byte passes rank 0. Slow, but without a
-// library that a build may lack, and, unlike NCCL, also for ranks that share a GPU.
-
-/// Tensors on any device. On a GPU, the host waits for the current stream, and results are written in it.
-class RelayGroup final : public TensorGroup {
- public:
-  /// @param round_bytes  that a rank sends in a message
-  explicit RelayGroup(RankLink& link, std::size_t round_bytes = std::size_t{4} << 20)
-      : link_(link), round_bytes_(round_bytes) {}
-
-  void all_to_all(torch::Tensor out, const std::vector<std::int64_t>& out_counts, torch::Tensor in,
-                  const std::vector<std::int64_t>& in_counts) override;
-  void all_gather(const torch::Tensor& out, torch::Tensor in) override;
-  void all_reduce_max(torch::Tensor tensor) override;
-
- private:
-  struct Bytes {
-    char* data = nullptr;
-    std::size_t size = 0;
-  };
-  static Bytes bytes_of(const torch::Tensor& host);
-  static std::vector<Bytes> split(const torch::Tensor& host, const std::vector<std::int64_t>& counts);
-
-  /// Sends parts[r] to rank r, or the only part to all, and fills room[r] with what comes from rank r.
-  void exchange(const std::string& label, const std::vector<Bytes>& parts, const std::vector<Bytes>& room);
-
-  RankLink& link_;
-  std::size_t round_bytes_;
-};
 
 }  // namespace b3dgs

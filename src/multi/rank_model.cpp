@@ -27,6 +27,12 @@ void visit_rows(TrainState& state, Visit&& visit) {
   for (torch::Tensor* column : state.statistics.all()) visit(*column);
 }
 
+/// Waits for the device.
+std::int64_t checksum_of(const RowEdit& edit) {
+  const torch::Tensor weights = torch::arange(1, edit.sources.size(0) + 1, edit.sources.options());
+  return 31 * ((edit.sources + 1) * weights).sum().item<std::int64_t>() + edit.n_kept;
+}
+
 }  // namespace
 
 void RankStepper::adopt_model() {
@@ -89,11 +95,9 @@ void RankStepper::write_checkpoint(const nlohmann::ordered_json& scene_fingerpri
     if (has_part) entry.shape[0] = state_.n_gaussians();
     tensors.push_back({entry, [this, has_part, &n_read, part = tensor](const TakeBytes& take) {
                          ++n_read;
-                         const auto take_rows = [&](const torch::Tensor& piece) {
-                           take(piece.data_ptr(), piece.nbytes());
-                         };
-                         if (has_part) return stream_rows_to_first(ranks_, part, owners_, take_rows);
-                         take_rows(part.cpu());
+                         const torch::Tensor whole =
+                             has_part ? gather_rows_on_first(ranks_, part, owners_) : part.cpu();
+                         if (whole.defined()) take(whole.data_ptr(), whole.nbytes());
                        }});
   }
   if (writes_files()) training_.recorder.write_checkpoint(checkpoint_header(config_, own, scene_fingerprint), tensors);
@@ -128,9 +132,6 @@ MemoryRemedy RankStepper::together(MemoryRemedy remedy) {
 }
 
 void RankStepper::apply_round(const DensityRound& round, int iteration, std::int64_t limit) {
-  SourceNumbers numbers;
-  allocate_together([&] { numbers = source_numbers(round.edit); });
-  check_row_edit(ranks_, round.edit, numbers, owners_, state_.gaussians, state_.adam, state_.statistics);
   OwnRowEdit own;
   allocate_together([&] {
     own = own_part(round.edit, owners_);
@@ -154,11 +155,11 @@ void RankStepper::allocate_together(const std::function<void()>& work) {
   }
   const std::vector<std::string> failures = ranks_.exchange("memory", failure);
   for (std::size_t r = 0; r < failures.size(); ++r) {
-    if (!failures[r].empty()) throw_out_of_memory(static_cast<int>(r), failures[r]);
+    if (!failures[r].empty()) throw_out_of_memory(r, failures[r]);
   }
 }
 
-void RankStepper::throw_out_of_memory(int rank, const std::string& reason) {
+void RankStepper::throw_out_of_memory(std::size_t rank, const std::string& reason) {
   has_failed_together_ = true;
   throw OutOfMemoryError(detail::concat("rank ", rank, " of ", ranks_.size(), ": ", reason));
 }
@@ -184,7 +185,15 @@ DensityRound RankStepper::plan_round(int iteration, std::int64_t limit) {
   rows = gather_rows(ranks_, rows, owners_);
   for (std::size_t i = 0; i < rows.size(); ++i) *gathered[i] = rows[i];
   DensityRound round;
-  allocate_together([&] { round = training_.density->plan_round(gaussians, statistics, iteration, limit); });
+  std::int64_t checksum = 0;
+  allocate_together([&] {
+    round = training_.density->plan_round(gaussians, statistics, iteration, limit);
+    checksum = checksum_of(round.edit);
+  });
+  const std::vector<std::int64_t> checksums = ranks_.exchange_record("round", checksum);
+  for (std::size_t r = 1; r < checksums.size(); ++r) {
+    B3DGS_CHECK(checksums[r] == checksums[0], "rank ", r, " of ", ranks_.size(), " and rank 0 plan different rounds");
+  }
   return round;
 }
 
@@ -196,11 +205,12 @@ std::int64_t RankStepper::remove_invalid_rows(std::int64_t row) {
     ranks_.exchange_record("render", request);
   }
   const std::int64_t n = state_.n_gaussians();
-  const GaussianWidths widths = gaussian_widths(state_.gaussians, state_.adam);
-  const RowEdit edit = edit_without_invalid(
-      row, training_.scene.extent,
-      {gather_rows(ranks_, widths.is_finite, owners_), gather_rows(ranks_, widths.largest, owners_)});
-  owners_ = apply_row_edit(ranks_, edit, owners_, state_.gaussians, state_.adam, state_.statistics);
+  const GaussianWidths own = gaussian_widths(state_.gaussians, state_.adam);
+  const std::vector<torch::Tensor> all = gather_rows(ranks_, {own.is_finite.to(torch::kInt32), own.largest}, owners_);
+  const RowEdit edit = edit_without_invalid(row, training_.scene.extent, {all[0].to(torch::kBool), all[1]});
+  OwnRowEdit part = own_part(edit, owners_);
+  apply_row_edit(part.edit, state_.gaussians, state_.adam, state_.statistics);
+  owners_ = std::move(part.owners);
   state_.n_of_all_ranks = owners_.n_rows();
   return n - owners_.n_rows();
 }

@@ -5,11 +5,13 @@
 //   own Gaussians -> splats -> [rank that renders] -> render, loss, backward blend -> sums -> [own rank] -> Adam
 
 #include <algorithm>
+#include <limits>
 #include <utility>
 
 #include "config/batch_steps.h"
 #include "multi/rank_stepper.h"
 #include "multi/rows/sharded_rows.h"
+#include "raster/math/project_splat.h"
 #include "raster/torch/splat_owner.h"
 #include "train/optimizer/adam.h"
 
@@ -47,18 +49,20 @@ void RankStepper::take_step() {
   const int last = step_end(config_.batch, config_.iterations, state_.iteration);
   bool is_filter_due = begin_step(last);
   do {
-    const int from = state_.iteration;
     const std::vector<ViewOfStep> views = next_views_of_step(last);
-    learn_part(from, views, last, std::exchange(is_filter_due, false));
+    learn_part(views, last, std::exchange(is_filter_due, false));
   } while (state_.iteration < last);
   finish_step(owners_.own());
 }
 
-void RankStepper::learn_part(int from, const std::vector<ViewOfStep>& views, int last, bool is_filter_due) {
-  render_plan_.forget_before(from);
+void RankStepper::learn_part(const std::vector<ViewOfStep>& views, int last, bool is_filter_due) {
   Part part;
-  part.renderers = planned_renderers(from, views);
-  for (const ViewOfStep& view : views) part.views.emplace_back().id = view;
+  std::vector<std::int32_t> indices;
+  for (const ViewOfStep& view : views) {
+    part.views.emplace_back().id = view;
+    indices.push_back(view.index);
+  }
+  part.renderers = render_plan_.renderers(indices);
   StepRecord record;
   project_own_gaussians(part, is_filter_due, record);
   exchange_records(part, record, last);
@@ -75,7 +79,7 @@ void RankStepper::project_own_gaussians(Part& part, bool is_filter_due, StepReco
   std::vector<CameraView> cameras;
   std::vector<RenderSettings> settings;
   update_filters(is_filter_due);
-  try {
+  record_errors(record, [&] {
     for (Part::View& view : part.views) {
       view.plan = training_.density->plan(view.id.iteration);
       view.refines_pose = training_.views.poses.refines(view.id.index, view.id.iteration);
@@ -93,10 +97,29 @@ void RankStepper::project_own_gaussians(Part& part, bool is_filter_due, StepReco
       part.views[v].own = own[v];
       record.n_splats[v] = own[v].size();
     }
+  });
+}
+
+void RankStepper::record_errors(StepRecord& record, const std::function<void()>& project) {
+  try {
+    project();
   } catch (const InvalidGaussianError& error) {
-    record.first_invalid = owners_.row_of_model(error.row());
+    record.invalid_row = owners_.row_of_model(error.row());
   } catch (const OutOfMemoryError&) {
     record.is_out_of_memory = 1;
+  }
+}
+
+void RankStepper::check_projections(const std::vector<StepRecord>& records) {
+  std::int64_t row = std::numeric_limits<std::int64_t>::max();
+  for (const StepRecord& record : records) {
+    if (record.invalid_row >= 0) row = std::min(row, record.invalid_row);
+  }
+  if (row < std::numeric_limits<std::int64_t>::max()) {
+    throw InvalidGaussianError(row, detail::concat("Gaussian ", row, kInvalidText));
+  }
+  for (std::size_t r = 0; r < records.size(); ++r) {
+    if (records[r].is_out_of_memory != 0) throw_out_of_memory(r, "a view's projection");
   }
 }
 
@@ -122,8 +145,7 @@ void RankStepper::exchange_records(Part& part, StepRecord record, int last) {
   agreed_.write_checkpoint = records[0].write_checkpoint != 0;
   agreed_.check_kernels = records[0].check_kernels != 0;
   add_rendered(rendered_before);
-  check_valid(records);
-  check_memory(records, "a view's projection");
+  check_projections(records);
 }
 
 void RankStepper::render_own_views(Part& part) {
@@ -217,7 +239,7 @@ void RankStepper::gather_pose_gradients(Part& part) {
     const Part::View& view = part.views[v];
     columns.push_back(camera_parts(state_.gaussians, view.own, part.sums[v], view.camera, view.settings));
   }
-  columns = splats_.columns_to_renderers(columns, kCameraGradients, torch::kFloat32);
+  columns = splats_.columns_to_renderers(columns);
   for (std::size_t i = 0; i < columns.size(); ++i) {
     part.shared[i].slice(0, 0, kCameraColumns).copy_(sum_camera_parts(columns[i]).view(torch::kFloat32));
   }

@@ -2,8 +2,6 @@
 // model; the others project their Gaussians on its request.
 #include "multi/rank_stepper.h"
 
-#include "multi/train_on_ranks.h"
-
 namespace b3dgs {
 
 void RankStepper::on_first(const std::function<void()>& work) {
@@ -68,26 +66,21 @@ RenderedView RankStepper::render(const CameraView& view, const RenderSettings& s
 }
 
 RenderedView RankStepper::project_and_render(const CameraView& view, const RenderSettings& settings) {
-  ProjectRecord record;
+  StepRecord record;
   ViewSplats own;
-  try {
+  record_errors(record, [&] {
     own = with_remedies(training_.remedies(),
                         [&] { return training_.rasterizer.project(flushed_state().gaussians, view, settings); });
-    record.n_splats = own.size();
-  } catch (const InvalidGaussianError& error) {
-    record.first_invalid = owners_.row_of_model(error.row());
-  } catch (const OutOfMemoryError&) {
-    record.is_out_of_memory = 1;
-  }
-  const std::vector<ProjectRecord> records = ranks_.exchange_record("projected", record);
-  check_valid(records);
-  check_memory(records, "a view's projection");
+    record.n_splats[0] = own.size();
+  });
+  const std::vector<StepRecord> records = ranks_.exchange_record("projected", record);
+  check_projections(records);
   std::vector<std::vector<std::int64_t>> counts;
-  counts.reserve(records.size());
-  for (const ProjectRecord& other : records) counts.push_back({other.n_splats});
+  for (const StepRecord& other : records) counts.push_back({other.n_splats[0]});
   std::vector<ViewSplats> splats;
   try {
-    splats = splats_.to_renderers({own}, counts, {0}, owners_.own());
+    splats_.pack({own}, {0}, owners_.own());
+    splats = splats_.to_renderers(counts);
   } catch (const OutOfMemoryError& error) {  // not to be repeated by this rank alone: the others are in the exchange
     throw PeerError(ranks_.rank(), ranks_.size(), error.what());
   }
@@ -99,10 +92,6 @@ void RankStepper::share_kernels() {
   const std::string text =
       ranks_.exchange("kernels", ranks_.is_first() ? training_.kernels.to_json().dump() : "").front();
   if (!ranks_.is_first()) training_.kernels.restore(nlohmann::ordered_json::parse(text), "rank 0");
-}
-
-void RankStepper::check_same_scene(const nlohmann::ordered_json& fingerprint) {
-  b3dgs::check_same_scene(ranks_, training_.scene, fingerprint);
 }
 
 Stepper::Missing RankStepper::agree_on_start(Missing here) {
@@ -129,9 +118,8 @@ std::string RankStepper::last_checkpoint() const {
 
 void RankStepper::compute_filters(SmoothingFilter& filter) {
   filter.compute(state_.gaussians, [this](torch::Tensor& largest) {
-    torch::Tensor bits = largest.view(torch::kInt32).to(torch::kInt64);  // in the order of the values
-    ranks_.all_reduce_max(bits);
-    largest = bits.to(torch::kInt32).view(torch::kFloat32);
+    const torch::Tensor bits = largest.view(torch::kInt32);  // in the order of the values
+    largest = ranks_.all_gather_rows(bits).amax(0, /*keepdim=*/true).view(torch::kFloat32);
   });
 }
 

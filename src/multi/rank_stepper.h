@@ -5,10 +5,10 @@
 //   rank_step.cpp     one step, of all its views at a time or some of them
 //   rank_views.cpp    its views: who renders them, which are read ahead, their losses
 //   rank_model.cpp    the model distributed to the ranks and gathered for files; density control
+//   rank_scene.cpp    whether all ranks read the same scene
 //   rank_stepper.cpp  what rank 0 does for all, and what ranks agree on
 //
-// Ranks take the same decisions in the same order: from what all of them know, or from what records tell them
-// (rank_records.h).
+// Ranks take the same decisions in the same order: from what all of them know, or from what records tell them.
 #pragma once
 
 #include <optional>
@@ -18,14 +18,42 @@
 #include "config/batch_steps.h"
 #include "config/view_ratios.h"
 #include "dist/communicator.h"
-#include "multi/rank_records.h"
 #include "multi/render_plan.h"
 #include "multi/rows/row_owners.h"
 #include "multi/splat_exchange.h"
+#include "raster/args.h"
 #include "raster/math/gaussian_grad.h"
 #include "train/stepper.h"
 
 namespace b3dgs {
+
+// What ranks tell each other on the host.
+
+/// What each rank tells the others of the views that it has rendered in the last step.
+struct RenderedRecord {
+  double losses[kMaxBatch]{};
+  std::int64_t entries[kMaxBatch]{};
+};
+
+/// What each rank tells the others after its projections, for a step or for a view that rank 0 asks for.
+struct StepRecord {
+  std::int64_t invalid_row = -1;       // of the model; not -1: cannot be rendered
+  RenderedRecord rendered{};           // of the step before
+  std::int64_t n_splats[kMaxBatch]{};  // of each view
+  std::int32_t is_out_of_memory = 0;
+  std::int32_t stop = 0;
+  std::int32_t write_checkpoint = 0, check_kernels = 0;  // only rank 0's values are used
+};
+
+/// What rank 0 asks of the others in on_first().
+struct RenderRequest {
+  enum Kind : std::int32_t { kDone, kRender, kRemove, kFailed };
+  std::int64_t row = 0;  // to remove
+  CameraView view{};
+  RenderSettings settings{};
+  Kind kind = kDone;
+  bool can_save = false;  // after a failure: whether the model is undamaged
+};
 
 class RankStepper final : public Stepper {
  public:
@@ -83,9 +111,12 @@ class RankStepper final : public Stepper {
   // rank_step.cpp
   struct Part;  // of a step: the views that the ranks take at a time
   /// Up to the gradients of the splats of these views, which each rank keeps for its Gaussians.
-  /// `from`, `last`: the iteration before this part of the step, and the step's last one.
-  void learn_part(int from, const std::vector<ViewOfStep>& views, int last, bool is_filter_due);
-  /// Errors are left in the record: all ranks learn of them.
+  /// `last`: the step's last iteration.
+  void learn_part(const std::vector<ViewOfStep>& views, int last, bool is_filter_due);
+  /// Calls project(). Errors are left in the record: all ranks learn of them.
+  void record_errors(StepRecord& record, const std::function<void()>& project);
+  /// @throws InvalidGaussianError or OutOfMemoryError, on all ranks, if that is what a record says
+  void check_projections(const std::vector<StepRecord>& records);
   void project_own_gaussians(Part& part, bool is_filter_due, StepRecord& record);
   void exchange_records(Part& part, StepRecord record, int last);
   void render_own_views(Part& part);
@@ -104,10 +135,8 @@ class RankStepper final : public Stepper {
   /// The next views of a step up to iteration `last`, at most n_views_at_a_time().
   std::vector<ViewOfStep> next_views_of_step(int last);
   std::size_t n_views_at_a_time() const;
-  /// Views that this rank will probably render after this part. Plans the next steps, on all ranks alike.
+  /// Views that this rank will probably render after this part, by what has been counted so far.
   std::vector<std::int32_t> own_views_ahead();
-  /// Who renders these views, which are those of the step after iteration `from`, or of a part of it.
-  std::vector<int> planned_renderers(int from, const std::vector<ViewOfStep>& views);
   /// Waits for the loss of the view rendered last, if it has not been read.
   void read_own_loss();
   /// Rasterizer::row_entries() in host memory, valid when the loss of the view has been read.
@@ -122,14 +151,7 @@ class RankStepper final : public Stepper {
   void redistribute_rows();
   /// Calls work(), which allocates and exchanges nothing. @throws OutOfMemoryError on all ranks if that fails on one
   void allocate_together(const std::function<void()>& work);
-  [[noreturn]] void throw_out_of_memory(int rank, const std::string& reason);
-  /// @throws OutOfMemoryError, on all ranks, if that is what a record says
-  template <class Record>
-  void check_memory(const std::vector<Record>& records, const std::string& work) {
-    for (std::size_t r = 0; r < records.size(); ++r) {
-      if (records[r].is_out_of_memory != 0) throw_out_of_memory(static_cast<int>(r), work);
-    }
-  }
+  [[noreturn]] void throw_out_of_memory(std::size_t rank, const std::string& reason);
 
   // rank_stepper.cpp
   void serve_renders();

@@ -12,12 +12,6 @@
 
 namespace b3dgs {
 
-namespace {
-
-constexpr std::size_t kPlannedSteps = 4;  // whose views are assigned to ranks at a time
-
-}  // namespace
-
 std::vector<RankStepper::ViewOfStep> RankStepper::next_views_of_step(int last) {
   std::vector<ViewOfStep> views;
   const std::size_t n_most = n_views_at_a_time();
@@ -35,40 +29,24 @@ std::size_t RankStepper::n_views_at_a_time() const {
 }
 
 std::vector<std::int32_t> RankStepper::own_views_ahead() {
-  // How many views are read ahead differs between ranks, but plans must not: a few steps are planned, others guessed.
-  const std::size_t batch = static_cast<std::size_t>(config_.batch),
-                    n_wanted = training_.views.images.n_upcoming_wanted();
-  const std::size_t n_views =
-      std::max((n_wanted + 1) * std::max(static_cast<std::size_t>(ranks_.size()), batch), kPlannedSteps * batch);
-  const std::vector<std::int32_t> upcoming = training_.views.upcoming(state_.view_order, n_views);
-  const std::size_t n_most = n_views_at_a_time();
+  const std::size_t n_wanted = training_.views.images.n_upcoming_wanted(), n_most = n_views_at_a_time();
+  const auto n_of_step = static_cast<std::size_t>(std::max(ranks_.size(), config_.batch));
+  const std::vector<std::int32_t> upcoming = training_.views.upcoming(state_.view_order, (n_wanted + 1) * n_of_step);
   std::vector<std::int32_t> own;
   int iteration = state_.iteration;
-  auto view = upcoming.begin();
-  for (std::size_t n_steps = 0; view != upcoming.end() && iteration < config_.iterations; ++n_steps) {
+  for (auto view = upcoming.begin(); view != upcoming.end() && iteration < config_.iterations;) {
     const int last = step_end(config_.batch, config_.iterations, iteration);
-    while (view != upcoming.end() && iteration < last) {
-      const int from = iteration;
-      std::vector<ViewOfStep> step;  // or a part of it
-      for (; view != upcoming.end() && iteration < last && step.size() < n_most; ++view) {
-        ++iteration;
-        step.push_back({*view, iteration});
-      }
-      const std::vector<int> renderers =
-          n_steps + 1 < kPlannedSteps ? planned_renderers(from, step) : equal_renderers(step.size(), ranks_.size());
-      for (std::size_t v = 0; v < step.size(); ++v) {
-        if (renderers[v] == ranks_.rank()) own.push_back(step[v].index);
-      }
+    const std::ptrdiff_t n = std::min(
+        {static_cast<std::ptrdiff_t>(n_most), static_cast<std::ptrdiff_t>(last - iteration), upcoming.end() - view});
+    const std::vector<std::int32_t> part(view, view + n);  // of a step
+    const std::vector<int> renderers = render_plan_.renderers(part);
+    for (std::size_t v = 0; v < part.size(); ++v) {
+      if (renderers[v] == ranks_.rank()) own.push_back(part[v]);
     }
+    view += n;
+    iteration += static_cast<int>(n);
   }
   return own;
-}
-
-std::vector<int> RankStepper::planned_renderers(int from, const std::vector<ViewOfStep>& views) {
-  std::vector<std::int32_t> indices;
-  indices.reserve(views.size());
-  for (const ViewOfStep& view : views) indices.push_back(view.index);
-  return render_plan_.renderers(from, indices);
 }
 
 void RankStepper::read_own_loss() {

@@ -40,21 +40,16 @@ std::size_t views_at_a_time(double splats, std::int64_t most_splats, int n_ranks
   return static_cast<std::size_t>(std::max(1.0, n_of_each)) * static_cast<std::size_t>(n_ranks);
 }
 
-std::int64_t RenderPlan::expected_work(std::int32_t view) const {
-  if (const auto known = work_.find(view); known != work_.end()) return known->second;
+std::vector<int> RenderPlan::renderers(const std::vector<std::int32_t>& views) const {
   std::int64_t sum = 0;
-  for (const auto& [other, work] : work_) sum += work;
-  return work_.empty() ? 1 : sum / static_cast<std::int64_t>(work_.size());
-}
-
-const std::vector<int>& RenderPlan::renderers(int iteration, const std::vector<std::int32_t>& views) {
-  Step& step = steps_[iteration];
-  if (step.views == views) return step.renderers;
-  step.views = views;
+  for (const auto& [view, work] : work_) sum += work;
+  const std::int64_t mean = work_.empty() ? 1 : sum / static_cast<std::int64_t>(work_.size());
   std::vector<std::int64_t> work;
-  for (const std::int32_t view : views) work.push_back(expected_work(view));
-  step.renderers = counted_renderers(work, n_ranks_);
-  return step.renderers;
+  for (const std::int32_t view : views) {
+    const auto known = work_.find(view);
+    work.push_back(known == work_.end() ? mean : known->second);
+  }
+  return counted_renderers(work, n_ranks_);
 }
 
 }  // namespace b3dgs

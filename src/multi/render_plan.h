@@ -24,32 +24,20 @@ std::vector<int> counted_renderers(const std::vector<std::int64_t>& work, int n_
 /// @param splats  that a view has, on all ranks together
 std::size_t views_at_a_time(double splats, std::int64_t most_splats, int n_ranks);
 
-/// Decides for each step, and remembers it until the step has been taken, so that photographs can be read ahead.
+/// What was counted, and who renders which view by it.
 class RenderPlan {
  public:
   explicit RenderPlan(int n_ranks) : n_ranks_(n_ranks) {}
 
-  /// The rank of each of `views`, which are those of the step after `iteration`, by their index in Scene::train. A step
-  /// keeps its answer until it is forgotten, whatever is counted meanwhile.
-  const std::vector<int>& renderers(int iteration, const std::vector<std::int32_t>& views);
-
-  /// Forgets the steps before that after `iteration`.
-  void forget_before(int iteration) { steps_.erase(steps_.begin(), steps_.lower_bound(iteration)); }
+  /// The rank of each of these views, by their index in Scene::train, if they are rendered together. Views that have
+  /// not been rendered yet count as the mean of the others.
+  std::vector<int> renderers(const std::vector<std::int32_t>& views) const;
 
   /// Work of a view that has been rendered.
   void set_work(std::int32_t view, std::int64_t work) { work_[view] = work; }
 
  private:
-  struct Step {
-    std::vector<std::int32_t> views;
-    std::vector<int> renderers;
-  };
-
-  /// For views that have not been rendered yet, the mean of the others.
-  std::int64_t expected_work(std::int32_t view) const;
-
   int n_ranks_;
-  std::map<int, Step> steps_;                  // by the iteration before
   std::map<std::int32_t, std::int64_t> work_;  // by view
 };
 

@@ -51,8 +51,8 @@ class Job {
   /// A connection that has said hello, and does nothing else.
   Socket join_without_link(int rank) const {
     Socket socket = std::move(*try_to_connect("127.0.0.1", port_, kLong));
-    say(socket, to_bytes({MessageKind::kHello, 0,
-                          BodyWriter().bytes(kProtocol).bytes("job").number(rank).number(size_).take()}));
+    say(socket,
+        to_bytes({MessageKind::kHello, kHelloId, {kProtocol, "job", std::to_string(rank), std::to_string(size_)}}));
     return socket;
   }
 
@@ -82,7 +82,7 @@ TEST(Control, GathersRecordsOfAnySize) {
       return std::string(rank == 1 ? 0 : rank == 2 ? 3000000 : 10, static_cast<char>(rank));
     };
     for (int round = 0; round < 5; ++round) {
-      const std::vector<std::string> all = link.gather("step", record(link.rank()));
+      const std::vector<std::string> all = link.exchange("step", {record(link.rank())});
       ASSERT_EQ(all.size(), 4u);
       for (int rank = 0; rank < 4; ++rank) EXPECT_EQ(all[static_cast<std::size_t>(rank)], record(rank));
     }
@@ -103,7 +103,7 @@ TEST(Control, ExchangesAPartForEachRank) {
 }
 
 TEST(Control, OneRankAlone) {
-  Job(1).run([](RankLink& link) { EXPECT_EQ(link.gather("x", "y"), std::vector<std::string>{"y"}); });
+  Job(1).run([](RankLink& link) { EXPECT_EQ(link.exchange("x", {"y"}), std::vector<std::string>{"y"}); });
 }
 
 TEST(Control, SharesValues) {
@@ -118,12 +118,12 @@ TEST(Control, SharesValues) {
     } else {
       link.set("set later", "value");
     }
-    link.gather("before add", "");
+    link.exchange("before add", {""});
     link.add("sum", 10 + link.rank());
-    link.gather("after add", "");
+    link.exchange("after add", {""});
     EXPECT_EQ(link.add("sum", 0), 21);
     EXPECT_EQ(link.get("sum", kLong), "21") << "decimal digits, as c10d expects";
-    link.gather("end", "");
+    link.exchange("end", {""});
   });
 }
 
@@ -134,7 +134,7 @@ TEST(Control, TellsAllWhyARankStops) {
       link.fail("a later cause");
     } else {
       EXPECT_TRUE(fails_with<PeerError>({"rank 2 of 4 stopped: out of memory: 4 GB"}, [&] {
-        link.rank() == 1 ? static_cast<void>(link.get("key", kLong)) : static_cast<void>(link.gather("step", ""));
+        link.rank() == 1 ? static_cast<void>(link.get("key", kLong)) : static_cast<void>(link.exchange("step", {""}));
       }));
       EXPECT_TRUE(fails_with<PeerError>({"rank 2 of 4"}, [&] { link.throw_if_failed(); })) << "from then on";
       EXPECT_TRUE(fails_with<PeerError>({"rank 2 of 4"}, [&] { link.set("a", "b"); }));
@@ -164,7 +164,8 @@ TEST(Control, NamesARankThatVanishes) {
   std::optional<Socket> vanishing = job.join_without_link(1);
   const auto link = job.join(0);
   std::future<void> rank0 = std::async(std::launch::async, [&] {
-    EXPECT_TRUE(fails_with<PeerError>({"rank 1 of 2 stopped: its process ended"}, [&] { link->gather("step", ""); }));
+    EXPECT_TRUE(
+        fails_with<PeerError>({"rank 1 of 2 stopped: its process ended"}, [&] { link->exchange("step", {""}); }));
   });
   vanishing.reset();
   rank0.get();
@@ -176,18 +177,19 @@ TEST(Control, NamesARankThatIsSilent) {
   const Job job(2, limits);
   const Socket silent = job.join_without_link(1);
   const auto link = job.join(0);
-  EXPECT_TRUE(fails_with<PeerError>({"rank 1 of 2 stopped: no sign of life"}, [&] { link->gather("step", ""); }));
+  EXPECT_TRUE(fails_with<PeerError>({"rank 1 of 2 stopped: no sign of life"}, [&] { link->exchange("step", {""}); }));
 }
 
 TEST(Control, NamesRankZeroIfTheHubVanishes) {
   Socket listening = listen_at("127.0.0.1", 0);
   std::future<void> rank1 = std::async(std::launch::async, [port = port_of(listening)] {
     RankLink link("127.0.0.1", port, 1, 2, "job", {});
-    EXPECT_TRUE(fails_with<PeerError>({"rank 0 of 2 stopped: its process ended"}, [&] { link.gather("step", ""); }));
+    EXPECT_TRUE(
+        fails_with<PeerError>({"rank 0 of 2 stopped: its process ended"}, [&] { link.exchange("step", {""}); }));
   });
   {
     const Socket connection(accept(listening.fd(), nullptr, nullptr));
-    Job::say(connection, to_bytes({MessageKind::kWelcome, 0, ""}));
+    Job::say(connection, to_bytes({MessageKind::kReply, kHelloId, {}}));
     std::string hello(64, '\0');
     ASSERT_GT(recv(connection.fd(), hello.data(), hello.size(), 0), 0);
   }
@@ -207,14 +209,14 @@ TEST(Control, NobodyWaitsForARankThatHasLeft) {
   Job(2).run([](RankLink& link) {
     if (link.rank() == 1) return;
     EXPECT_TRUE(
-        fails_with<PeerError>({"rank 1 of 2 stopped: it finished", "\"step\""}, [&] { link.gather("step", ""); }));
+        fails_with<PeerError>({"rank 1 of 2 stopped: it finished", "\"step\""}, [&] { link.exchange("step", {""}); }));
   });
 }
 
 TEST(Control, NoticesRanksAtDifferentPlaces) {
   Job(2).run([](RankLink& link) {
     EXPECT_TRUE(fails_with<PeerError>({"\"step\"", "\"density\""},
-                                      [&] { link.gather(link.rank() == 0 ? "step" : "density", ""); }));
+                                      [&] { link.exchange(link.rank() == 0 ? "step" : "density", {""}); }));
   });
 }
 
@@ -225,11 +227,11 @@ TEST(Control, RefusesStrangers) {
   Job::say(garbage, "GET / HTTP/1.1\r\nHost: rank0\r\n\r\n");
   const Socket nothing = std::move(*try_to_connect("127.0.0.1", job.port(), kLong));
   job.run([&](RankLink& link) {
-    EXPECT_EQ(link.gather("step", "x").size(), 2u) << "strangers disturb nobody";
+    EXPECT_EQ(link.exchange("step", {"x"}).size(), 2u) << "strangers disturb nobody";
     if (link.rank() == 0) {
       EXPECT_TRUE(fails_with<InputError>({"two processes say that they are rank 1 of 2"}, [&] { job.join(1); }));
     }
-    link.gather("end", "");
+    link.exchange("end", {""});
   });
 }
 
@@ -241,13 +243,13 @@ TEST(Control, AFloodFromAStrangerDisturbsNobody) {
   const Socket stranger = std::move(*try_to_connect("127.0.0.1", job.port(), kLong));
   ASSERT_EQ(fcntl(stranger.fd(), F_SETFL, 0), 0) << "waits for room to send";
   std::string flood;
-  for (int i = 0; i < 100000; ++i) flood += to_bytes({MessageKind::kBeat, 0, ""});
+  for (int i = 0; i < 100000; ++i) flood += to_bytes({});
   std::atomic<int> n_sent{0};
   std::future<void> sender = std::async(std::launch::async, [&] {
     while (send(stranger.fd(), flood.data(), flood.size(), MSG_NOSIGNAL) > 0) ++n_sent;
   });
   while (n_sent < 10) std::this_thread::yield();
-  EXPECT_NO_THROW(job.run([](RankLink& link) { EXPECT_EQ(link.gather("step", "x").size(), 2u); }));
+  EXPECT_NO_THROW(job.run([](RankLink& link) { EXPECT_EQ(link.exchange("step", {"x"}).size(), 2u); }));
   EXPECT_EQ(sender.wait_for(kLong), std::future_status::ready);
   shutdown(stranger.fd(), SHUT_RDWR);
 }
@@ -273,7 +275,7 @@ TEST(Control, WithoutFileDescriptorsItWaitsForOne) {
   ASSERT_EQ(setrlimit(RLIMIT_NOFILE, &before), 0);
   EXPECT_TRUE(has_connected);
   EXPECT_LT(static_cast<double>(used), 0.2 * CLOCKS_PER_SEC) << "it asks again and again";
-  job.run([](RankLink& link) { EXPECT_EQ(link.gather("step", "x").size(), 1u); });
+  job.run([](RankLink& link) { EXPECT_EQ(link.exchange("step", {"x"}).size(), 1u); });
 }
 
 TEST(Control, AJobThatHasFailedAcceptsNobody) {
@@ -342,32 +344,47 @@ TEST(Sockets, InterfaceWithAnAddress) {
   EXPECT_EQ(interface_with("192.0.2.1"), "") << "an address for documentation";
 }
 
-TEST(Messages, AreAssembledFromPieces) {
-  const std::string bytes = to_bytes({MessageKind::kSet, 7, BodyWriter().bytes("key").number(-5).take()}) +
-                            to_bytes({MessageKind::kBeat, 0, ""});
-  MessageStream stream;
+/// Both ends of a connection.
+std::pair<Socket, Connection> connect_pair(std::size_t max_message) {
+  int files[2];
+  EXPECT_EQ(socketpair(AF_UNIX, SOCK_STREAM, 0, files), 0);
+  return {Socket(files[0]), Connection(Socket(files[1]), max_message)};
+}
+
+TEST(Connections, AssembleMessagesFromPieces) {
+  const std::string bytes = to_bytes({MessageKind::kSet, 7, {"key", "", "-5"}}) + to_bytes({});
+  auto [there, here] = connect_pair(100);
   std::vector<Message> messages;
+  EXPECT_FALSE(here.receive([](const Message&) {})) << "nothing has come";
   for (const char byte : bytes) {
-    stream.feed(&byte, 1);
-    while (std::optional<Message> message = stream.next(100)) messages.push_back(*message);
+    Job::say(there, std::string(1, byte));
+    EXPECT_TRUE(here.receive([&](const Message& message) { messages.push_back(message); }));
   }
   ASSERT_EQ(messages.size(), 2u);
+  EXPECT_EQ(messages[0].kind, MessageKind::kSet);
   EXPECT_EQ(messages[0].id, 7u);
-  BodyReader body(messages[0].body);
-  EXPECT_EQ(body.bytes(), "key");
-  EXPECT_EQ(body.number(), -5);
-  EXPECT_THROW(body.number(), Error) << "nothing left";
+  EXPECT_EQ(messages[0].parts, (std::vector<std::string>{"key", "", "-5"}));
   EXPECT_EQ(messages[1].kind, MessageKind::kBeat);
 }
 
-TEST(Messages, OfAbsurdLengthAreRefused) {
-  MessageStream stream;
-  const std::string bytes = to_bytes({MessageKind::kSet, 0, std::string(101, 'x')});
-  stream.feed(bytes.data(), 12);
-  EXPECT_THROW(stream.next(100), Error);
-  const std::string negative = BodyWriter().number(-1).take(), absurd = BodyWriter().number(1LL << 40).take();
-  EXPECT_THROW(BodyReader(negative).bytes(), Error);
-  EXPECT_THROW(BodyReader(absurd).bytes(), Error);
+TEST(Connections, RefuseMessagesOfAbsurdLength) {
+  const std::string bytes = to_bytes({MessageKind::kSet, 0, {std::string(101, 'x')}});
+  constexpr std::size_t kHeader = 12, kSize = 8;  // of the message, and of its part
+  const auto receive = [](const std::string& sent) {
+    auto [there, here] = connect_pair(120);
+    Job::say(there, sent);
+    here.receive([](const Message&) {});
+  };
+  EXPECT_NO_THROW(receive(bytes));
+  EXPECT_THROW(receive(to_bytes({MessageKind::kSet, 0, {std::string(121, 'x')}}).substr(0, kHeader)), Error);
+  for (const char high : {'\x01', '\xff'}) {  // of a part
+    std::string absurd = bytes;
+    absurd[kHeader + kSize - 1] = high;
+    EXPECT_THROW(receive(absurd), Error);
+  }
+  std::string cut = to_bytes({MessageKind::kSet, 0, {"", ""}});
+  cut[0] = kSize + 1;
+  EXPECT_THROW(receive(cut), Error) << "half the size of a part";
 }
 
 }  // namespace

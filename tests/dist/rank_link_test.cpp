@@ -37,34 +37,32 @@ class OtherEnd {
     auto link = std::async(std::launch::async, [&limits, port = port_of(listening_)] {
       return std::make_unique<RankLink>("127.0.0.1", port, 1, 2, "job", limits);
     });
-    connection_ = Socket(accept(listening_.fd(), nullptr, nullptr));
-    const std::string welcome = to_bytes({MessageKind::kWelcome, 0, ""});
-    EXPECT_EQ(send(connection_.fd(), welcome.data(), welcome.size(), 0), static_cast<ssize_t>(welcome.size()));
+    connection_ = Connection(Socket(accept(listening_.fd(), nullptr, nullptr)));
+    connection_.queue({MessageKind::kReply, kHelloId, {}});
+    EXPECT_TRUE(connection_.flush());
     link_ = link.get();
   }
   RankLink& link() { return *link_; }
-  const Socket& connection() const { return connection_; }
+  const Socket& connection() const { return connection_.socket(); }
   /// Ends what the link waits for.
-  void hang_up() { connection_ = Socket(); }
+  void hang_up() { connection_.close(); }
 
   /// Of this kind; others are passed over. Nothing if it does not come.
   std::optional<Message> receive(MessageKind kind) {
-    MessageStream stream;
-    std::string bytes(65536, '\0');
-    while (true) {
-      pollfd file{connection_.fd(), POLLIN, 0};
+    std::optional<Message> found;
+    while (!found) {
+      pollfd file{connection_.socket().fd(), POLLIN, 0};
       if (poll(&file, 1, static_cast<int>(kLong.count())) != 1) return std::nullopt;
-      const ssize_t n = recv(connection_.fd(), bytes.data(), bytes.size(), 0);
-      if (n <= 0) return std::nullopt;
-      stream.feed(bytes.data(), static_cast<std::size_t>(n));
-      while (std::optional<Message> message = stream.next(kMaxMessage)) {
-        if (message->kind == kind) return message;
-      }
+      connection_.receive([&](const Message& message) {
+        if (message.kind == kind) found = message;
+      });
     }
+    return found;
   }
 
  private:
-  Socket listening_, connection_;
+  Socket listening_;
+  Connection connection_{Socket()};
   std::unique_ptr<RankLink> link_;
 };
 
@@ -96,9 +94,9 @@ TEST(RankLink, ASignalCutsNoMessageShort) {
   hub.hang_up();
   sender.join();
   ASSERT_TRUE(message);
-  BodyReader body(message->body);
-  EXPECT_EQ(body.bytes(), "key");
-  EXPECT_TRUE(test::same(body.bytes(), value));
+  ASSERT_EQ(message->parts.size(), 2u);
+  EXPECT_EQ(message->parts[0], "key");
+  EXPECT_TRUE(test::same(message->parts[1], value));
 }
 
 TEST(RankLink, NamesRankZeroIfItTakesNoMessages) {
@@ -108,7 +106,7 @@ TEST(RankLink, NamesRankZeroIfItTakesNoMessages) {
   OtherEnd hub(limits);
   std::atomic<bool> is_over{false};
   std::thread signs_of_life([&] {
-    const std::string beat = to_bytes({MessageKind::kBeat, 0, ""});
+    const std::string beat = to_bytes({});
     while (!is_over && send(hub.connection().fd(), beat.data(), beat.size(), MSG_NOSIGNAL) > 0) {
       std::this_thread::sleep_for(milliseconds(20));
     }

@@ -1,15 +1,14 @@
-// Time limits of the control connections, and the error that tells of another rank.
+// Messages between RankHub and RankLink, time limits, and the error that tells of another rank.
 #pragma once
 
 #include <chrono>
 #include <cstdint>
-#include <cstring>
-#include <optional>
+#include <functional>
 #include <string>
-#include <string_view>
 #include <vector>
 
 #include "core/check.h"
+#include "dist/control/socket.h"
 
 namespace b3dgs {
 
@@ -37,22 +36,18 @@ class PeerError : public Error {
   int rank_;
 };
 
-// Messages between RankHub and RankLink: a header, then numbers and byte strings in an agreed order. Numbers are in the
-// byte order of the machine: all ranks run one program on one kind of machine.
-
 enum class MessageKind : std::uint32_t {
   // from a rank to the hub
-  kHello = 1,  // protocol, job, rank, size
-  kGather,     // label, number of parts, parts; answered when every rank has sent one
+  kHello = 1,  // protocol, job, rank, size; answered when all ranks have joined
+  kGather,     // label, then a part for each rank or one for all; answered, when every rank has sent one, by the parts
   kSet,        // key, value
-  kGet,        // key; answered when it is set
+  kGet,        // key; answered by the value when it is set
   kAdd,        // key, number; answered by the sum
-  kCheck,      // keys
-  kDelete,     // key
+  kCheck,      // keys; answered by "1" if all are set
+  kDelete,     // key; answered by "1" if it was set
   kFail,       // cause
   kBye,        // this rank has finished
   // from the hub to a rank
-  kWelcome,  // all ranks have joined
   kRefused,  // reason
   kReply,    // to the request of the same id
   kFailure,  // rank, cause
@@ -63,85 +58,40 @@ enum class MessageKind : std::uint32_t {
 struct Message {
   MessageKind kind = MessageKind::kBeat;
   std::uint32_t id = 0;
-  std::string body;
+  std::vector<std::string> parts;  // numbers as text
 };
 
-class BodyWriter {
- public:
-  BodyWriter& number(std::int64_t value) {
-    body_.append(reinterpret_cast<const char*>(&value), sizeof value);
-    return *this;
-  }
-  BodyWriter& bytes(std::string_view value) {
-    number(static_cast<std::int64_t>(value.size()));
-    body_.append(value);
-    return *this;
-  }
-  std::string take() { return std::move(body_); }
+/// In the byte order of the machine: all ranks run one program on one kind of machine.
+std::string to_bytes(const Message& message);
 
- private:
-  std::string body_;
-};
-
-class BodyReader {
- public:
-  explicit BodyReader(std::string_view body) : rest_(body) {}
-
-  /// @throws Error if the body is too short
-  std::int64_t number() {
-    std::int64_t value = 0;
-    std::memcpy(&value, take(sizeof value).data(), sizeof value);
-    return value;
-  }
-  std::string bytes() {
-    const std::int64_t size = number();
-    if (size < 0) throw Error("a damaged message");
-    return std::string(take(static_cast<std::uint64_t>(size)));
-  }
-
- private:
-  std::string_view take(std::uint64_t size) {
-    if (size > rest_.size()) throw Error("a damaged message");
-    const std::string_view taken = rest_.substr(0, size);
-    rest_.remove_prefix(size);
-    return taken;
-  }
-  std::string_view rest_;
-};
-
-inline std::string to_bytes(const Message& message) {
-  const std::uint32_t header[3] = {static_cast<std::uint32_t>(message.body.size()),
-                                   static_cast<std::uint32_t>(message.kind), message.id};
-  return std::string(reinterpret_cast<const char*>(header), sizeof header) + message.body;
-}
-
-/// Assembles messages from the bytes of a connection.
-class MessageStream {
- public:
-  void feed(const char* data, std::size_t size) { bytes_.append(data, size); }
-
-  /// The next complete message. @throws Error if it is longer than `limit` bytes
-  std::optional<Message> next(std::size_t limit) {
-    std::uint32_t header[3];
-    if (bytes_.size() - begin_ < sizeof header) return std::nullopt;
-    std::memcpy(header, bytes_.data() + begin_, sizeof header);
-    if (header[0] > limit) throw Error("a message that is too long");
-    if (bytes_.size() - begin_ - sizeof header < header[0]) return std::nullopt;
-    Message message{static_cast<MessageKind>(header[1]), header[2], bytes_.substr(begin_ + sizeof header, header[0])};
-    begin_ += sizeof header + header[0];
-    if (begin_ == bytes_.size() || begin_ > 65536) {
-      bytes_.erase(0, begin_);
-      begin_ = 0;
-    }
-    return message;
-  }
-
- private:
-  std::string bytes_;
-  std::size_t begin_ = 0;
-};
-
+inline constexpr std::uint32_t kHelloId = 0;  // of the first request
 inline constexpr std::size_t kMaxMessage = std::size_t{1} << 30;
-inline constexpr char kProtocol[] = "b3dgs ranks 3";
+inline constexpr char kProtocol[] = "b3dgs ranks 4";
+
+/// Messages over TCP. Nothing waits. What is thrown says what is wrong with the other end.
+class Connection {
+ public:
+  /// @param max_message  bytes of a message that is received; more is an error
+  explicit Connection(Socket socket, std::size_t max_message = kMaxMessage)
+      : socket_(std::move(socket)), max_message_(max_message) {}
+
+  const Socket& socket() const { return socket_; }
+  void close() { socket_ = Socket(); }
+  void allow(std::size_t max_message) { max_message_ = max_message; }
+
+  /// Calls handle() with each message that has come, as far as they can be read in a short time. Returns whether
+  /// anything has come. @throws Error
+  bool receive(const std::function<void(const Message&)>& handle);
+
+  void queue(const Message& message) { unsent_ += to_bytes(message); }
+  bool has_unsent() const { return !unsent_.empty(); }
+  /// Sends of what is queued as much as the other end takes. Returns whether that is anything. @throws Error
+  bool flush();
+
+ private:
+  Socket socket_;
+  std::size_t max_message_;
+  std::string received_, unsent_;
+};
 
 }  // namespace b3dgs

@@ -1,25 +1,15 @@
-#include "dist/control/rank_link.h"
-
 #include <fcntl.h>
 #include <netinet/in.h>
 #include <netinet/tcp.h>
 #include <poll.h>
-#include <sys/eventfd.h>
 #include <sys/socket.h>
-#include <unistd.h>
 
 #include <algorithm>
-#include <array>
-#include <atomic>
 #include <cerrno>
 #include <list>
-#include <map>
-#include <optional>
-#include <thread>
 #include <utility>
-#include <vector>
 
-#include "dist/control/message.h"
+#include "dist/control/rank_link.h"
 
 namespace b3dgs {
 
@@ -29,35 +19,32 @@ using Clock = std::chrono::steady_clock;
 
 constexpr std::size_t kMaxHello = 4096;  // bytes of the first message, before anything is known of the sender
 
-// The one thread serves all: nobody who sends or connects without end may keep it from the others.
-constexpr int kMaxReads = 16;
+// The one thread serves all: nobody who connects without end may keep it from the others.
 constexpr int kMaxAccepted = 64;
 constexpr std::chrono::milliseconds kAcceptPause{500};
 
-struct Connection {
-  explicit Connection(Socket connected) : socket(std::move(connected)) {}
+/// The other end of a connection.
+struct Peer {
+  explicit Peer(Socket socket) : connection(std::move(socket), kMaxHello) {}
 
-  Socket socket;
-  MessageStream received;
-  std::string to_send;
+  Connection connection;
   Clock::time_point last_heard = Clock::now();  // of those that have not joined: when they connected
   int rank = -1;                                // -1: has not joined
-  bool is_closing = false;                      // once everything is sent
+  bool is_refused = false;                      // it is told why; what it sends from then on is ignored
 };
 
 struct Member {
-  bool has_joined = false;
-  bool has_left = false;
+  Peer* peer = nullptr;
+  bool has_joined = false, has_left = false;
+  std::int64_t n_rounds = 0;  // that it has taken part in
 };
 
-/// What ranks have sent for one gather or exchange.
+/// What ranks have sent for one gather.
 struct Round {
-  std::string label;
   int first_rank = 0;
-  int count = 0;
-  std::vector<std::vector<std::string>> parts;  // by sender; for each rank, or one for all
-  std::vector<std::uint32_t> request;           // by rank; ids of the requests to answer
-  std::vector<bool> is_there;
+  std::vector<std::optional<Message>> requests;  // by rank
+
+  const std::string& label() const { return requests[static_cast<std::size_t>(first_rank)]->parts[0]; }
 };
 
 }  // namespace
@@ -66,18 +53,15 @@ class RankHub::Server {
  public:
   Server(Socket listening, int size, std::string job, const RankLimits& limits)
       : listening_(std::move(listening)),
-        wake_(eventfd(0, EFD_CLOEXEC | EFD_NONBLOCK)),
         job_(std::move(job)),
         limits_(limits),
-        members_(static_cast<std::size_t>(size)),
-        rounds_of_(static_cast<std::size_t>(size), 0) {
+        members_(static_cast<std::size_t>(size)) {
     fcntl(listening_.fd(), F_SETFL, fcntl(listening_.fd(), F_GETFL) | O_NONBLOCK);
     thread_ = std::thread([this] { run(); });
   }
   ~Server() {
     is_stopping_ = true;
-    const std::uint64_t one = 1;
-    [[maybe_unused]] const ssize_t written = write(wake_.fd(), &one, sizeof one);
+    wake_.wake();
     thread_.join();
   }
   Server(const Server&) = delete;
@@ -85,6 +69,7 @@ class RankHub::Server {
 
  private:
   int size() const { return static_cast<int>(members_.size()); }
+  Member& member(int rank) { return members_[static_cast<std::size_t>(rank)]; }
 
   void run() {
     const auto start = Clock::now();
@@ -95,32 +80,30 @@ class RankHub::Server {
       wait_for_events(std::min(beat_interval, std::chrono::milliseconds(500)));
       const auto now = Clock::now();
       accept_new(now);
-      for (Connection& connection : connections_) read_from(connection);
+      for (Peer& peer : peers_) read_from(peer);
       if (now >= next_beat) {
-        for (Connection& connection : connections_) {
-          if (connection.rank >= 0) send(connection, {MessageKind::kBeat, 0, ""});
-        }
+        send_to_all({});
         next_beat = now + beat_interval;
       }
       find_silent(now);
       if (joined_ < size() && now - start > limits_.join) report_missing();
-      for (Connection& connection : connections_) flush(connection);
-      connections_.remove_if([](const Connection& connection) { return !connection.socket; });
+      for (Peer& peer : peers_) attempt(peer, [&] { peer.connection.flush(); });
+      peers_.remove_if([](const Peer& peer) { return !peer.connection.socket(); });
       if (!is_stopping_) continue;
       if (!stop_at) stop_at = now + limits_.silence;
       const bool all_left = std::all_of(members_.begin(), members_.end(),
                                         [](const Member& member) { return !member.has_joined || member.has_left; });
-      const bool all_sent = std::all_of(connections_.begin(), connections_.end(),
-                                        [](const Connection& connection) { return connection.to_send.empty(); });
+      const bool all_sent =
+          std::none_of(peers_.begin(), peers_.end(), [](const Peer& peer) { return peer.connection.has_unsent(); });
       if ((all_left && all_sent) || (failure_ && now > *stop_at)) return;
     }
   }
 
   void wait_for_events(std::chrono::milliseconds limit) {
     std::vector<pollfd> files{{wake_.fd(), POLLIN, 0}, {listening_.fd(), POLLIN, 0}};
-    for (const Connection& connection : connections_) {
-      const short events = connection.to_send.empty() ? POLLIN : POLLIN | POLLOUT;
-      files.push_back({connection.socket.fd(), events, 0});
+    for (const Peer& peer : peers_) {
+      const short events = peer.connection.has_unsent() ? POLLIN | POLLOUT : POLLIN;
+      files.push_back({peer.connection.socket().fd(), events, 0});
     }
     if (is_stopping_) files[0].fd = -1;
     if (Clock::now() < accept_from_) files[1].fd = -1;
@@ -140,84 +123,76 @@ class RankHub::Server {
       }
       const int yes = 1;
       setsockopt(socket.fd(), IPPROTO_TCP, TCP_NODELAY, &yes, sizeof yes);
-      connections_.emplace_back(std::move(socket));
+      peers_.emplace_back(std::move(socket));
     }
   }
 
-  void read_from(Connection& connection) {
-    std::array<char, 65536> buffer;
-    const int max_reads = connection.is_closing ? 1 : kMaxReads;
-    for (int i = 0; i < max_reads && connection.socket; ++i) {
-      const ssize_t n = recv(connection.socket.fd(), buffer.data(), buffer.size(), 0);
-      if (n < 0 && (errno == EAGAIN || errno == EWOULDBLOCK)) return;
-      if (n < 0 && errno == EINTR) continue;
-      if (n <= 0) {
-        lose(connection, "its process ended without saying why (killed?), or the network to it failed");
-        return;
-      }
-      if (connection.is_closing) return;  // read only to notice that the other end closes it
-      if (connection.rank >= 0) connection.last_heard = Clock::now();
-      connection.received.feed(buffer.data(), static_cast<std::size_t>(n));
-      try {
-        while (!connection.is_closing) {
-          const auto message = connection.received.next(connection.rank < 0 ? kMaxHello : kMaxMessage);
-          if (!message) break;
-          connection.rank < 0 ? join(connection, *message) : answer(connection, *message);
-        }
-      } catch (const std::exception& error) {
-        lose(connection, error.what());
-      }
+  void read_from(Peer& peer) {
+    attempt(peer, [&] {
+      const bool is_heard = peer.connection.receive([&](const Message& message) {
+        if (peer.is_refused) return;
+        peer.rank < 0 ? join(peer, message) : answer(peer, message);
+      });
+      if (is_heard && peer.rank >= 0) peer.last_heard = Clock::now();
+    });
+  }
+
+  /// What goes wrong with a connection is a failure of its rank.
+  template <class Work>
+  void attempt(Peer& peer, Work&& work) {
+    try {
+      if (peer.connection.socket()) work();
+    } catch (const std::exception& error) {
+      lose(peer, error.what());
     }
   }
 
-  void lose(Connection& connection, const std::string& cause) {
-    connection.socket = Socket();
-    if (connection.rank < 0) return;
-    Member& member = members_[static_cast<std::size_t>(connection.rank)];
-    if (!member.has_left) fail(connection.rank, cause);
-    member.has_left = true;
+  void lose(Peer& peer, const std::string& cause) {
+    peer.connection.close();
+    if (peer.rank < 0) return;
+    Member& lost = member(peer.rank);
+    lost.peer = nullptr;
+    if (!lost.has_left) fail(peer.rank, cause);
+    lost.has_left = true;
   }
 
-  void join(Connection& connection, const Message& message) {
+  void join(Peer& peer, const Message& message) {
     const auto refuse = [&](const std::string& reason) {
-      send(connection, {MessageKind::kRefused, 0, BodyWriter().bytes(reason).take()});
-      connection.is_closing = true;
+      peer.connection.queue({MessageKind::kRefused, 0, {reason}});
+      peer.is_refused = true;
     };
-    BodyReader body(message.body);
-    if (message.kind != MessageKind::kHello || body.bytes() != kProtocol) {
+    if (message.kind != MessageKind::kHello || message.parts.at(0) != kProtocol) {
       refuse("rank 0 runs another version of b3dgs");
       return;
     }
-    if (body.bytes() != job_) {
+    if (message.parts.at(1) != job_) {
       refuse("another job listens there; set MASTER_PORT to a free port (torchrun: --master-port)");
       return;
     }
-    const std::int64_t rank = body.number(), their_size = body.number();
+    const int rank = std::stoi(message.parts.at(2)), their_size = std::stoi(message.parts.at(3));
     if (their_size != size()) {
       const std::string difference = detail::concat("the ranks disagree on their number: WORLD_SIZE is ", size(),
                                                     " on rank 0 and ", their_size, " on rank ", rank);
       refuse(difference);
-      fail(static_cast<int>(rank), difference);
+      fail(rank, difference);
       return;
     }
     if (rank < 0 || rank >= size()) {
       refuse(detail::concat("rank ", rank, " of ", size(), " does not exist"));
       return;
     }
-    Member& member = members_[static_cast<std::size_t>(rank)];
-    if (member.has_joined) {
+    if (member(rank).has_joined) {
       refuse(detail::concat("two processes say that they are rank ", rank, " of ", size()));
       return;
     }
-    member.has_joined = true;
-    connection.rank = static_cast<int>(rank);
-    connection.last_heard = Clock::now();
+    member(rank).has_joined = true;
+    member(rank).peer = &peer;
+    peer.rank = rank;
+    peer.connection.allow(kMaxMessage);
     if (failure_) {
-      send(connection, *failure_);
+      peer.connection.queue(*failure_);
     } else if (++joined_ == size()) {
-      for (Connection& other : connections_) {
-        if (other.rank >= 0) send(other, {MessageKind::kWelcome, 0, ""});
-      }
+      send_to_all({MessageKind::kReply, kHelloId, {}});
     }
   }
 
@@ -225,7 +200,7 @@ class RankHub::Server {
     std::string missing;
     int first = -1, n = 0;
     for (int rank = 0; rank < size(); ++rank) {
-      if (members_[static_cast<std::size_t>(rank)].has_joined) continue;
+      if (member(rank).has_joined) continue;
       if (first < 0) first = rank;
       if (++n <= 8) missing += (missing.empty() ? "" : ", ") + std::to_string(rank);
     }
@@ -234,73 +209,62 @@ class RankHub::Server {
   }
 
   void find_silent(Clock::time_point now) {
-    for (Connection& connection : connections_) {
-      if (now - connection.last_heard <= limits_.silence) continue;
-      lose(connection, detail::concat("no sign of life for ", limits_.silence.count() / 1000, " s"));
+    for (Peer& peer : peers_) {
+      if (now - peer.last_heard <= limits_.silence) continue;
+      lose(peer, detail::concat("no sign of life for ", limits_.silence.count() / 1000, " s"));
     }
   }
 
   void fail(int rank, const std::string& cause) {
     if (failure_) return;
-    failure_ = Message{MessageKind::kFailure, 0, BodyWriter().number(rank).bytes(cause).take()};
-    for (Connection& connection : connections_) {
-      if (connection.rank >= 0) send(connection, *failure_);
+    failure_ = Message{MessageKind::kFailure, 0, {std::to_string(rank), cause}};
+    send_to_all(*failure_);
+  }
+
+  void send_to_all(const Message& message) {
+    for (const Member& member : members_) {
+      if (member.peer != nullptr) member.peer->connection.queue(message);
     }
   }
 
-  void reply(Connection& connection, const Message& request, std::string body) {
-    send(connection, {MessageKind::kReply, request.id, std::move(body)});
+  void reply(int rank, std::uint32_t id, std::vector<std::string> parts) {
+    if (Peer* const peer = member(rank).peer) peer->connection.queue({MessageKind::kReply, id, std::move(parts)});
   }
 
-  void answer(Connection& connection, const Message& message) {
-    BodyReader body(message.body);
+  void answer(const Peer& peer, const Message& message) {
+    const auto reply_with = [&](std::vector<std::string> parts) { reply(peer.rank, message.id, std::move(parts)); };
+    const auto part = [&](std::size_t i) -> const std::string& { return message.parts.at(i); };
     switch (message.kind) {
       case MessageKind::kGather:
-        gather(connection.rank, message.id, body);
+        return gather(peer.rank, message);
+      case MessageKind::kSet:
+        reply_with({});
+        return set(part(0), part(1));
+      case MessageKind::kGet:
+        if (const auto found = values_.find(part(0)); found != values_.end()) return reply_with({found->second});
+        waiting_.emplace(part(0), std::make_pair(peer.rank, message.id));
         return;
-      case MessageKind::kSet: {
-        const std::string key = body.bytes();
-        values_[key] = body.bytes();
-        reply(connection, message, "");
-        answer_waiting(key);
-        return;
-      }
-      case MessageKind::kGet: {
-        const std::string key = body.bytes();
-        if (const auto found = values_.find(key); found != values_.end()) {
-          reply(connection, message, found->second);
-        } else {
-          waiting_.emplace(key, std::make_pair(connection.rank, message.id));
-        }
-        return;
-      }
       case MessageKind::kAdd: {
-        const std::string key = body.bytes();
-        std::string& value = values_[key];  // decimal digits, as in c10d's stores
-        const std::int64_t sum = (value.empty() ? 0 : std::stoll(value)) + body.number();
-        value = std::to_string(sum);
-        reply(connection, message, BodyWriter().number(sum).take());
-        answer_waiting(key);
-        return;
+        const auto found = values_.find(part(0));  // decimal digits, as in c10d's stores
+        const std::int64_t before = found == values_.end() ? 0 : std::stoll(found->second);
+        const std::string sum = std::to_string(before + std::stoll(part(1)));
+        reply_with({sum});
+        return set(part(0), sum);
       }
       case MessageKind::kCheck: {
-        bool has_all = true;
-        for (std::int64_t n = body.number(); n > 0; --n) has_all = values_.count(body.bytes()) > 0 && has_all;
-        reply(connection, message, BodyWriter().number(has_all ? 1 : 0).take());
-        return;
+        const bool has_all = std::all_of(message.parts.begin(), message.parts.end(),
+                                         [&](const std::string& key) { return values_.count(key) > 0; });
+        return reply_with({has_all ? "1" : "0"});
       }
       case MessageKind::kDelete:
-        reply(connection, message, BodyWriter().number(values_.erase(body.bytes()) > 0 ? 1 : 0).take());
-        return;
+        return reply_with({std::to_string(values_.erase(part(0)))});
       case MessageKind::kFail:
-        fail(connection.rank, body.bytes());
-        reply(connection, message, "");
-        return;
+        fail(peer.rank, part(0));
+        return reply_with({});
       case MessageKind::kBye:
-        members_[static_cast<std::size_t>(connection.rank)].has_left = true;
-        reply(connection, message, "");
-        check_rounds();
-        return;
+        member(peer.rank).has_left = true;
+        reply_with({});
+        return check_rounds();
       case MessageKind::kBeat:
         return;
       default:
@@ -308,49 +272,33 @@ class RankHub::Server {
     }
   }
 
-  void answer_waiting(const std::string& key) {
+  void set(const std::string& key, const std::string& value) {
+    values_[key] = value;
     const auto [begin, end] = waiting_.equal_range(key);
-    for (auto row = begin; row != end; ++row) {
-      const auto [rank, id] = row->second;
-      send_to(rank, {MessageKind::kReply, id, values_[key]});
-    }
+    for (auto row = begin; row != end; ++row) reply(row->second.first, row->second.second, {value});
     waiting_.erase(begin, end);
   }
 
-  void send_to(int rank, const Message& message) {
-    for (Connection& connection : connections_) {
-      if (connection.rank == rank) send(connection, message);
-    }
-  }
-
-  void gather(int rank, std::uint32_t id, BodyReader& body) {
-    const auto n = static_cast<std::size_t>(size()), row = static_cast<std::size_t>(rank);
-    const std::string label = body.bytes();
-    Round& round = rounds_[rounds_of_[row]++];
-    if (round.parts.empty()) {
-      round.label = label;
+  void gather(int rank, const Message& message) {
+    if (message.parts.size() != 2 && message.parts.size() != members_.size() + 1) throw Error("a damaged message");
+    Round& round = rounds_[member(rank).n_rounds++];
+    if (round.requests.empty()) {
       round.first_rank = rank;
-      round.parts.resize(n);
-      round.request.resize(n);
-      round.is_there.resize(n);
-    }
-    if (round.label != label) {
-      fail(rank, detail::concat("it is at \"", label, "\", and rank ", round.first_rank, " at \"", round.label, '"'));
+      round.requests.resize(members_.size());
+    } else if (round.label() != message.parts[0]) {
+      fail(rank, detail::concat("it is at \"", message.parts[0], "\", and rank ", round.first_rank, " at \"",
+                                round.label(), '"'));
       return;
     }
-    const std::int64_t n_parts = body.number();
-    if (n_parts != 1 && n_parts != size()) throw Error("a damaged message");
-    for (std::int64_t i = 0; i < n_parts; ++i) round.parts[row].push_back(body.bytes());
-    round.request[row] = id;
-    round.is_there[row] = true;
-    if (++round.count < size()) {
+    round.requests[static_cast<std::size_t>(rank)] = message;
+    if (std::any_of(round.requests.begin(), round.requests.end(), [](const auto& request) { return !request; })) {
       check_rounds();
       return;
     }
-    for (std::size_t other = 0; other < n; ++other) {
-      BodyWriter for_other;
-      for (const auto& parts : round.parts) for_other.bytes(parts[parts.size() == 1 ? 0 : other]);
-      send_to(static_cast<int>(other), {MessageKind::kReply, round.request[other], for_other.take()});
+    for (std::size_t to = 0; to < members_.size(); ++to) {
+      std::vector<std::string> parts;
+      for (const auto& from : round.requests) parts.push_back(from->parts[from->parts.size() == 2 ? 1 : to + 1]);
+      reply(static_cast<int>(to), round.requests[to]->id, std::move(parts));
     }
     rounds_.erase(rounds_.begin());  // ranks take part in every round, so rounds are completed in order
   }
@@ -359,38 +307,18 @@ class RankHub::Server {
   void check_rounds() {
     for (const auto& [number, round] : rounds_) {
       for (std::size_t rank = 0; rank < members_.size(); ++rank) {
-        if (!members_[rank].has_left || round.is_there[rank]) continue;
+        if (!members_[rank].has_left || round.requests[rank]) continue;
         fail(static_cast<int>(rank),
-             detail::concat("it finished, and rank ", round.first_rank, " waits for it at \"", round.label, '"'));
+             detail::concat("it finished, and rank ", round.first_rank, " waits for it at \"", round.label(), '"'));
       }
     }
   }
 
-  void send(Connection& connection, const Message& message) {
-    if (connection.socket) connection.to_send += to_bytes(message);
-  }
-
-  void flush(Connection& connection) {
-    while (connection.socket && !connection.to_send.empty()) {
-      const ssize_t n = ::send(connection.socket.fd(), connection.to_send.data(), connection.to_send.size(),
-                               MSG_NOSIGNAL | MSG_DONTWAIT);
-      if (n < 0 && errno == EINTR) continue;
-      if (n < 0 && (errno == EAGAIN || errno == EWOULDBLOCK)) return;
-      if (n < 0) {
-        lose(connection, "its process ended without saying why (killed?), or the network to it failed");
-        return;
-      }
-      connection.to_send.erase(0, static_cast<std::size_t>(n));
-    }
-    if (connection.is_closing && connection.to_send.empty() && connection.socket) {
-      shutdown(connection.socket.fd(), SHUT_WR);  // the rank closes it when it has read the message
-    }
-  }
-
-  Socket listening_, wake_;
+  Socket listening_;
+  Waker wake_;
   std::string job_;
   RankLimits limits_;
-  std::list<Connection> connections_;
+  std::list<Peer> peers_;
   Clock::time_point accept_from_{};
   std::vector<Member> members_;
   int joined_ = 0;
@@ -398,7 +326,6 @@ class RankHub::Server {
   std::map<std::string, std::string> values_;
   std::multimap<std::string, std::pair<int, std::uint32_t>> waiting_;  // by key: rank and id of the request
   std::map<std::int64_t, Round> rounds_;
-  std::vector<std::int64_t> rounds_of_;  // rounds that each rank has taken part in
   std::atomic<bool> is_stopping_{false};
   std::thread thread_;
 };

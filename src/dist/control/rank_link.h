@@ -20,8 +20,7 @@
 namespace b3dgs {
 
 /// Every function but fail(), close() and the destructor throws a PeerError once another rank has failed. Safe to use
-/// from several threads, except that all threads of a rank must call gather() and exchange()
-/// in one order.
+/// from several threads, except that all threads of a rank must call exchange() in one order.
 // Members stand in the order of who uses them.
 class RankLink {  // NOLINT(clang-analyzer-optin.performance.Padding)
  public:
@@ -37,12 +36,10 @@ class RankLink {  // NOLINT(clang-analyzer-optin.performance.Padding)
   /// The numeric address of this machine that the other ranks can reach.
   const std::string& own_address() const { return own_address_; }
 
-  /// The records of all ranks, by rank. All ranks call this in one order, with the same `label`, which errors name.
-  std::vector<std::string> gather(const std::string& label, const std::string& record);
-
   /// parts[r] goes to rank r, or the only part to all. Returns what came from each rank, by rank. All ranks call this
-  /// in one order with gather(). The parts of a rank have less than 1 GiB together, as have those that it receives.
-  std::vector<std::string> exchange(const std::string& label, const std::vector<std::string>& parts);
+  /// in one order, with the same `label`, which errors name. The parts of a rank have less than 1 GiB together, as have
+  /// those that it receives.
+  std::vector<std::string> exchange(const std::string& label, std::vector<std::string> parts);
 
   // A table of keys and values that all ranks share, with the functions of c10d::Store.
   void set(const std::string& key, const std::string& value);
@@ -67,41 +64,43 @@ class RankLink {  // NOLINT(clang-analyzer-optin.performance.Padding)
 
  private:
   /// Sends a request and waits for its answer.
-  std::string request(MessageKind kind, std::string body, std::optional<std::chrono::milliseconds> limit = {});
+  std::vector<std::string> request(MessageKind kind, std::vector<std::string> parts,
+                                   std::optional<std::chrono::milliseconds> limit = {});
   /// Sends kFail or kBye, once.
   void leave(MessageKind kind, const std::string& cause) noexcept;
   void throw_if_failed_locked();
-  void write_message(const Message& message);
+  /// Returns at once; the thread sends what the hub does not take now.
+  void send(const Message& message);
   void run();
-  void read();
+  void wait_for_events(std::chrono::milliseconds limit);
+  void exchange_bytes();
   void handle(const Message& message);
-  void lose_hub(const std::string& cause);
   void note_failure(int rank, const std::string& cause);
   [[noreturn]] void end_process() const;
   void stop();
 
   int rank_, size_;
   RankLimits limits_;
-  Socket wake_, socket_;
   std::string own_address_;
-  std::mutex write_mutex_;
-  std::atomic<bool> is_stuck_{false};  // within a message
+  Waker wake_;
+  Connection connection_;  // only the thread receives
+
+  std::mutex send_mutex_;  // guards what is unsent
+  std::chrono::steady_clock::time_point last_sent_;
 
   // of the thread
-  MessageStream received_;
   std::chrono::steady_clock::time_point last_heard_;
   bool has_lost_hub_ = false;
 
   std::mutex mutex_;  // guards what follows
   std::condition_variable changed_;
-  bool is_welcome_ = false;
   std::optional<std::string> refusal_;
   std::optional<PeerError> failure_;
   bool is_acknowledged_ = false;  // this rank's own thread knows of the failure, or has finished
   bool is_closed_ = false;
   std::function<void()> on_failure_;
-  std::uint32_t next_id_ = 1;
-  std::map<std::uint32_t, std::string> replies_;
+  std::uint32_t next_id_ = kHelloId + 1;
+  std::map<std::uint32_t, std::vector<std::string>> replies_;  // by id of the request
 
   std::atomic<bool> is_stopping_{false};
   std::thread thread_;

@@ -5,6 +5,7 @@
 #include <netinet/in.h>
 #include <netinet/tcp.h>
 #include <poll.h>
+#include <sys/eventfd.h>
 #include <sys/socket.h>
 #include <unistd.h>
 
@@ -30,24 +31,35 @@ Addresses look_up(const std::string& address, int port) {
   return {found, &freeaddrinfo};
 }
 
-std::string numeric_own_address(int fd, int* port) {
+/// The numeric address and the port that the socket is bound to.
+std::pair<std::string, int> own_end(const Socket& socket) {
   sockaddr_storage own{};
   socklen_t length = sizeof own;
   std::array<char, NI_MAXHOST> host{};
   std::array<char, NI_MAXSERV> service{};
-  if (getsockname(fd, reinterpret_cast<sockaddr*>(&own), &length) != 0 ||
+  if (getsockname(socket.fd(), reinterpret_cast<sockaddr*>(&own), &length) != 0 ||
       getnameinfo(reinterpret_cast<sockaddr*>(&own), length, host.data(), host.size(), service.data(), service.size(),
                   NI_NUMERICHOST | NI_NUMERICSERV) != 0) {
     io_error("cannot read the address of a socket: ", std::strerror(errno));
   }
-  if (port != nullptr) *port = std::stoi(service.data());
-  return host.data();
+  return {host.data(), std::stoi(service.data())};
 }
 
 }  // namespace
 
 Socket::~Socket() {
   if (fd_ >= 0) close(fd_);
+}
+
+Waker::Waker() : event_(eventfd(0, EFD_CLOEXEC | EFD_NONBLOCK)) {}
+
+void Waker::wake() const {
+  eventfd_write(event_.fd(), 1);
+}
+
+void Waker::reset() const {
+  eventfd_t count = 0;
+  eventfd_read(event_.fd(), &count);
 }
 
 Socket listen_at(const std::string& address, int port) {
@@ -71,13 +83,11 @@ Socket listen_at(const std::string& address, int port) {
 }
 
 int port_of(const Socket& socket) {
-  int port = 0;
-  numeric_own_address(socket.fd(), &port);
-  return port;
+  return own_end(socket).second;
 }
 
 std::string own_address_of(const Socket& socket) {
-  return numeric_own_address(socket.fd(), nullptr);
+  return own_end(socket).first;
 }
 
 std::string interface_with(const std::string& own_address) {

@@ -22,10 +22,22 @@ class Socket {
 
   int fd() const { return fd_; }
   explicit operator bool() const { return fd_ >= 0; }
-  int release() { return std::exchange(fd_, -1); }
 
  private:
   int fd_ = -1;
+};
+
+/// Ends the poll() of another thread.
+class Waker {
+ public:
+  Waker();
+  int fd() const { return event_.fd(); }
+  void wake() const;
+  /// After poll(), which returns at once until then.
+  void reset() const;
+
+ private:
+  Socket event_;
 };
 
 /// Listens at this address only. Port 0: a free one. @throws InputError if the address is unknown or the port occupied

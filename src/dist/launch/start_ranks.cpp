@@ -24,6 +24,7 @@ namespace {
 
 using Clock = std::chrono::steady_clock;
 
+constexpr char kAddress[] = "127.0.0.1";
 constexpr int kCannotStart = 127;  // as shells say it
 constexpr std::array kPassedOn{SIGINT, SIGTERM, SIGHUP, SIGQUIT, SIGUSR1, SIGUSR2};
 
@@ -81,16 +82,18 @@ class WordArray {
 struct Job {
   int size;
   std::string id;
-  std::string address;
   int port;
   int listening_socket;
 };
 
 /// This process's environment with the variables that read_rank_place() reads.
 std::vector<std::string> environment_of(const Job& job, int rank) {
-  std::vector<std::string> variables{
-      "RANK=" + std::to_string(rank), "WORLD_SIZE=" + std::to_string(job.size),  "LOCAL_RANK=" + std::to_string(rank),
-      "MASTER_ADDR=" + job.address,   "MASTER_PORT=" + std::to_string(job.port), "B3DGS_JOB=" + job.id};
+  std::vector<std::string> variables{"RANK=" + std::to_string(rank),
+                                     "WORLD_SIZE=" + std::to_string(job.size),
+                                     "LOCAL_RANK=" + std::to_string(rank),
+                                     std::string("MASTER_ADDR=") + kAddress,
+                                     "MASTER_PORT=" + std::to_string(job.port),
+                                     "B3DGS_JOB=" + job.id};
   if (rank == 0) variables.push_back("B3DGS_LISTENING_SOCKET=" + std::to_string(job.listening_socket));
   std::set<std::string> names{"B3DGS_LISTENING_SOCKET"};
   for (const std::string& variable : variables) names.insert(variable.substr(0, variable.find('=')));
@@ -198,8 +201,8 @@ class RankProcesses {
 int start_ranks(int size, const std::vector<std::string>& words, const StartOptions& options) {
   B3DGS_CHECK(size >= 1, "size is ", size);
   // Rank 0 inherits the socket, so that nobody can take the port in between.
-  const Socket listening = listen_at(options.address, 0);
-  const Job job{size, random_job(), options.address, port_of(listening), listening.fd()};
+  const Socket listening = listen_at(kAddress, 0);
+  const Job job{size, random_job(), port_of(listening), listening.fd()};
   std::vector<std::string> command{"b3dgs"};
   command.insert(command.end(), words.begin(), words.end());
   const WordArray arguments(command);

@@ -6,19 +6,18 @@
 #include <cstdint>
 #include <vector>
 
-#include "dist/communicator.h"
 #include "train/density/row_edit.h"
 
 namespace b3dgs {
 
 /// The owner of each row, the same on all ranks. At the start, blocks of rows are assigned round-robin; later a new row
 /// belongs to the owner of its source, so that edits move nothing between ranks. A rank keeps its rows in the order of
-/// the model. With one rank, which holds all rows, there are no tables.
+/// the model.
 class RowOwners {
  public:
   static constexpr std::int64_t kBlock = 32;
 
-  /// One rank and an empty model.
+  /// Of an empty model, without tables.
   RowOwners() = default;
 
   /// Row i belongs to block i / kBlock, and block b to rank b % size.
@@ -32,14 +31,16 @@ class RowOwners {
   std::int64_t n_own() const { return n_of_ranks_[static_cast<std::size_t>(rank_)]; }
   /// How many rows each rank holds.
   const std::vector<std::int64_t>& n_of_ranks() const { return n_of_ranks_; }
+  /// How many of rows [begin, end) of the model each rank holds. Waits for the device.
+  std::vector<std::int64_t> count(std::int64_t begin, std::int64_t end) const;
   /// The most rows that a rank holds.
   std::int64_t n_most() const;
   /// Whether the largest part is over 1.05 times the largest part of round_robin().
   bool are_uneven() const;
 
-  /// [n_rows] int16: the rank of each row; undefined with one rank.
+  /// [n_rows] int16: the rank of each row.
   const torch::Tensor& owners() const { return owners_; }
-  /// [n_own] int32, ascending: the row of the model that each own row is; undefined with one rank.
+  /// [n_own] int32, ascending: the row of the model that each own row is.
   const torch::Tensor& own() const { return own_; }
   /// The row of the model that an own row is. Waits for the device.
   std::int64_t row_of_model(std::int64_t own_row) const;
@@ -60,33 +61,13 @@ class RowOwners {
   torch::Tensor owners_, own_;
 };
 
-// Additions and removals of Gaussians whose rows are spread over the ranks.
-
-/// Numbers that tell edits apart.
-struct SourceNumbers {
-  std::int64_t first = 0, last = 0;  // smallest and largest source
-  std::int64_t weighted_sum = 0;
-};
-/// Waits for the device once.
-SourceNumbers source_numbers(const RowEdit& edit);
-
-/// `edit` refers to rows of the model and is the same on every rank, on the device of the tensors, of which each rank
-/// has its own rows. Allocates nothing on the device.
-/// @throws LogicError on all ranks if the edit does not fit the rows or the ranks disagree on it
-void check_row_edit(Communicator& ranks, const RowEdit& edit, const SourceNumbers& numbers, const RowOwners& owners,
-                    GaussianTensors& gaussians, AdamState& adam, DensityStatistics& statistics);
-
-/// An edit for the own rows, and the owners after it.
+/// A RowEdit for the own rows, and the owners after it.
 struct OwnRowEdit {
   RowOwners owners;
   RowEdit edit;
 };
-/// A new row belongs to the rank that has its source, so nothing is exchanged. Waits for the device.
+/// `edit` refers to rows of the model and is the same on every rank. A new row belongs to the rank that has its source,
+/// so nothing is exchanged. Waits for the device.
 OwnRowEdit own_part(const RowEdit& edit, const RowOwners& owners);
-
-/// check_row_edit(), then density/row_edit.h's apply_row_edit() of the own part. Returns the owners after the edit.
-/// @throws LogicError on all ranks, with nothing changed; OutOfMemoryError on one rank
-RowOwners apply_row_edit(Communicator& ranks, const RowEdit& edit, const RowOwners& owners, GaussianTensors& gaussians,
-                         AdamState& adam, DensityStatistics& statistics);
 
 }  // namespace b3dgs

@@ -2,6 +2,7 @@
 
 #include <torch/types.h>
 
+#include "core/check.h"
 #include "core/parallel.h"
 #include "raster/torch/torch_cuda.h"
 
@@ -14,7 +15,16 @@ const std::int32_t* words_of(const torch::Tensor& rows) {
   return static_cast<const std::int32_t*>(rows.data_ptr());
 }
 
-MergedSplats merge_few(const torch::Tensor& words, const std::vector<RowRange>& lists) {
+}  // namespace
+
+void pack_splats(const ViewSplats& splats, const torch::Tensor& model_rows, const torch::Tensor& words) {
+  const PackSplatsArgs args{splats.size(),          words_of(splats.splats), words_of(splats.extents),
+                            words_of(splats.radii), words_of(model_rows),    words.data_ptr<std::int32_t>()};
+  for_rows<pack_splat_word>(words.is_cuda(), args, args.n_splats * kRowWords);
+}
+
+MergedSplats merge_splats(const torch::Tensor& words, const std::vector<RowRange>& lists) {
+  B3DGS_CHECK(lists.size() <= MergeSplatsArgs::kMaxLists, lists.size(), " ranks");
   MergeSplatsArgs args;
   std::int64_t n = 0;
   for (const auto& [begin, end] : lists) {
@@ -42,36 +52,6 @@ MergedSplats merge_few(const torch::Tensor& words, const std::vector<RowRange>& 
     }
   });
   return merged;
-}
-
-/// With many lists, a sort is less work than looking each row up in all of them.
-MergedSplats merge_many(const torch::Tensor& words, const std::vector<RowRange>& lists) {
-  const torch::Tensor all = torch::arange(words.size(0), words.options().dtype(torch::kInt64));
-  std::vector<torch::Tensor> rows, places;
-  for (const auto& [begin, end] : lists) {
-    rows.push_back(words.select(1, kGaussianColumn).slice(0, begin, end));
-    places.push_back(all.slice(0, begin, end));
-  }
-  const torch::Tensor order =
-      std::get<1>(torch::sort(torch::cat(rows), /*stable=*/true, /*dim=*/0, /*descending=*/false));
-  MergedSplats merged;
-  merged.places = torch::cat(places).index_select(0, order);
-  merged.splats = {words.slice(1, 0, kSplatWords).index_select(0, merged.places).view(torch::kFloat32),
-                   words.slice(1, kExtentColumn, kRadiusColumn).index_select(0, merged.places).view(torch::kFloat32),
-                   words.select(1, kRadiusColumn).index_select(0, merged.places)};
-  return merged;
-}
-
-}  // namespace
-
-void pack_splats(const ViewSplats& splats, const torch::Tensor& model_rows, const torch::Tensor& words) {
-  const PackSplatsArgs args{splats.size(),          words_of(splats.splats), words_of(splats.extents),
-                            words_of(splats.radii), words_of(model_rows),    words.data_ptr<std::int32_t>()};
-  for_rows<pack_splat_word>(words.is_cuda(), args, args.n_splats * kRowWords);
-}
-
-MergedSplats merge_splats(const torch::Tensor& words, const std::vector<RowRange>& lists, std::size_t max_lists) {
-  return lists.size() > max_lists ? merge_many(words, lists) : merge_few(words, lists);
 }
 
 }  // namespace b3dgs

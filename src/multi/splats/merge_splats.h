@@ -25,9 +25,7 @@ struct MergedSplats {
 };
 
 /// The splats of a view from the lists of the ranks, which are these rows of `words`, [.., kRowWords] int32. Each list
-/// is ascending by Gaussian; no Gaussian is in two. New tensors; nothing waits for a GPU. With more than `max_lists`
-/// lists, which may be up to MergeSplatsArgs::kMaxLists, rows are sorted.
-MergedSplats merge_splats(const torch::Tensor& words, const std::vector<RowRange>& lists,
-                          std::size_t max_lists = MergeSplatsArgs::kMaxLists);
+/// is ascending by Gaussian; no Gaussian is in two. New tensors; nothing waits for a GPU.
+MergedSplats merge_splats(const torch::Tensor& words, const std::vector<RowRange>& lists);
 
 }  // namespace b3dgs

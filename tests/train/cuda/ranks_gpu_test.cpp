@@ -94,13 +94,11 @@ TEST(SplatsOnGpu, ArePackedAndMergedAsOnTheCpu) {
     lists.push_back({begin, begin + host.size()});
   }
   const MergedSplats expected = merge_splats(torch::cat(host_words), lists);
-  for (const std::size_t max_lists : {std::size_t{MergeSplatsArgs::kMaxLists}, std::size_t{0}}) {
-    const MergedSplats found = merge_splats(torch::cat(device_words), lists, max_lists);
-    EXPECT_TRUE(are_same(found.places, expected.places));
-    EXPECT_TRUE(are_same(found.splats.splats.view(torch::kInt32), expected.splats.splats.view(torch::kInt32)));
-    EXPECT_TRUE(are_same(found.splats.extents, expected.splats.extents));
-    EXPECT_TRUE(are_same(found.splats.radii, expected.splats.radii));
-  }
+  const MergedSplats found = merge_splats(torch::cat(device_words), lists);
+  EXPECT_TRUE(are_same(found.places, expected.places));
+  EXPECT_TRUE(are_same(found.splats.splats.view(torch::kInt32), expected.splats.splats.view(torch::kInt32)));
+  EXPECT_TRUE(are_same(found.splats.extents, expected.splats.extents));
+  EXPECT_TRUE(are_same(found.splats.radii, expected.splats.radii));
 }
 
 }  // namespace

@@ -61,30 +61,13 @@ TEST(RenderPlan, TakesAsManyViewsAtATimeAsRanksHaveRoomFor) {
 
 TEST(RenderPlan, ViewsWithoutACountAreExpectedToBeAverage) {
   RenderPlan plan(2);
-  EXPECT_EQ(plan.renderers(0, {4, 5, 6}), (Ranks{0, 1, 0})) << "nothing is known";
+  EXPECT_EQ(plan.renderers({4, 5, 6}), (Ranks{0, 1, 0})) << "nothing is known";
   plan.set_work(1, 10);
   plan.set_work(2, 30);
   // View 9 counts as 20: 30 to rank 0, 20 and then 10 to rank 1.
-  EXPECT_EQ(plan.renderers(3, {1, 9, 2}), (Ranks{1, 1, 0}));
-}
-
-TEST(RenderPlan, AStepKeepsItsAnswerUntilItIsForgotten) {
-  RenderPlan plan(2);
-  const std::vector<std::int32_t> views{0, 1, 2};
-  const Ranks first = plan.renderers(6, views);
-  plan.set_work(0, 1), plan.set_work(1, 1), plan.set_work(2, 100);
-  EXPECT_EQ(plan.renderers(6, views), first) << "it has been read ahead for";
-  plan.forget_before(6);
-  EXPECT_EQ(plan.renderers(6, views), first) << "the step after iteration 6 is not before it";
-  EXPECT_EQ(plan.renderers(9, views), (Ranks{1, 1, 0}));
-  plan.forget_before(9);
-  EXPECT_EQ(plan.renderers(6, views), (Ranks{1, 1, 0}));
-}
-
-TEST(RenderPlan, OtherViewsAreDecidedAnew) {
-  RenderPlan plan(2);
-  plan.renderers(0, {1, 2, 3});
-  EXPECT_EQ(plan.renderers(0, {1, 2, 7, 3}).size(), 4u);
+  EXPECT_EQ(plan.renderers({1, 9, 2}), (Ranks{1, 1, 0}));
+  plan.set_work(1, 100);
+  EXPECT_EQ(plan.renderers({1, 9, 2}), (Ranks{0, 1, 1})) << "the last count of a view";
 }
 
 }  // namespace
