@@ -100,27 +100,23 @@ using Json = nlohmann::ordered_json;
 
 class ClockTimer final : public KernelTimer {
  public:
-  explicit ClockTimer(std::unique_ptr<StageClock> clock) : clock_(std::move(clock)) {}
+  explicit ClockTimer(StageClock clock) : clock_(std::move(clock)) {}
 
   void measure(const std::function<void()>& work) override {
-    const int from = clock_->mark();
+    auto from = clock_();
     work();
-    spans_.emplace_back(from, clock_->mark());
+    spans_.emplace_back(std::move(from), clock_());
   }
   std::vector<double> finish() override {
     std::vector<double> ms;
-    if (!spans_.empty()) clock_->wait(spans_.back().second);
-    for (const auto& [from, to] : std::exchange(spans_, {})) {
-      ms.push_back(clock_->ms_between(from, to));
-      clock_->release(from);
-      clock_->release(to);
-    }
+    if (!spans_.empty()) spans_.back().second->wait();
+    for (const auto& [from, to] : std::exchange(spans_, {})) ms.push_back(to->ms_since(*from));
     return ms;
   }
 
  private:
-  std::unique_ptr<StageClock> clock_;
-  std::vector<std::pair<int, int>> spans_;  // marks
+  StageClock clock_;
+  std::vector<std::pair<std::unique_ptr<StageMark>, std::unique_ptr<StageMark>>> spans_;
 };
 
 // The simplest kernels are the reference if candidates disagree.
