@@ -42,70 +42,47 @@ void center_exposures(const ExposureStepArgs& args) {
 
 }  // namespace on_cpu
 
-ExposureArgs exposure_args(const AppearanceState& state, std::int32_t view, const torch::Tensor& rendered,
-                           const torch::Tensor& photograph) {
+}  // namespace
+
+ExposureModel::ExposureModel(const TrainConfig& config, std::int64_t n_views, torch::Device device)
+    : AppearanceModel(config, n_views, device, &AppearanceState::exposures, {3, 4}) {
+  if (device.is_cpu()) all_grads_ = torch::zeros({n_views, 3, 4});
+}
+
+ExposureArgs ExposureModel::args_of(const AppearanceState& state, std::int32_t view,
+                                    const torch::Tensor& rendered) const {
   TensorCheck check(rendered.device());
   check.dims("rendered", rendered, {"H", "W", 3});
-  B3DGS_CHECK(view >= 0 && view < state.exposures.size(0), "view ", view, " of ", state.exposures.size(0));
   ExposureArgs args;
+  args.transform = transforms_of(state, view);
   args.n_pixels = rendered.size(0) * rendered.size(1);
-  args.transform = state.exposures.data_ptr<float>() + std::int64_t{view} * kExposureSize;
   args.rendered = rendered.data_ptr<float>();
-  if (photograph.defined()) {
-    check.dims("photograph", photograph, {"H", "W", 3}, torch::kUInt8);
-    args.photograph = photograph.data_ptr<std::uint8_t>();
+  if (photograph().defined()) {
+    check.dims("photograph", photograph(), {"H", "W", 3}, torch::kUInt8);
+    args.photograph = photograph().data_ptr<std::uint8_t>();
   }
   return args;
 }
 
-}  // namespace
-
-ExposureModel::ExposureModel(const TrainConfig& config, std::int64_t n_views, torch::Device device)
-    : lr_init_(config.exposure_lr_init),
-      lr_final_(config.exposure_lr_final),
-      iterations_(config.iterations),
-      n_views_(n_views),
-      device_(device) {
-  for (int place = 0; place < config.batch; ++place) {
-    transform_grads_.push_back(torch::zeros({3, 4}, torch::TensorOptions(torch::kFloat32).device(device)));
-  }
-  if (device.is_cpu()) all_grads_ = torch::zeros({n_views, 3, 4});
-}
-
-bool ExposureModel::fits(const AppearanceState& state) const {
-  return state.exposures.defined() && state.exposures.size(0) == n_views_;
-}
-
-AppearanceState ExposureModel::make_state() const {
-  AppearanceState state;
-  state.exposures =
-      torch::eye(3, 4, torch::TensorOptions(torch::kFloat32).device(device_)).repeat({n_views_, 1, 1}).contiguous();
-  state.m = torch::zeros_like(state.exposures);
-  state.v = torch::zeros_like(state.exposures);
-  return state;
-}
-
 torch::Tensor ExposureModel::apply(const AppearanceState& state, std::int32_t view, const torch::Tensor& rendered) {
-  ExposureArgs args = exposure_args(state, view, rendered, photograph());
-  place_tensor(corrected_, corrected_room_, rendered.sizes(), rendered.options());
-  args.corrected = corrected_.data_ptr<float>();
+  ExposureArgs args = args_of(state, view, rendered);
+  args.corrected = make_room(rendered);
   for_rows<expose_pixel>(device_.is_cuda(), args, args.n_pixels);
   return corrected_;
 }
 
 void ExposureModel::backward(const AppearanceState& state, std::int32_t view, const torch::Tensor& rendered,
                              torch::Tensor grad) {
-  TensorCheck check(rendered.device());
-  check.dims("rendered", rendered, {"H", "W", 3});
-  check.dims("grad", grad, {"H", "W", 3});
-  ExposureArgs args = exposure_args(state, view, rendered, photograph());
+  B3DGS_CHECK(grad.sizes() == rendered.sizes(), "a gradient of ", grad.sizes(), " for a render of ", rendered.sizes());
+  TensorCheck(rendered.device()).dims("grad", grad, {"H", "W", 3});
+  ExposureArgs args = args_of(state, view, rendered);
   const std::int64_t n_sums = args.n_blocks() * kExposureSize;
   if (!block_sums_.defined() || block_sums_.numel() < n_sums) {
     block_sums_ = torch::empty({n_sums}, rendered.options().dtype(torch::kFloat64));
   }
   args.grad = grad.data_ptr<float>();
   args.block_sums = block_sums_.data_ptr<double>();
-  args.transform_grad = transform_grads_.at(place()).data_ptr<float>();
+  args.transform_grad = this->grad().data_ptr<float>();
   if (kTorchHasCuda && device_.is_cuda()) return cuda::exposure_backward(args, torch_stream());
   on_cpu::exposure_backward(args);
 }
@@ -117,9 +94,11 @@ void ExposureModel::step(std::int32_t view, int iteration, AppearanceState& stat
   args.adam.param = state.exposures.data_ptr<float>();
   args.adam.m = state.m.data_ptr<float>();
   args.adam.v = state.v.data_ptr<float>();
-  args.adam.size = adam_step_size(log_linear_rate(lr_init_, lr_final_, iterations_, iteration), state.steps);
+  const double rate =
+      log_linear_rate(config_.exposure_lr_init, config_.exposure_lr_final, config_.iterations, iteration);
+  args.adam.size = adam_step_size(rate, state.steps);
   args.first = std::int64_t{view} * kExposureSize;
-  args.transform_grad = transform_grads_.at(place()).data_ptr<float>();
+  args.transform_grad = grad().data_ptr<float>();
   if (kTorchHasCuda && device_.is_cuda()) return cuda::exposure_step(args, torch_stream());
   float* const grads = all_grads_.data_ptr<float>();
   std::copy_n(args.transform_grad, kExposureSize, grads + args.first);
@@ -127,13 +106,6 @@ void ExposureModel::step(std::int32_t view, int iteration, AppearanceState& stat
   cpu::adam_step(args.adam);
   std::fill_n(grads + args.first, kExposureSize, 0.0f);
   on_cpu::center_exposures(args);
-}
-
-std::unique_ptr<AppearanceModel> make_appearance_model(const TrainConfig& config, std::int64_t n_views,
-                                                       torch::Device device) {
-  if (config.bilateral_grid) return std::make_unique<BilateralGridModel>(config, n_views, device);
-  if (config.exposure) return std::make_unique<ExposureModel>(config, n_views, device);
-  return nullptr;
 }
 
 using Json = nlohmann::ordered_json;
