@@ -7,19 +7,10 @@
 #include "train/density/row_edit.h"
 
 namespace b3dgs {
-namespace {
-
-class UncountedMemory final : public MemorySource {
- public:
-  std::optional<std::int64_t> limit() override { return std::nullopt; }
-  MemoryUse use() override { return {}; }
-  void release_unused() override {}
-  torch::Tensor allocate(torch::IntArrayRef sizes, const torch::TensorOptions& options) override {
-    return allocate_tensor(sizes, options);
-  }
-};
 
 #if B3DGS_TORCH_CUDA
+namespace {
+
 class GpuMemory final : public MemorySource {
  public:
   explicit GpuMemory(double limit_gb) : limit_bytes_(static_cast<std::int64_t>(std::min(1e9 * limit_gb, 9e18))) {
@@ -40,23 +31,20 @@ class GpuMemory final : public MemorySource {
     return {now.in_use, now.reserved, now.peak_reserved};
   }
   void release_unused() override { release_unused_torch_memory(); }
-  torch::Tensor allocate(torch::IntArrayRef sizes, const torch::TensorOptions& options) override {
-    return allocate_tensor(sizes, options);
-  }
 
  private:
   std::int64_t limit_bytes_;
 };
-#endif
 
 }  // namespace
+#endif
 
 std::shared_ptr<MemorySource> make_memory_source([[maybe_unused]] torch::Device device,
                                                  [[maybe_unused]] double limit_gb) {
 #if B3DGS_TORCH_CUDA
   if (device.is_cuda()) return std::make_shared<GpuMemory>(limit_gb);
 #endif
-  return std::make_shared<UncountedMemory>();
+  return std::make_shared<MemorySource>();
 }
 
 bool keeps_too_much(const MemoryUse& use) {
