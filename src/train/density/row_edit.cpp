@@ -209,7 +209,7 @@ RowEdit edit_without_invalid(std::int64_t named, double extent, const GaussianWi
   const double own = widths.largest[named].item<double>();
   if (std::isfinite(own) && own > std::log(kAbsurd * extent)) stays.logical_and_(widths.largest < own);
   RowEdit edit;
-  edit.sources = stays.nonzero().flatten();
+  edit.sources = rows_of(stays);
   edit.n_kept = edit.sources.size(0);
   edit.new_means = torch::empty({0, 3}, widths.largest.options());
   edit.new_log_scales = torch::empty({0, 3}, widths.largest.options());

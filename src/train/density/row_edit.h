@@ -62,6 +62,11 @@ struct RowEdit {
   torch::Tensor new_logit_opacities;  // [M - n_kept] of the new rows; undefined: the source's
 };
 
+/// The rows where `mask` [N] is true, ascending.
+inline torch::Tensor rows_of(const torch::Tensor& mask) {
+  return mask.nonzero().flatten();
+}
+
 /// An uninitialised tensor. @throws OutOfMemoryError
 using AllocateTensor = std::function<torch::Tensor(torch::IntArrayRef sizes, const torch::TensorOptions& options)>;
 torch::Tensor allocate_tensor(torch::IntArrayRef sizes, const torch::TensorOptions& options);

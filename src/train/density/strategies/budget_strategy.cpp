@@ -19,10 +19,6 @@ auto& column(Statistics& statistics, BudgetColumn which) {
   return statistics.extra.at(static_cast<std::size_t>(which)).values;
 }
 
-torch::Tensor rows_of(const torch::Tensor& mask) {
-  return mask.nonzero().flatten();
-}
-
 /// A value for each of `rows`; those with the largest are the sample.
 torch::Tensor draw_keys(const torch::Tensor& rows, const torch::Tensor& scores, const RandomKey& key) {
   torch::Tensor keys = torch::empty({rows.size(0)}, scores.options());
@@ -121,10 +117,6 @@ class BudgetStrategy final : public DensityStrategy {
       if (!is_weight || !keeps_weights) own->zero_();
     }
   }
-
-  void lower_opacities(int, GaussianTensors&, AdamState&) const override {}
-
-  bool is_recovering(int) const override { return false; }
 
  private:
   /// Rows to split, ascending: of the candidates as many as the budget asks for, and `max_gaussians` (0 = no limit)
