@@ -90,17 +90,11 @@ CoordinateFrame checkpoint_frame(const std::filesystem::path& checkpoint);
 /// or intrinsics. Images need not be loaded.
 void check_scene(const nlohmann::ordered_json& header, const Scene& scene, const std::string& place);
 
-/// Names of training views whose photographs have changed since a checkpoint with this header was written, if the
-/// header has that information.
-std::vector<std::string> changed_photographs(const nlohmann::ordered_json& header,
-                                             const nlohmann::ordered_json& fingerprint);
-
-/// The same for masks: names of training views whose mask is another one, was added or is gone.
-std::vector<std::string> changed_masks(const nlohmann::ordered_json& header, const nlohmann::ordered_json& fingerprint);
-
-/// The same for depth maps, if the header and `fingerprint` have them.
-std::vector<std::string> changed_depth_maps(const nlohmann::ordered_json& header,
-                                            const nlohmann::ordered_json& fingerprint);
+/// Names of training views of which another file is in the list `key` of the fingerprint ("photographs", "masks",
+/// "depth_maps") than when a checkpoint with this header was written. A list that the header lacks, as those of early
+/// versions, differs nowhere. A mask or depth map may also have been added or be gone.
+std::vector<std::string> changed_files(const nlohmann::ordered_json& header, const nlohmann::ordered_json& fingerprint,
+                                       const std::string& key);
 
 /// Whether the scene had other points, if the header has that information.
 bool have_points_changed(const nlohmann::ordered_json& header, const nlohmann::ordered_json& fingerprint);
