@@ -16,7 +16,6 @@
 #include "config/coarse_schedule.h"
 #include "core/random.h"
 #include "raster/torch/tensors.h"
-#include "train/density/row_edit.h"
 #include "train/evaluate.h"
 #include "train/optimizer/adam.h"
 

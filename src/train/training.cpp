@@ -10,7 +10,6 @@
 #include "scene/view_image.h"
 #include "train/checkpoint/checkpoint.h"
 #include "train/device.h"
-#include "train/memory/memory.h"
 
 namespace b3dgs {
 namespace {

@@ -17,7 +17,7 @@
 #include "support/formats/write_transforms.h"
 #include "support/sample_model.h"
 #include "support/train/tiny_scene.h"
-#include "train/checkpoint/checkpoint.h"
+#include "support/train/write_checkpoint.h"
 #include "train/gaussians/gaussian_model.h"
 #include "train/output/train_recorder.h"
 

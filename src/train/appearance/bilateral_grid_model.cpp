@@ -7,7 +7,6 @@
 #include "core/parallel.h"
 #include "raster/torch/tensors.h"
 #include "raster/torch/torch_cuda.h"
-#include "train/appearance/bilateral_grid.h"
 #include "train/optimizer/adam.h"
 
 namespace b3dgs {

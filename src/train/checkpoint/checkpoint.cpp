@@ -1,18 +1,14 @@
 #include "train/checkpoint/checkpoint.h"
 
 #include <algorithm>
-#include <cmath>
 #include <iterator>
 #include <map>
 #include <set>
-#include <string>
 #include <type_traits>
-#include <vector>
 
 #include "config/train_options.h"
 #include "core/check.h"
 #include "core/files/own_files.h"
-#include "model/checkpoint/checkpoint_header.h"
 #include "train/appearance/bilateral_grid.h"
 #include "train/density/density_strategy.h"
 #include "train/gaussians/gaussian_model.h"
@@ -211,11 +207,6 @@ std::int64_t checkpoint_bytes(const TrainState& state) {
     bytes += of_row * (row.shape.front() == kGaussians ? state.n_gaussians() : row.tensor->size(0));
   }
   return bytes;
-}
-
-void write_checkpoint(const std::filesystem::path& path, const TrainConfig& config, const TrainState& state,
-                      const Scene& scene) {
-  write_checkpoint_file(path, {checkpoint_header(config, state, scene_fingerprint(scene)), checkpoint_tensors(state)});
 }
 
 Checkpoint read_checkpoint(const std::filesystem::path& path, const Scene& scene, torch::Device device) {

@@ -31,7 +31,7 @@ namespace b3dgs {
 
 struct CheckpointFile {
   nlohmann::ordered_json header = nlohmann::ordered_json::object();
-  std::vector<std::pair<std::string, torch::Tensor>> tensors;  // float32, int32 or int64; on the CPU when read
+  std::vector<std::pair<std::string, torch::Tensor>> tensors;  // on the CPU
 };
 
 /// The description of a tensor in the header.
@@ -67,9 +67,6 @@ class CheckpointFileWriter {
   std::uint64_t left_ = 0;  // bytes missing of it
   AtomicFile file_;
 };
-
-/// Writes atomically: the file appears complete or not at all. @throws IoError
-void write_checkpoint_file(const std::filesystem::path& path, const CheckpointFile& content);
 
 /// Reads and checks the whole file. @throws InputError with the reason if it is damaged
 CheckpointFile read_checkpoint_file(const std::filesystem::path& path);
@@ -118,10 +115,6 @@ std::int64_t checkpoint_bytes(const TrainState& state);
 
 /// @throws InputError if a checkpoint with these options, of this iteration, cannot be resumed with `wanted`
 void check_resume_options(const TrainConfig& saved, int iteration, const TrainConfig& wanted, const std::string& place);
-
-/// @throws IoError
-void write_checkpoint(const std::filesystem::path& path, const TrainConfig& config, const TrainState& state,
-                      const Scene& scene);
 
 /// Reads a checkpoint onto `device`. @throws InputError with the reason if the file is damaged or was trained on other
 /// views than the scene's

@@ -4,11 +4,8 @@
 #include <cmath>
 #include <cstdint>
 #include <set>
-#include <utility>
 
 #include "core/check.h"
-#include "model/checkpoint/checkpoint_header.h"
-#include "model/model_folder.h"
 
 namespace b3dgs {
 namespace {

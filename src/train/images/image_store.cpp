@@ -1,7 +1,6 @@
 #include "train/images/image_store.h"
 
 #include <algorithm>
-#include <cstring>
 #include <map>
 #include <new>
 #include <utility>

@@ -1,6 +1,5 @@
 #include "train/memory/memory.h"
 
-#include <algorithm>
 #include <utility>
 
 #include "raster/torch/torch_cuda.h"

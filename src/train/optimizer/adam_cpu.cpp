@@ -3,7 +3,6 @@
 
 #include "train/optimizer/adam.h"
 
-#include <algorithm>
 
 #include "core/parallel.h"
 

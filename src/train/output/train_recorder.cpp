@@ -8,13 +8,9 @@
 #include <cstdio>
 #include <cstring>
 #include <fstream>
-#include <nlohmann/json.hpp>
-#include <string>
 
-#include "core/check.h"
 #include "core/files/atomic_file.h"
 #include "core/files/own_files.h"
-#include "model/model_folder.h"
 #include "train/checkpoint/checkpoint.h"
 
 namespace b3dgs {

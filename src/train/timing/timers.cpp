@@ -6,7 +6,7 @@
 #include "core/check.h"
 
 #if B3DGS_TORCH_CUDA
-#include "core/cuda_check.h"
+#include "core/cuda_handles.h"
 #include "raster/torch/torch_cuda.h"
 #endif
 
@@ -29,29 +29,23 @@ class HostMark final : public StageMark {
 #if B3DGS_TORCH_CUDA
 class DeviceMark final : public StageMark {
  public:
-  DeviceMark() {
-    B3DGS_CUDA_CHECK(cudaEventCreate(&event_));
-    B3DGS_CUDA_CHECK(cudaEventRecord(event_, torch_stream()));
-  }
-  ~DeviceMark() override { cudaEventDestroy(event_); }
-  DeviceMark(const DeviceMark&) = delete;
-  DeviceMark& operator=(const DeviceMark&) = delete;
+  DeviceMark() { B3DGS_CUDA_CHECK(cudaEventRecord(event_.get(), torch_stream())); }
 
   bool is_reached() const override {
-    const cudaError_t code = cudaEventQuery(event_);
+    const cudaError_t code = cudaEventQuery(event_.get());
     if (code != cudaErrorNotReady) B3DGS_CUDA_CHECK(code);
     if (code != cudaSuccess) cudaGetLastError();  // clears the code, which is no error, for the next launch check
     return code == cudaSuccess;
   }
-  void wait() const override { B3DGS_CUDA_CHECK(cudaEventSynchronize(event_)); }
+  void wait() const override { B3DGS_CUDA_CHECK(cudaEventSynchronize(event_.get())); }
   double ms_since(const StageMark& from) const override {
     float ms = 0;
-    B3DGS_CUDA_CHECK(cudaEventElapsedTime(&ms, static_cast<const DeviceMark&>(from).event_, event_));
+    B3DGS_CUDA_CHECK(cudaEventElapsedTime(&ms, static_cast<const DeviceMark&>(from).event_.get(), event_.get()));
     return ms;
   }
 
  private:
-  cudaEvent_t event_ = nullptr;
+  const cuda::Event event_ = cuda::make_event(cudaEventDefault);
 };
 #endif
 

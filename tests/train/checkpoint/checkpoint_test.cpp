@@ -14,6 +14,7 @@
 #include "support/same.h"
 #include "support/temp_dir.h"
 #include "support/train/tiny_scene.h"
+#include "support/train/write_checkpoint.h"
 #include "train/gaussians/gaussian_model.h"
 #include "train/trainer.h"
 

@@ -9,7 +9,6 @@
 #include "raster/math/opacity.h"
 #include "raster/torch/torch_cuda.h"
 #include "train/density/strategies/mcmc_math.h"
-#include "train/optimizer/adam.h"
 
 namespace b3dgs {
 namespace {
