@@ -1,4 +1,3 @@
-#include <cmath>
 #include <fstream>
 #include <nlohmann/json.hpp>
 
@@ -118,20 +117,15 @@ Exposures named_exposures(const torch::Tensor& exposures, const std::vector<View
   const float* values = host.data_ptr<float>();
   for (const View& view : views) {
     ColorTransform& transform = named[view.name];
-    for (double& value : transform) value = *values++;
+    for (auto& row : transform) {
+      for (double& value : row) value = *values++;
+    }
   }
   return named;
 }
 
 void write_exposures(const std::filesystem::path& path, const Exposures& exposures) {
-  Json json = Json::object();
-  for (const auto& [name, transform] : exposures) {
-    Json& rows = json[name] = Json::array();
-    for (std::size_t row = 0; row < 3; ++row) {
-      rows.push_back({transform[4 * row], transform[4 * row + 1], transform[4 * row + 2], transform[4 * row + 3]});
-    }
-  }
-  write_file(path, json.dump(2, ' ', false, Json::error_handler_t::replace) + "\n");
+  write_file(path, Json(exposures).dump(2, ' ', false, Json::error_handler_t::replace) + "\n");
 }
 
 Exposures read_exposures(const std::filesystem::path& path) {
@@ -141,19 +135,12 @@ Exposures read_exposures(const std::filesystem::path& path) {
   if (!json.is_object()) input_error(path.string(), ": not a JSON object; the file is damaged");
   Exposures exposures;
   for (const auto& [name, rows] : json.items()) {
-    ColorTransform& transform = exposures[name];
     try {
-      const auto values = rows.get<std::array<std::array<double, 4>, 3>>();
-      // Of a longer list, the conversion takes the beginning.
-      bool is_valid = rows.size() == 3;
-      for (std::size_t row = 0; row < 3; ++row) {
-        is_valid = is_valid && rows[row].size() == 4;
-        for (std::size_t i = 0; i < 4; ++i) {
-          transform[4 * row + i] = values[row][i];
-          is_valid = is_valid && std::isfinite(values[row][i]);
-        }
+      const auto transform = rows.get<ColorTransform>();
+      if (Json(transform) == rows) {  // of a longer list, the conversion takes the beginning
+        exposures[name] = transform;
+        continue;
       }
-      if (is_valid) continue;
     } catch (const nlohmann::json::exception&) {  // reported below
     }
     input_error(path.string(), ": ", name, ": expected 3 rows of 4 numbers, found ", json_excerpt(rows));

@@ -58,9 +58,9 @@ class LpipsNetwork {
 // balance.
 
 /// [3, 4]: colour' = transform (r, g, b, 1).
-using ColorTransform = std::array<double, 12>;
+using ColorTransform = std::array<std::array<double, 4>, 3>;
 
-inline constexpr ColorTransform kSameColors{1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0};
+inline constexpr ColorTransform kSameColors{{{1, 0, 0, 0}, {0, 1, 0, 0}, {0, 0, 1, 0}}};
 
 /// The transform of `rendered` [H, W, 3] that minimises the mean squared difference from `truth` over the pixels where
 /// `valid` is not 0 (null = all), plus 1e-6 times its squared difference from kSameColors, which decides where colours
