@@ -22,10 +22,6 @@ namespace {
 
 constexpr const char* kNoCheckpoint = "; a checkpoint could not be written either: ";
 
-std::string first_line(const char* text) {
-  return {text, std::strcspn(text, "\n")};  // LibTorch appends a stack trace
-}
-
 bool is_out_of_memory(const std::exception& error) {
   if (dynamic_cast<const OutOfMemoryError*>(&error) != nullptr) return true;
   if (dynamic_cast<const Error*>(&error) != nullptr) return false;
