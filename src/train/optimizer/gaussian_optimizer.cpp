@@ -62,20 +62,26 @@ GaussianOptimizer::GaussianOptimizer(Rasterizer& rasterizer) : rasterizer_(raste
 #endif
 }
 
-RenderedView GaussianOptimizer::forward(GaussianTensors& gaussians, AdamState& state, const CameraView& view,
-                                        RenderSettings settings) {
-  view_ = view;
-  settings_ = settings;
+std::vector<RenderSettings> GaussianOptimizer::begin_views([[maybe_unused]] GaussianTensors& gaussians,
+                                                           [[maybe_unused]] AdamState& state,
+                                                           std::vector<RenderSettings> settings) {
 #if B3DGS_TORCH_CUDA
   if (!gaussians.means.is_cpu()) {
-    begin_stage(settings.stages, Stage::kProject);
-    deferred_sh_->begin_view(rest_arrays(gaussians, state), settings.sh_degree, torch_launch_context());
-    if (settings.sh_degree > 0) settings.color_pass = deferred_sh_.get();
-    return rasterizer_.forward(gaussians, view, settings);
+    const RenderSettings& first = settings.front();
+    begin_stage(first.stages, Stage::kProject);
+    deferred_sh_->begin_view(rest_arrays(gaussians, state), first.sh_degree, torch_launch_context());
+    if (first.sh_degree == 0) return settings;
+    for (RenderSettings& each : settings) each.color_pass = deferred_sh_.get();
   }
 #endif
-  (void)state;
-  return rasterizer_.forward(gaussians, view, settings);
+  return settings;
+}
+
+RenderedView GaussianOptimizer::forward(GaussianTensors& gaussians, AdamState& state, const CameraView& view,
+                                        const RenderSettings& settings) {
+  view_ = view;
+  settings_ = settings;
+  return rasterizer_.forward(gaussians, view, begin_views(gaussians, state, {settings}).front());
 }
 
 ViewStatistics GaussianOptimizer::step(const AdamRates& rates, const RenderedViewGrad& view_grad,
@@ -131,20 +137,7 @@ std::vector<ViewSplats> GaussianOptimizer::project_views(GaussianTensors& gaussi
                                                          const std::vector<CameraView>& views,
                                                          const std::vector<RenderSettings>& settings) {
   if (views.empty()) return {};
-#if B3DGS_TORCH_CUDA
-  if (!gaussians.means.is_cpu()) {
-    const RenderSettings& first = settings.front();
-    begin_stage(first.stages, Stage::kProject);
-    deferred_sh_->begin_view(rest_arrays(gaussians, state), first.sh_degree, torch_launch_context());
-    std::vector<RenderSettings> with_colors = settings;
-    if (first.sh_degree > 0) {
-      for (RenderSettings& each : with_colors) each.color_pass = deferred_sh_.get();
-    }
-    return rasterizer_.project_views(gaussians, views, with_colors);
-  }
-#endif
-  (void)state;
-  return rasterizer_.project_views(gaussians, views, settings);
+  return rasterizer_.project_views(gaussians, views, begin_views(gaussians, state, settings));
 }
 
 ViewStatistics GaussianOptimizer::keep_splats(const ViewSplats& own, const torch::Tensor& sums, const CameraView& view,
@@ -194,11 +187,10 @@ void GaussianOptimizer::step_views(const AdamRates& rates, GaussianTensors& gaus
   end_stage(stages);
 }
 
-void GaussianOptimizer::flush(GaussianTensors& gaussians, AdamState& state) {
+void GaussianOptimizer::flush([[maybe_unused]] GaussianTensors& gaussians, [[maybe_unused]] AdamState& state) {
 #if B3DGS_TORCH_CUDA
   if (!gaussians.means.is_cpu()) deferred_sh_->flush(rest_arrays(gaussians, state), torch_launch_context());
 #endif
-  (void)gaussians, (void)state;
 }
 
 }  // namespace b3dgs

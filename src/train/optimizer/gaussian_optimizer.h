@@ -25,7 +25,8 @@ class GaussianOptimizer {
   explicit GaussianOptimizer(Rasterizer& rasterizer);
 
   /// Rasterizer::forward() for a training step.
-  RenderedView forward(GaussianTensors& gaussians, AdamState& state, const CameraView& view, RenderSettings settings);
+  RenderedView forward(GaussianTensors& gaussians, AdamState& state, const CameraView& view,
+                       const RenderSettings& settings);
 
   /// Gradients of that view and of the regularisation, and one step along them. `stages` (may be null) records the
   /// optimizer stage, which on a GPU includes the projection's backward pass. Asynchronous on a GPU.
@@ -61,6 +62,9 @@ class GaussianOptimizer {
   void flush(GaussianTensors& gaussians, AdamState& state);
 
  private:
+  /// Settings with which views may be rendered or projected, once updates of their colours can be applied.
+  std::vector<RenderSettings> begin_views(GaussianTensors& gaussians, AdamState& state,
+                                          std::vector<RenderSettings> settings);
   void make_room(const GaussianTensors& gaussians, std::int64_t n_splats);
 
   Rasterizer& rasterizer_;
