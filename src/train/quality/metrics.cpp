@@ -108,22 +108,16 @@ torch::Tensor to_planes(const Image8& image, const Image8* valid, torch::Device 
 
 }  // namespace
 
-struct LpipsNetwork::Impl {
-  torch::Device device;
-  mutable torch::jit::Module module;
-};
-
 LpipsNetwork::LpipsNetwork(const std::filesystem::path& file, torch::Device device)
-    : impl_(std::make_unique<Impl>(Impl{device, {}})), name_(file.filename().string()) {
+    : device_(device), name_(file.filename().string()) {
   if (!std::filesystem::is_regular_file(file)) input_error("LPIPS network not found: ", file.string());
   try {
-    impl_->module = torch::jit::load(file.string(), device);
-    impl_->module.eval();
+    module_ = std::make_shared<torch::jit::Module>(torch::jit::load(file.string(), device));
+    module_->eval();
   } catch (const std::exception& error) {
     input_error(file.string(), ": expected a TorchScript network (--lpips): ", first_line(error));
   }
 }
-LpipsNetwork::~LpipsNetwork() = default;
 
 double LpipsNetwork::distance(const torch::Tensor& rendered, const Image8& truth, const Image8* valid) const {
   const torch::NoGradGuard no_grad;
@@ -133,7 +127,7 @@ double LpipsNetwork::distance(const torch::Tensor& rendered, const Image8& truth
   const std::string promise = "expected forward(a, b) of two images [1, 3, H, W] that returns one number";
   try {
     const torch::jit::IValue result =
-        impl_->module.forward({to_planes(image, valid, impl_->device), to_planes(truth, valid, impl_->device)});
+        module_->forward({to_planes(image, valid, device_), to_planes(truth, valid, device_)});
     if (result.isDouble()) return result.toDouble();
     if (result.isTensor() && result.toTensor().numel() == 1) return result.toTensor().item<double>();
     input_error(name_, ": ", promise, ", found ", result.tagKind());

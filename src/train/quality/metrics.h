@@ -14,6 +14,10 @@
 #include "model/model_folder.h"
 #include "scene/images/image.h"
 
+namespace torch::jit {
+struct Module;
+}
+
 namespace b3dgs {
 
 /// Compares a rendered image [H, W, 3] with the photograph; the image is clamped to [0, 1] and rounded to 8 bits first,
@@ -38,7 +42,6 @@ class LpipsNetwork {
  public:
   /// @throws InputError if the file is missing or not TorchScript
   LpipsNetwork(const std::filesystem::path& file, torch::Device device);
-  ~LpipsNetwork();
 
   /// LPIPS between a rendered image [H, W, 3], clamped to [0, 1] and rounded to 8 bits, and the photograph. Pixels
   /// where `valid` is 0 are set to black in both; null = all are valid. @throws InputError if the network fails or does
@@ -49,8 +52,8 @@ class LpipsNetwork {
   const std::string& name() const { return name_; }
 
  private:
-  struct Impl;
-  std::unique_ptr<Impl> impl_;
+  torch::Device device_;
+  std::shared_ptr<torch::jit::Module> module_;
   std::string name_;
 };
 

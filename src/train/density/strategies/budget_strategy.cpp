@@ -1,4 +1,4 @@
-#include "train/density/strategies/budget_strategy.h"
+#include "train/density/strategies/strategies.h"
 
 #include <algorithm>
 #include <cmath>
