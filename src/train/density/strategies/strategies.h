@@ -75,14 +75,9 @@ void add_mean_noise(GaussianTensors& gaussians, double rate, std::int64_t seed, 
 
 // Strategy budget: the number of Gaussians grows along a curve to a budget (--max_gaussians), by splitting Gaussians
 // that contribute most to large errors. Uses ideas of FastGS (errors over several views) and Improved-GS (budget curve,
-// splits along the longest axis); see docs/recipes.md.
-//
-//   score        sum of blend weight times squared pixel error over the last --score_views steps before a round
-//   parents      drawn from the Gaussians with a score, in proportion to it
-//   parts        --split: the two Gaussians that replace a parent; their Adam moments are 0
-//   growth       budget_growth(): how far each round goes towards the budget
-//   pruning      in each round, opacity < 0.005; every --opacity_reset_interval iterations, also blend weight
-//                < --prune_weight in all views scored since the last such pruning, if at least kPruneViews saw it
+// splits along the longest axis); README.md says what a round does. Beside it, every --opacity_reset_interval iterations
+// Gaussians are pruned whose blend weight was below --prune_weight in all views scored since the last such pruning, if
+// at least kPruneViews saw them.
 
 std::unique_ptr<DensityStrategy> make_budget_strategy(const TrainConfig& config, double extent);
 
