@@ -202,9 +202,8 @@ std::int64_t checkpoint_bytes(const TrainState& state) {
   std::int64_t bytes = 0;
   for (const Row<const torch::Tensor>& row : rows_of(state)) {
     if (!row.tensor->defined()) continue;
-    std::int64_t of_row = row.tensor->element_size();
-    for (const std::int64_t size : row.tensor->sizes().slice(1)) of_row *= size;
-    bytes += of_row * (row.shape.front() == kGaussians ? state.n_gaussians() : row.tensor->size(0));
+    bytes += row.tensor->element_size() * row_elements(*row.tensor) *
+             (row.shape.front() == kGaussians ? state.n_gaussians() : row.tensor->size(0));
   }
   return bytes;
 }

@@ -51,6 +51,18 @@ DensityStatistics make_density_statistics(std::int64_t n_gaussians, torch::Devic
 /// coordinates, the unit of the original 3DGS threshold. Allocates nothing.
 void add_view(const ViewStatistics& view, std::int32_t width, std::int32_t height, DensityStatistics& statistics);
 
+/// Calls visit(tensor) for each tensor with a row per Gaussian.
+template <class Gaussians, class Adam, class Statistics, class Visit>
+void visit_rows(Gaussians& gaussians, Adam& adam, Statistics& statistics, Visit&& visit) {
+  for (auto* group : {&gaussians, &adam.m, &adam.v}) {
+    for (auto* tensor : group->all()) visit(*tensor);
+  }
+  for (auto* column : statistics.all()) visit(*column);
+}
+
+/// Elements of a row.
+std::int64_t row_elements(const torch::Tensor& tensor);
+
 // Additions and removals of Gaussians as data, applied to every tensor with one row per Gaussian.
 
 /// Rows after the edit: first the kept ones, in ascending order, then the new ones, whose Adam moments are 0.

@@ -53,31 +53,22 @@ bool keeps_too_much(const MemoryUse& use) {
 
 namespace {
 
-template <class State, class Visit>
-void visit_rows(State& state, Visit&& visit) {
-  for (const auto* group : {&state.gaussians, &state.adam.m, &state.adam.v}) {
-    for (const torch::Tensor* tensor : group->all()) visit(*tensor);
-  }
-  for (const torch::Tensor* tensor : state.statistics.all()) visit(*tensor);
-}
-
 std::int64_t row_bytes(const torch::Tensor& tensor) {
-  std::int64_t bytes = static_cast<std::int64_t>(tensor.itemsize());
-  for (std::int64_t axis = 1; axis < tensor.dim(); ++axis) bytes *= tensor.size(axis);
-  return bytes;
+  return static_cast<std::int64_t>(tensor.itemsize()) * row_elements(tensor);
 }
 
 }  // namespace
 
 std::int64_t state_row_bytes(const TrainState& state) {
   std::int64_t bytes = 0;
-  visit_rows(state, [&](const torch::Tensor& tensor) { bytes += row_bytes(tensor); });
+  visit_rows(state.gaussians, state.adam, state.statistics,
+             [&](const torch::Tensor& tensor) { bytes += row_bytes(tensor); });
   return bytes;
 }
 
 std::int64_t state_bytes(const TrainState& state) {
   std::int64_t bytes = 0;
-  visit_rows(state,
+  visit_rows(state.gaussians, state.adam, state.statistics,
              [&](const torch::Tensor& tensor) { bytes += static_cast<std::int64_t>(tensor.storage().nbytes()); });
   return bytes;
 }
@@ -89,7 +80,8 @@ GaussianMemory gaussian_memory(const TrainState& state, const ViewMemory& view, 
   // A round's masks, thresholds and indices, before the row edit allocates.
   constexpr double kPlan = 64;
   std::int64_t largest = 0;
-  visit_rows(state, [&](const torch::Tensor& tensor) { largest = std::max(largest, row_bytes(tensor)); });
+  visit_rows(state.gaussians, state.adam, state.statistics,
+             [&](const torch::Tensor& tensor) { largest = std::max(largest, row_bytes(tensor)); });
   GaussianMemory memory;
   memory.state = static_cast<double>(state_row_bytes(state));
   memory.step = kStep;
