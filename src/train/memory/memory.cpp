@@ -1,6 +1,5 @@
 #include "train/memory/memory.h"
 
-
 #include "raster/torch/torch_cuda.h"
 #include "train/density/row_edit.h"
 

@@ -3,7 +3,6 @@
 
 #include "train/optimizer/adam.h"
 
-
 #include "core/parallel.h"
 
 #undef HWY_TARGET_INCLUDE

@@ -20,7 +20,7 @@ inline void write_checkpoint_file(const std::filesystem::path& path, const Check
 }
 
 inline void write_checkpoint(const std::filesystem::path& path, const TrainConfig& config, const TrainState& state,
-                      const Scene& scene) {
+                             const Scene& scene) {
   write_checkpoint_file(path, {checkpoint_header(config, state, scene_fingerprint(scene)), checkpoint_tensors(state)});
 }
 

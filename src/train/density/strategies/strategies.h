@@ -75,9 +75,9 @@ void add_mean_noise(GaussianTensors& gaussians, double rate, std::int64_t seed, 
 
 // Strategy budget: the number of Gaussians grows along a curve to a budget (--max_gaussians), by splitting Gaussians
 // that contribute most to large errors. Uses ideas of FastGS (errors over several views) and Improved-GS (budget curve,
-// splits along the longest axis); README.md says what a round does. Beside it, every --opacity_reset_interval iterations
-// Gaussians are pruned whose blend weight was below --prune_weight in all views scored since the last such pruning, if
-// at least kPruneViews saw them.
+// splits along the longest axis); README.md says what a round does. Beside it, every --opacity_reset_interval
+// iterations Gaussians are pruned whose blend weight was below --prune_weight in all views scored since the last such
+// pruning, if at least kPruneViews saw them.
 
 std::unique_ptr<DensityStrategy> make_budget_strategy(const TrainConfig& config, double extent);
 
