@@ -27,7 +27,7 @@ void DensityControl::run(int iteration) {
                                         "lower the learning rates"));
     }
   }
-  if (plan.lower_opacities) training_.density->lower_opacities(iteration, state.gaussians, state.adam);
+  if (plan.lower_opacities) training_.density->lower_opacities(state.gaussians, state.adam);
 }
 
 void DensityControl::run_round(int iteration) {

@@ -1,6 +1,5 @@
 #include "train/objective.h"
 
-#include "train/loss/loss_weights.h"
 #include "train/optimizer/adam.h"
 
 namespace b3dgs {

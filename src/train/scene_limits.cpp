@@ -4,6 +4,7 @@
 #include <cmath>
 #include <filesystem>
 #include <limits>
+#include <type_traits>
 
 #include "core/check.h"
 #include "core/text.h"
@@ -13,23 +14,15 @@ namespace {
 
 namespace fs = std::filesystem;
 
-std::string quoted(const std::string& text) {
-  return '"' + text + '"';
-}
-
-std::string quoted(bool value) {
-  return value ? "true" : "false";
-}
-
-std::string quoted(int value) {
-  return std::to_string(value);
-}
-
 template <class Value>
 void check_same(const char* name, const Value& of_scene, const Value& of_config) {
   if (of_scene == of_config) return;
-  input_error("the scene was not read with the options of the training: ", name, " (expected ", quoted(of_config),
-              " as in TrainConfig, found ", quoted(of_scene), " in SceneOptions); load it with scene_options(config)");
+  const auto text = [](const Value& value) {
+    if constexpr (std::is_same_v<Value, std::string>) return '"' + value + '"';
+    return detail::concat(std::boolalpha, value);
+  };
+  input_error("the scene was not read with the options of the training: ", name, " (expected ", text(of_config),
+              " as in TrainConfig, found ", text(of_scene), " in SceneOptions); load it with scene_options(config)");
 }
 
 }  // namespace

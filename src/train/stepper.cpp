@@ -9,14 +9,12 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstring>
 #include <utility>
 
 #include "config/batch_steps.h"
 #include "config/coarse_schedule.h"
 #include "core/random.h"
 #include "raster/torch/tensors.h"
-#include "train/density/row_edit.h"
 #include "train/evaluate.h"
 #include "train/optimizer/adam.h"
 
@@ -317,7 +315,7 @@ void Stepper::remove_invalid_gaussians(const InvalidGaussianError& error) {
   const std::int64_t n = remove_invalid_rows(error.row());
   training_.is_consistent = true;
   state_.n_removed += n;
-  const std::string reason(error.what(), std::strcspn(error.what(), "\n"));
+  const std::string reason = first_line(error.what());
   training_.recorder.log_event(state_.iteration, "gaussians_removed",
                                {{"count", n}, {"total", state_.n_removed}, {"reason", reason}});
   if (state_.n_gaussians() == 0) {

@@ -22,10 +22,6 @@ namespace {
 
 constexpr const char* kNoCheckpoint = "; a checkpoint could not be written either: ";
 
-std::string first_line(const char* text) {
-  return {text, std::strcspn(text, "\n")};  // LibTorch appends a stack trace
-}
-
 bool is_out_of_memory(const std::exception& error) {
   if (dynamic_cast<const OutOfMemoryError*>(&error) != nullptr) return true;
   if (dynamic_cast<const Error*>(&error) != nullptr) return false;
@@ -135,15 +131,14 @@ std::vector<std::string> Trainer::resume(const std::filesystem::path& checkpoint
   training_->fingerprint = scene_identity(*training_);
   const nlohmann::ordered_json header = read_checkpoint_header(checkpoint);
   const std::string n_views = std::to_string(training_->scene.train.size());
-  const auto warn_of = [&](const std::string& kind, const std::vector<std::string>& changed) {
-    if (changed.empty()) return;
+  for (const auto& [kind, list] :
+       {std::pair{"", "photographs"}, {"masks of ", "masks"}, {"depth maps of ", "depth_maps"}}) {
+    const std::vector<std::string> changed = changed_files(header, training_->fingerprint, list);
+    if (changed.empty()) continue;
     training_->recorder.warn(detail::concat(
         kind, changed.size(), " of ", n_views, " photographs have changed since this checkpoint was written (",
         changed.size() > 1 ? "first: " : "", changed.front(), "); training continues with the current files"));
-  };
-  warn_of("", changed_photographs(header, training_->fingerprint));
-  warn_of("masks of ", changed_masks(header, training_->fingerprint));
-  warn_of("depth maps of ", changed_depth_maps(header, training_->fingerprint));
+  }
   if (have_points_changed(header, training_->fingerprint)) {
     training_->recorder.warn(
         "the points of the scene have changed since this checkpoint was written; training continues "

@@ -148,8 +148,7 @@ void Trainer::log_floaters() {
   } catch (const OutOfMemoryError&) {  // the model that has been trained is worth more than this count
     recorder.say("floaters were not counted: not enough memory");
   } catch (const std::exception& error) {
-    const std::string text = error.what();
-    recorder.say("floaters were not counted: " + text.substr(0, text.find('\n')));
+    recorder.say("floaters were not counted: " + first_line(error.what()));
   }
 }
 

@@ -4,13 +4,13 @@
 
 #include <algorithm>
 #include <chrono>
+#include <cstring>
 #include <utility>
 
 #include "core/text.h"
 #include "scene/view_image.h"
 #include "train/checkpoint/checkpoint.h"
 #include "train/device.h"
-#include "train/memory/memory.h"
 
 namespace b3dgs {
 namespace {
@@ -23,19 +23,8 @@ void wait_for(torch::Device device) {
   if (device.is_cuda()) torch::cuda::synchronize();
 }
 
-KernelCheckTools kernel_check_tools(const TrainHooks& hooks) {
-  KernelCheckTools tools;
-  if (hooks.make_kernel_timer) tools.timer = hooks.make_kernel_timer();
-  return tools;
-}
-
 double gpu_memory_gb(const TrainConfig& config, const TrainHooks& hooks) {
   return hooks.gpu_memory_gb.value_or(config.gpu_memory_gb);
-}
-
-std::int64_t image_budget(const TrainConfig& config, const TrainHooks& hooks, torch::Device device) {
-  if (hooks.image_budget) return *hooks.image_budget;
-  return b3dgs::image_budget(config.image_cache_gb, device, gpu_memory_gb(config, hooks));
 }
 
 }  // namespace
@@ -50,8 +39,10 @@ Training::Training(const TrainConfig& options, const Scene& of, ModelFolder into
       rasterizer(device),
       objective(config, scene, device, hooks.on_loading),
       density(make_density_strategy(config, scene.extent)),
-      kernels(config, device, kernel_check_tools(hooks)),
-      views(config, scene, state.poses, device, image_budget(config, hooks, device), hooks.on_loading),
+      kernels(config, device, {hooks.make_kernel_timer ? hooks.make_kernel_timer() : nullptr}),
+      views(config, scene, state.poses, device,
+            hooks.image_budget.value_or(image_budget(config.image_cache_gb, device, gpu_memory_gb(config, hooks))),
+            hooks.on_loading),
       timer(make_stage_clock(device)),
       time(hooks.clock_s ? hooks.clock_s : steady_clock_s, [where = device] { wait_for(where); }),
       // Several processes gather what they write in host memory.
@@ -99,6 +90,10 @@ MemoryRemedy Training::release_photographs() {
     recorder.say("fewer photographs stay on the GPU: memory is short");
     return true;
   };
+}
+
+std::string first_line(const char* text) {
+  return {text, std::strcspn(text, "\n")};
 }
 
 nlohmann::ordered_json scene_identity(const Training& training) {

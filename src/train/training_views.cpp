@@ -4,7 +4,6 @@
 #include "core/check.h"
 #include "raster/torch/tensors.h"
 #include "raster/torch/torch_cuda.h"
-#include "train/images/reduce_image.h"
 
 namespace b3dgs {
 

@@ -13,7 +13,7 @@
 #include "support/run_program.h"
 #include "support/same.h"
 #include "support/temp_dir.h"
-#include "train/checkpoint/checkpoint.h"
+#include "support/train/write_checkpoint.h"
 
 namespace b3dgs {
 namespace {

@@ -17,7 +17,7 @@
 #include "support/formats/write_transforms.h"
 #include "support/sample_model.h"
 #include "support/train/tiny_scene.h"
-#include "train/checkpoint/checkpoint.h"
+#include "support/train/write_checkpoint.h"
 #include "train/gaussians/gaussian_model.h"
 #include "train/output/train_recorder.h"
 
@@ -196,20 +196,23 @@ void write_log_seeds(const fs::path& folder) {
   fs::create_directories(folder);
   TrainLog log(path, 0);
   for (const int iteration : {10, 20, 30}) {
-    TrainLogLine line;
-    line.iteration = iteration;
-    line.loss = 0.5;
-    line.ms = 12.25;
-    line.count = 1000;
-    line.elapsed_s = iteration;
-    line.kernel = "segmented";
-    if (iteration == 20) line.stages.emplace();
-    if (iteration == 30) line.test_quality = ImageQuality{};
+    nlohmann::ordered_json line{{"iteration", iteration}, {"loss", 0.5},      {"ms", 12.25},
+                                {"count", 1000},          {"elapsed_s", 1.5}, {"kernel", "segmented"}};
+    if (iteration == 20) line["stages_ms"] = stage_json({});
+    if (iteration == 30) line["test_psnr"] = line["test_ssim"] = 0.5;
     log.write(line);
   }
-  log.write_event(30, "kernel_check", to_json(kernel_check().second));
-  log.write_event(30, "kernel_times", {{"pass", "forward"}, {"times_ms", {{"naive", 2.5}}}, {"views", 3}});
-  log.write_event(30, "load_statistics", {{"tile_lists", {{"min", 0}, {"max", 7}, {"log2_bins", {1, 2, 3}}}}});
+  nlohmann::ordered_json check{{"iteration", 30}, {"event", "kernel_check"}};
+  check.update(to_json(kernel_check().second));
+  log.write(check);
+  log.write({{"iteration", 30},
+             {"event", "kernel_times"},
+             {"pass", "forward"},
+             {"times_ms", {{"naive", 2.5}}},
+             {"views", 3}});
+  log.write({{"iteration", 30},
+             {"event", "load_statistics"},
+             {"tile_lists", {{"min", 0}, {"max", 7}, {"log2_bins", {1, 2, 3}}}}});
 }
 
 void write_view_seeds(const fs::path& folder) {

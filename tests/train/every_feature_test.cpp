@@ -11,7 +11,7 @@
 #include "support/temp_dir.h"
 #include "support/train/short_memory.h"
 #include "train/checkpoint/checkpoint.h"
-#include "train/density/strategies/budget_strategy.h"
+#include "train/density/strategies/strategies.h"
 
 namespace b3dgs {
 namespace {

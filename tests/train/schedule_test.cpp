@@ -13,7 +13,7 @@
 #include "config/train_options.h"
 #include "config/view_order.h"
 #include "core/random.h"
-#include "train/loss/loss_weights.h"
+#include "train/loss/loss.h"
 #include "train/optimizer/adam.h"
 #include "train/scene_limits.h"
 

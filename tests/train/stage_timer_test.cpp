@@ -16,21 +16,26 @@ namespace b3dgs {
 namespace {
 
 /// A device whose time goes on by hand, and that has got through its queue up to `done`.
-class HandClock final : public StageClock {
- public:
+struct HandClock {
   double now_ms = 0;
   double done_ms = 1e9;
-  std::map<int, double> marks;
-  int next = 0;
+  int n_marks = 0, n_kept = 0;
+};
 
-  int mark() override {
-    marks[next] = now_ms;
-    return next++;
+class HandMark final : public StageMark {
+ public:
+  explicit HandMark(HandClock& clock) : clock_(clock), ms_(clock.now_ms) {
+    ++clock.n_marks;
+    ++clock.n_kept;
   }
-  void release(int mark) override { EXPECT_EQ(marks.erase(mark), 1u) << "released twice"; }
-  bool has_reached(int mark) override { return marks.at(mark) <= done_ms; }
-  void wait(int mark) override { done_ms = std::max(done_ms, marks.at(mark)); }
-  double ms_between(int from, int to) override { return marks.at(to) - marks.at(from); }
+  ~HandMark() override { --clock_.n_kept; }
+  bool is_reached() const override { return ms_ <= clock_.done_ms; }
+  void wait() const override { clock_.done_ms = std::max(clock_.done_ms, ms_); }
+  double ms_since(const StageMark& from) const override { return ms_ - static_cast<const HandMark&>(from).ms_; }
+
+ private:
+  HandClock& clock_;
+  const double ms_;
 };
 
 double ms_of(const StageTimes& times, Stage stage) {
@@ -61,8 +66,8 @@ class StageTimerTest : public testing::Test {
     timer.finish();
   }
 
-  HandClock& clock = *new HandClock;  // the timer's
-  StageTimer timer{std::unique_ptr<StageClock>(&clock)};
+  HandClock clock;
+  StageTimer timer{[this] { return std::make_unique<HandMark>(clock); }};
 };
 
 TEST_F(StageTimerTest, AddsUpStagesAndLeavesTheRestToTheHost) {
@@ -76,7 +81,7 @@ TEST_F(StageTimerTest, AddsUpStagesAndLeavesTheRestToTheHost) {
   EXPECT_EQ(known[0].host_ms(), 3);
   EXPECT_EQ(stage_json(known[0]).dump(), R"({"project":5.0,"optimizer":4.0,"host":3.0})");
   EXPECT_TRUE(timer.take().empty()) << "told twice";
-  EXPECT_TRUE(clock.marks.empty()) << "marks are kept";
+  EXPECT_EQ(clock.n_kept, 0) << "marks are kept";
 }
 
 TEST_F(StageTimerTest, TellsWhatTheDeviceHasGotThrough) {
@@ -98,7 +103,7 @@ TEST_F(StageTimerTest, TakesNoMarksOutsideOfASample) {
   timer.begin(Stage::kBin);
   timer.end();
   timer.finish();
-  EXPECT_EQ(clock.next, 0);
+  EXPECT_EQ(clock.n_marks, 0);
   EXPECT_TRUE(timer.wait().empty());
 }
 

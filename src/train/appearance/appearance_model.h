@@ -13,6 +13,7 @@
 #include "config/train_config.h"
 #include "scene/scene.h"
 #include "train/appearance/bilateral_grid.h"
+#include "train/appearance/exposure.h"
 #include "train/quality/metrics.h"
 
 namespace b3dgs {
@@ -48,10 +49,10 @@ class AppearanceModel {
   virtual ~AppearanceModel() = default;
 
   /// Whether this model can continue with the state: same kind, same number of views.
-  virtual bool fits(const AppearanceState& state) const = 0;
+  bool fits(const AppearanceState& state) const;
 
   /// Transforms that change nothing.
-  virtual AppearanceState make_state() const = 0;
+  AppearanceState make_state() const;
 
   /// Which view of its step the next backward() and step() are for, from 0 to --batch - 1: gradients of several views
   /// are kept until the steps are taken.
@@ -73,88 +74,80 @@ class AppearanceModel {
   virtual void backward(const AppearanceState& state, std::int32_t view, const torch::Tensor& rendered,
                         torch::Tensor grad) = 0;
 
-  /// The gradient of the transform that step() takes with this place: of the last backward(), unless another one is
-  /// copied to it. The same tensor in every step.
-  virtual torch::Tensor grad() const = 0;
+  /// The gradient of the view's transform that step() takes with this place: of the last backward(), unless another one
+  /// is copied to it. The same tensor in every step.
+  const torch::Tensor& grad() const { return grads_.at(place_); }
 
   /// One Adam step along the gradient of the last backward() with this place. Allocates nothing. `iteration` counts
   /// from 1.
   virtual void step(std::int32_t view, int iteration, AppearanceState& state) = 0;
 
  protected:
-  std::size_t place() const { return place_; }
+  /// `transforms`: where the state has them, for each view a tensor of shape `of_view`.
+  AppearanceModel(const TrainConfig& config, std::int64_t n_views, torch::Device device,
+                  torch::Tensor AppearanceState::*transforms, torch::IntArrayRef of_view);
+
   const torch::Tensor& photograph() const { return photograph_; }
+  const float* transforms_of(const AppearanceState& state, std::int32_t view) const;
+  /// Memory for the result of apply().
+  float* make_room(const torch::Tensor& rendered);
+
+  const TrainConfig config_;
+  const torch::Device device_;
+  torch::Tensor corrected_;
 
  private:
+  torch::Tensor AppearanceState::*transforms_;
+  const std::int64_t n_views_;
+  std::vector<torch::Tensor> grads_;  // by place
   std::size_t place_ = 0;
-  torch::Tensor photograph_;
+  torch::Tensor photograph_, corrected_room_;
 };
 
 /// The model that the options select; null = none.
 std::unique_ptr<AppearanceModel> make_appearance_model(const TrainConfig& config, std::int64_t n_views,
                                                        torch::Device device);
 
-// An affine transform of the colours of each photograph (--exposure), as in the original 3DGS code: Adam with its own
-// learning rate, from the identity.
-
+/// An affine transform of the colours of each photograph (--exposure), as in the original 3DGS code: Adam with its own
+/// learning rate, which falls log-linearly from config.exposure_lr_init to exposure_lr_final in the last iteration.
 class ExposureModel final : public AppearanceModel {
  public:
-  /// The learning rate falls log-linearly from config.exposure_lr_init to exposure_lr_final in the last iteration.
   ExposureModel(const TrainConfig& config, std::int64_t n_views, torch::Device device);
 
-  bool fits(const AppearanceState& state) const override;
-  AppearanceState make_state() const override;
   torch::Tensor apply(const AppearanceState& state, std::int32_t view, const torch::Tensor& rendered) override;
   void backward(const AppearanceState& state, std::int32_t view, const torch::Tensor& rendered,
                 torch::Tensor grad) override;
-  torch::Tensor grad() const override { return transform_grad(); }
   void step(std::int32_t view, int iteration, AppearanceState& state) override;
 
-  /// dL/d(transform) of the last backward(), [3, 4].
-  const torch::Tensor& transform_grad() const { return transform_grads_.at(place()); }
-
  private:
-  double lr_init_, lr_final_;
-  int iterations_;
-  std::int64_t n_views_;
-  torch::Device device_;
-  torch::Tensor corrected_, corrected_room_, block_sums_;
-  std::vector<torch::Tensor> transform_grads_;  // by place
-  torch::Tensor all_grads_;                     // on a CPU: [V, 3, 4], 0 between steps
+  ExposureArgs args_of(const AppearanceState& state, std::int32_t view, const torch::Tensor& rendered) const;
+
+  torch::Tensor block_sums_;
+  torch::Tensor all_grads_;  // on a CPU: [V, 3, 4], 0 between steps
 };
 
-// A bilateral grid of affine colour transforms for each photograph (--bilateral_grid; bilateral_grid.h). Unlike
-// one transform for the whole image, it can follow vignetting, local tone mapping and glare.
-
+/// A bilateral grid of affine colour transforms for each photograph (--bilateral_grid; bilateral_grid.h). Unlike one
+/// transform for the whole image, it can follow vignetting, local tone mapping and glare.
 class BilateralGridModel final : public AppearanceModel {
  public:
   BilateralGridModel(const TrainConfig& config, std::int64_t n_views, torch::Device device);
 
-  bool fits(const AppearanceState& state) const override;
-  AppearanceState make_state() const override;
   void begin_step(std::int32_t view, int iteration, AppearanceState& state) override;
   torch::Tensor apply(const AppearanceState& state, std::int32_t view, const torch::Tensor& rendered) override;
   /// Adds the total variation of the view's grid to the loss.
   void backward(const AppearanceState& state, std::int32_t view, const torch::Tensor& rendered,
                 torch::Tensor grad) override;
-  torch::Tensor grad() const override { return grid_grad(); }
   void step(std::int32_t view, int iteration, AppearanceState& state) override;
 
   /// Rises linearly from a hundredth of 0.002 in the first thirtieth of all iterations, and falls
   /// log-linearly to a hundredth at the end; both factors apply throughout.
   double rate(int iteration) const;
 
-  /// dL/d(grid) of the last backward(), [levels, height, width, 12].
-  const torch::Tensor& grid_grad() const { return grid_grads_.at(place()); }
-
  private:
-  double variation_weight_;
-  int iterations_;
-  std::int64_t n_views_;
-  torch::Device device_;
-  torch::Tensor corrected_, corrected_room_, cell_sums_;
-  std::vector<torch::Tensor> grid_grads_;  // by place
-  torch::Tensor no_grad_;                  // on a CPU: zeros
+  BilateralGridArgs args_of(const AppearanceState& state, std::int32_t view, const torch::Tensor& rendered) const;
+
+  torch::Tensor cell_sums_;
+  torch::Tensor no_grad_;  // on a CPU: zeros
 };
 
 // exposure.json: the colour transforms of a model's training views (--exposure), as the original 3DGS code writes them:

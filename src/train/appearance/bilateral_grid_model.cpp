@@ -7,7 +7,6 @@
 #include "core/parallel.h"
 #include "raster/torch/tensors.h"
 #include "raster/torch/torch_cuda.h"
-#include "train/appearance/bilateral_grid.h"
 #include "train/optimizer/adam.h"
 
 namespace b3dgs {
@@ -69,17 +68,6 @@ void backward(const BilateralGridArgs& args) {
 
 }  // namespace on_cpu
 
-BilateralGridArgs grid_args(const AppearanceState& state, std::int32_t view, const torch::Tensor& rendered) {
-  TensorCheck(rendered.device()).dims("rendered", rendered, {"H", "W", 3});
-  B3DGS_CHECK(view >= 0 && view < state.grids.size(0), "view ", view, " of ", state.grids.size(0));
-  BilateralGridArgs args;
-  args.height = static_cast<std::int32_t>(rendered.size(0));
-  args.width = static_cast<std::int32_t>(rendered.size(1));
-  args.grid = state.grids.data_ptr<float>() + std::int64_t{view} * kGridSize;
-  args.rendered = rendered.data_ptr<float>();
-  return args;
-}
-
 /// The grid of one view.
 AdamArgs adam_args(std::int32_t view, AppearanceState& state) {
   const std::int64_t first = std::int64_t{view} * kGridSize;
@@ -94,36 +82,19 @@ AdamArgs adam_args(std::int32_t view, AppearanceState& state) {
 }  // namespace
 
 BilateralGridModel::BilateralGridModel(const TrainConfig& config, std::int64_t n_views, torch::Device device)
-    : variation_weight_(config.bilateral_grid_tv), iterations_(config.iterations), n_views_(n_views), device_(device) {
-  const auto floats = torch::TensorOptions(torch::kFloat32).device(device);
-  for (int place = 0; place < config.batch; ++place) {
-    grid_grads_.push_back(torch::zeros({kGridLevels, kGridHeight, kGridWidth, kTransformSize}, floats));
-  }
+    : AppearanceModel(config, n_views, device, &AppearanceState::grids,
+                      {kGridLevels, kGridHeight, kGridWidth, kTransformSize}) {
   std::int64_t n_sums = std::int64_t{on_cpu::kParts} * kCells * kCellSums;
   if (kTorchHasCuda && device.is_cuda()) n_sums = cuda::bilateral_grid_sums();
-  cell_sums_ = torch::zeros({n_sums}, floats.dtype(torch::kFloat64));
+  cell_sums_ = torch::zeros({n_sums}, torch::TensorOptions(torch::kFloat64).device(device));
   if (device.is_cpu()) no_grad_ = torch::zeros({kGridSize});
 }
 
 double BilateralGridModel::rate(int iteration) const {
   constexpr double kRate = 0.002, kLowest = 0.01, kWarmUpPart = 1.0 / 30;
-  const double time = static_cast<double>(iteration) / iterations_;
+  const double time = static_cast<double>(iteration) / config_.iterations;
   const double warm_up = kLowest + (1 - kLowest) * std::min(1.0, time / kWarmUpPart);
   return kRate * warm_up * std::pow(kLowest, std::min(1.0, time));
-}
-
-bool BilateralGridModel::fits(const AppearanceState& state) const {
-  return state.grids.defined() && state.grids.size(0) == n_views_;
-}
-
-AppearanceState BilateralGridModel::make_state() const {
-  AppearanceState state;
-  const torch::Tensor same = torch::eye(3, 4, torch::TensorOptions(torch::kFloat32).device(device_)).flatten();
-  state.grids = same.repeat({n_views_, kGridLevels, kGridHeight, kGridWidth, 1}).contiguous();
-  state.m = torch::zeros_like(state.grids);
-  state.v = torch::zeros_like(state.grids);
-  state.last_steps.assign(static_cast<std::size_t>(n_views_), 0);
-  return state;
 }
 
 void BilateralGridModel::begin_step(std::int32_t view, int iteration, AppearanceState& state) {
@@ -152,11 +123,21 @@ void BilateralGridModel::begin_step(std::int32_t view, int iteration, Appearance
   std::transform(args.v, args.v + args.n, args.v, [&](float v) { return v * missed.v_factor; });
 }
 
+BilateralGridArgs BilateralGridModel::args_of(const AppearanceState& state, std::int32_t view,
+                                              const torch::Tensor& rendered) const {
+  TensorCheck(rendered.device()).dims("rendered", rendered, {"H", "W", 3});
+  BilateralGridArgs args;
+  args.grid = transforms_of(state, view);
+  args.height = static_cast<std::int32_t>(rendered.size(0));
+  args.width = static_cast<std::int32_t>(rendered.size(1));
+  args.rendered = rendered.data_ptr<float>();
+  return args;
+}
+
 torch::Tensor BilateralGridModel::apply(const AppearanceState& state, std::int32_t view,
                                         const torch::Tensor& rendered) {
-  BilateralGridArgs args = grid_args(state, view, rendered);
-  place_tensor(corrected_, corrected_room_, rendered.sizes(), rendered.options());
-  args.corrected = corrected_.data_ptr<float>();
+  BilateralGridArgs args = args_of(state, view, rendered);
+  args.corrected = make_room(rendered);
   if (kTorchHasCuda && device_.is_cuda()) {
     cuda::apply_bilateral_grid(args, torch_stream());
   } else {
@@ -167,14 +148,13 @@ torch::Tensor BilateralGridModel::apply(const AppearanceState& state, std::int32
 
 void BilateralGridModel::backward(const AppearanceState& state, std::int32_t view, const torch::Tensor& rendered,
                                   torch::Tensor grad) {
-  TensorCheck check(rendered.device());
-  check.dims("rendered", rendered, {"H", "W", 3});
-  check.dims("grad", grad, {"H", "W", 3});
-  BilateralGridArgs args = grid_args(state, view, rendered);
+  B3DGS_CHECK(grad.sizes() == rendered.sizes(), "a gradient of ", grad.sizes(), " for a render of ", rendered.sizes());
+  TensorCheck(rendered.device()).dims("grad", grad, {"H", "W", 3});
+  BilateralGridArgs args = args_of(state, view, rendered);
   args.grad = grad.data_ptr<float>();
   args.cell_sums = cell_sums_.data_ptr<double>();
-  args.variation_weight = static_cast<float>(variation_weight_);
-  args.grid_grad = grid_grads_.at(place()).data_ptr<float>();
+  args.variation_weight = static_cast<float>(config_.bilateral_grid_tv);
+  args.grid_grad = this->grad().data_ptr<float>();
   if (kTorchHasCuda && device_.is_cuda()) return cuda::bilateral_grid_backward(args, torch_stream());
   on_cpu::backward(args);
 }
@@ -183,7 +163,7 @@ void BilateralGridModel::step(std::int32_t view, int iteration, AppearanceState&
   ++state.steps;
   state.last_steps.at(static_cast<std::size_t>(view)) = state.steps;
   AdamArgs args = adam_args(view, state);
-  args.grad = grid_grads_.at(place()).data_ptr<float>();
+  args.grad = grad().data_ptr<float>();
   args.size = adam_step_size(rate(iteration), state.steps);
   if (kTorchHasCuda && device_.is_cuda()) return cuda::bilateral_grid_step(args, torch_stream());
   cpu::adam_step(args);

@@ -1,4 +1,3 @@
-#include <cmath>
 #include <fstream>
 #include <nlohmann/json.hpp>
 
@@ -42,70 +41,47 @@ void center_exposures(const ExposureStepArgs& args) {
 
 }  // namespace on_cpu
 
-ExposureArgs exposure_args(const AppearanceState& state, std::int32_t view, const torch::Tensor& rendered,
-                           const torch::Tensor& photograph) {
+}  // namespace
+
+ExposureModel::ExposureModel(const TrainConfig& config, std::int64_t n_views, torch::Device device)
+    : AppearanceModel(config, n_views, device, &AppearanceState::exposures, {3, 4}) {
+  if (device.is_cpu()) all_grads_ = torch::zeros({n_views, 3, 4});
+}
+
+ExposureArgs ExposureModel::args_of(const AppearanceState& state, std::int32_t view,
+                                    const torch::Tensor& rendered) const {
   TensorCheck check(rendered.device());
   check.dims("rendered", rendered, {"H", "W", 3});
-  B3DGS_CHECK(view >= 0 && view < state.exposures.size(0), "view ", view, " of ", state.exposures.size(0));
   ExposureArgs args;
+  args.transform = transforms_of(state, view);
   args.n_pixels = rendered.size(0) * rendered.size(1);
-  args.transform = state.exposures.data_ptr<float>() + std::int64_t{view} * kExposureSize;
   args.rendered = rendered.data_ptr<float>();
-  if (photograph.defined()) {
-    check.dims("photograph", photograph, {"H", "W", 3}, torch::kUInt8);
-    args.photograph = photograph.data_ptr<std::uint8_t>();
+  if (photograph().defined()) {
+    check.dims("photograph", photograph(), {"H", "W", 3}, torch::kUInt8);
+    args.photograph = photograph().data_ptr<std::uint8_t>();
   }
   return args;
 }
 
-}  // namespace
-
-ExposureModel::ExposureModel(const TrainConfig& config, std::int64_t n_views, torch::Device device)
-    : lr_init_(config.exposure_lr_init),
-      lr_final_(config.exposure_lr_final),
-      iterations_(config.iterations),
-      n_views_(n_views),
-      device_(device) {
-  for (int place = 0; place < config.batch; ++place) {
-    transform_grads_.push_back(torch::zeros({3, 4}, torch::TensorOptions(torch::kFloat32).device(device)));
-  }
-  if (device.is_cpu()) all_grads_ = torch::zeros({n_views, 3, 4});
-}
-
-bool ExposureModel::fits(const AppearanceState& state) const {
-  return state.exposures.defined() && state.exposures.size(0) == n_views_;
-}
-
-AppearanceState ExposureModel::make_state() const {
-  AppearanceState state;
-  state.exposures =
-      torch::eye(3, 4, torch::TensorOptions(torch::kFloat32).device(device_)).repeat({n_views_, 1, 1}).contiguous();
-  state.m = torch::zeros_like(state.exposures);
-  state.v = torch::zeros_like(state.exposures);
-  return state;
-}
-
 torch::Tensor ExposureModel::apply(const AppearanceState& state, std::int32_t view, const torch::Tensor& rendered) {
-  ExposureArgs args = exposure_args(state, view, rendered, photograph());
-  place_tensor(corrected_, corrected_room_, rendered.sizes(), rendered.options());
-  args.corrected = corrected_.data_ptr<float>();
+  ExposureArgs args = args_of(state, view, rendered);
+  args.corrected = make_room(rendered);
   for_rows<expose_pixel>(device_.is_cuda(), args, args.n_pixels);
   return corrected_;
 }
 
 void ExposureModel::backward(const AppearanceState& state, std::int32_t view, const torch::Tensor& rendered,
                              torch::Tensor grad) {
-  TensorCheck check(rendered.device());
-  check.dims("rendered", rendered, {"H", "W", 3});
-  check.dims("grad", grad, {"H", "W", 3});
-  ExposureArgs args = exposure_args(state, view, rendered, photograph());
+  B3DGS_CHECK(grad.sizes() == rendered.sizes(), "a gradient of ", grad.sizes(), " for a render of ", rendered.sizes());
+  TensorCheck(rendered.device()).dims("grad", grad, {"H", "W", 3});
+  ExposureArgs args = args_of(state, view, rendered);
   const std::int64_t n_sums = args.n_blocks() * kExposureSize;
   if (!block_sums_.defined() || block_sums_.numel() < n_sums) {
     block_sums_ = torch::empty({n_sums}, rendered.options().dtype(torch::kFloat64));
   }
   args.grad = grad.data_ptr<float>();
   args.block_sums = block_sums_.data_ptr<double>();
-  args.transform_grad = transform_grads_.at(place()).data_ptr<float>();
+  args.transform_grad = this->grad().data_ptr<float>();
   if (kTorchHasCuda && device_.is_cuda()) return cuda::exposure_backward(args, torch_stream());
   on_cpu::exposure_backward(args);
 }
@@ -117,9 +93,11 @@ void ExposureModel::step(std::int32_t view, int iteration, AppearanceState& stat
   args.adam.param = state.exposures.data_ptr<float>();
   args.adam.m = state.m.data_ptr<float>();
   args.adam.v = state.v.data_ptr<float>();
-  args.adam.size = adam_step_size(log_linear_rate(lr_init_, lr_final_, iterations_, iteration), state.steps);
+  const double rate =
+      log_linear_rate(config_.exposure_lr_init, config_.exposure_lr_final, config_.iterations, iteration);
+  args.adam.size = adam_step_size(rate, state.steps);
   args.first = std::int64_t{view} * kExposureSize;
-  args.transform_grad = transform_grads_.at(place()).data_ptr<float>();
+  args.transform_grad = grad().data_ptr<float>();
   if (kTorchHasCuda && device_.is_cuda()) return cuda::exposure_step(args, torch_stream());
   float* const grads = all_grads_.data_ptr<float>();
   std::copy_n(args.transform_grad, kExposureSize, grads + args.first);
@@ -127,13 +105,6 @@ void ExposureModel::step(std::int32_t view, int iteration, AppearanceState& stat
   cpu::adam_step(args.adam);
   std::fill_n(grads + args.first, kExposureSize, 0.0f);
   on_cpu::center_exposures(args);
-}
-
-std::unique_ptr<AppearanceModel> make_appearance_model(const TrainConfig& config, std::int64_t n_views,
-                                                       torch::Device device) {
-  if (config.bilateral_grid) return std::make_unique<BilateralGridModel>(config, n_views, device);
-  if (config.exposure) return std::make_unique<ExposureModel>(config, n_views, device);
-  return nullptr;
 }
 
 using Json = nlohmann::ordered_json;
@@ -146,20 +117,15 @@ Exposures named_exposures(const torch::Tensor& exposures, const std::vector<View
   const float* values = host.data_ptr<float>();
   for (const View& view : views) {
     ColorTransform& transform = named[view.name];
-    for (double& value : transform) value = *values++;
+    for (auto& row : transform) {
+      for (double& value : row) value = *values++;
+    }
   }
   return named;
 }
 
 void write_exposures(const std::filesystem::path& path, const Exposures& exposures) {
-  Json json = Json::object();
-  for (const auto& [name, transform] : exposures) {
-    Json& rows = json[name] = Json::array();
-    for (std::size_t row = 0; row < 3; ++row) {
-      rows.push_back({transform[4 * row], transform[4 * row + 1], transform[4 * row + 2], transform[4 * row + 3]});
-    }
-  }
-  write_file(path, json.dump(2, ' ', false, Json::error_handler_t::replace) + "\n");
+  write_file(path, Json(exposures).dump(2, ' ', false, Json::error_handler_t::replace) + "\n");
 }
 
 Exposures read_exposures(const std::filesystem::path& path) {
@@ -169,19 +135,12 @@ Exposures read_exposures(const std::filesystem::path& path) {
   if (!json.is_object()) input_error(path.string(), ": not a JSON object; the file is damaged");
   Exposures exposures;
   for (const auto& [name, rows] : json.items()) {
-    ColorTransform& transform = exposures[name];
     try {
-      const auto values = rows.get<std::array<std::array<double, 4>, 3>>();
-      // Of a longer list, the conversion takes the beginning.
-      bool is_valid = rows.size() == 3;
-      for (std::size_t row = 0; row < 3; ++row) {
-        is_valid = is_valid && rows[row].size() == 4;
-        for (std::size_t i = 0; i < 4; ++i) {
-          transform[4 * row + i] = values[row][i];
-          is_valid = is_valid && std::isfinite(values[row][i]);
-        }
+      const auto transform = rows.get<ColorTransform>();
+      if (Json(transform) == rows) {  // of a longer list, the conversion takes the beginning
+        exposures[name] = transform;
+        continue;
       }
-      if (is_valid) continue;
     } catch (const nlohmann::json::exception&) {  // reported below
     }
     input_error(path.string(), ": ", name, ": expected 3 rows of 4 numbers, found ", json_excerpt(rows));

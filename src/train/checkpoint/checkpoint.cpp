@@ -1,18 +1,14 @@
 #include "train/checkpoint/checkpoint.h"
 
 #include <algorithm>
-#include <cmath>
 #include <iterator>
 #include <map>
 #include <set>
-#include <string>
 #include <type_traits>
-#include <vector>
 
 #include "config/train_options.h"
 #include "core/check.h"
 #include "core/files/own_files.h"
-#include "model/checkpoint/checkpoint_header.h"
 #include "train/appearance/bilateral_grid.h"
 #include "train/density/density_strategy.h"
 #include "train/gaussians/gaussian_model.h"
@@ -206,16 +202,10 @@ std::int64_t checkpoint_bytes(const TrainState& state) {
   std::int64_t bytes = 0;
   for (const Row<const torch::Tensor>& row : rows_of(state)) {
     if (!row.tensor->defined()) continue;
-    std::int64_t of_row = row.tensor->element_size();
-    for (const std::int64_t size : row.tensor->sizes().slice(1)) of_row *= size;
-    bytes += of_row * (row.shape.front() == kGaussians ? state.n_gaussians() : row.tensor->size(0));
+    bytes += row.tensor->element_size() * row_elements(*row.tensor) *
+             (row.shape.front() == kGaussians ? state.n_gaussians() : row.tensor->size(0));
   }
   return bytes;
-}
-
-void write_checkpoint(const std::filesystem::path& path, const TrainConfig& config, const TrainState& state,
-                      const Scene& scene) {
-  write_checkpoint_file(path, {checkpoint_header(config, state, scene_fingerprint(scene)), checkpoint_tensors(state)});
 }
 
 Checkpoint read_checkpoint(const std::filesystem::path& path, const Scene& scene, torch::Device device) {

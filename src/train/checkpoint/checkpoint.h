@@ -31,7 +31,7 @@ namespace b3dgs {
 
 struct CheckpointFile {
   nlohmann::ordered_json header = nlohmann::ordered_json::object();
-  std::vector<std::pair<std::string, torch::Tensor>> tensors;  // float32, int32 or int64; on the CPU when read
+  std::vector<std::pair<std::string, torch::Tensor>> tensors;  // on the CPU
 };
 
 /// The description of a tensor in the header.
@@ -68,9 +68,6 @@ class CheckpointFileWriter {
   AtomicFile file_;
 };
 
-/// Writes atomically: the file appears complete or not at all. @throws IoError
-void write_checkpoint_file(const std::filesystem::path& path, const CheckpointFile& content);
-
 /// Reads and checks the whole file. @throws InputError with the reason if it is damaged
 CheckpointFile read_checkpoint_file(const std::filesystem::path& path);
 
@@ -90,17 +87,11 @@ CoordinateFrame checkpoint_frame(const std::filesystem::path& checkpoint);
 /// or intrinsics. Images need not be loaded.
 void check_scene(const nlohmann::ordered_json& header, const Scene& scene, const std::string& place);
 
-/// Names of training views whose photographs have changed since a checkpoint with this header was written, if the
-/// header has that information.
-std::vector<std::string> changed_photographs(const nlohmann::ordered_json& header,
-                                             const nlohmann::ordered_json& fingerprint);
-
-/// The same for masks: names of training views whose mask is another one, was added or is gone.
-std::vector<std::string> changed_masks(const nlohmann::ordered_json& header, const nlohmann::ordered_json& fingerprint);
-
-/// The same for depth maps, if the header and `fingerprint` have them.
-std::vector<std::string> changed_depth_maps(const nlohmann::ordered_json& header,
-                                            const nlohmann::ordered_json& fingerprint);
+/// Names of training views of which another file is in the list `key` of the fingerprint ("photographs", "masks",
+/// "depth_maps") than when a checkpoint with this header was written. A list that the header lacks, as those of early
+/// versions, differs nowhere. A mask or depth map may also have been added or be gone.
+std::vector<std::string> changed_files(const nlohmann::ordered_json& header, const nlohmann::ordered_json& fingerprint,
+                                       const std::string& key);
 
 /// Whether the scene had other points, if the header has that information.
 bool have_points_changed(const nlohmann::ordered_json& header, const nlohmann::ordered_json& fingerprint);
@@ -124,10 +115,6 @@ std::int64_t checkpoint_bytes(const TrainState& state);
 
 /// @throws InputError if a checkpoint with these options, of this iteration, cannot be resumed with `wanted`
 void check_resume_options(const TrainConfig& saved, int iteration, const TrainConfig& wanted, const std::string& place);
-
-/// @throws IoError
-void write_checkpoint(const std::filesystem::path& path, const TrainConfig& config, const TrainState& state,
-                      const Scene& scene);
 
 /// Reads a checkpoint onto `device`. @throws InputError with the reason if the file is damaged or was trained on other
 /// views than the scene's

@@ -5,7 +5,6 @@
 #include <limits>
 
 #include "core/check.h"
-#include "model/checkpoint/checkpoint_header.h"
 
 namespace b3dgs {
 namespace {
@@ -76,20 +75,6 @@ void CheckpointFileWriter::finish() {
   start.append(reinterpret_cast<const char*>(&bytes), sizeof bytes);
   start += text;
   file_.rewrite(0, start.data(), start.size());
-}
-
-void write_checkpoint_file(const std::filesystem::path& path, const CheckpointFile& content) {
-  std::vector<TensorEntry> entries;
-  for (const auto& [name, tensor] : content.tensors) {
-    entries.push_back({name, tensor.scalar_type(), tensor.sizes().vec()});
-  }
-  CheckpointFileWriter file(path, content.header, entries);
-  for (const auto& [name, tensor] : content.tensors) {
-    const torch::Tensor host = tensor.to(torch::kCPU).contiguous();
-    file.append(host.data_ptr(), host.nbytes());
-  }
-  file.finish();
-  file.commit();
 }
 
 CheckpointFile read_checkpoint_file(const std::filesystem::path& path) {

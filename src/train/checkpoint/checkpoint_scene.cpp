@@ -4,11 +4,8 @@
 #include <cmath>
 #include <cstdint>
 #include <set>
-#include <utility>
 
 #include "core/check.h"
-#include "model/checkpoint/checkpoint_header.h"
-#include "model/model_folder.h"
 
 namespace b3dgs {
 namespace {
@@ -63,20 +60,6 @@ Json camera_crcs(const Scene& scene) {
 std::uint32_t points_crc(const Scene& scene) {
   const auto n = static_cast<std::size_t>(3 * (scene.points.size() - scene.n_added_points));
   return add_crc(add_crc(0, scene.points.positions.data(), n * sizeof(float)), scene.points.colors.data(), n);
-}
-
-// Names of training views whose fingerprints in the list `key` differ. A list that the header lacks, as those of early
-// versions, differs nowhere. A fingerprint that was null differs only if files `may_be_added`.
-std::vector<std::string> changed_files(const Json& header, const Json& fingerprint, const char* key,
-                                       bool may_be_added) {
-  std::vector<std::string> names;
-  const Json saved = header.value("scene", Json::object()).value(key, Json::array());
-  const Json now = fingerprint.value(key, Json::array()), &views = fingerprint.at("train_views");
-  for (std::size_t i = 0; i < std::min(saved.size(), now.size()); ++i) {
-    if (is_same_photograph(saved[i], now[i]) || (saved[i].is_null() && !may_be_added)) continue;
-    names.push_back(views[i].at("name").get<std::string>());
-  }
-  return names;
 }
 
 // "; 2 are missing (00002.png, ...)"; empty if there are no names.
@@ -185,16 +168,16 @@ void check_scene(const Json& header, const Scene& scene, const std::string& plac
   }
 }
 
-std::vector<std::string> changed_photographs(const Json& header, const Json& fingerprint) {
-  return changed_files(header, fingerprint, "photographs", /*may_be_added=*/false);
-}
-
-std::vector<std::string> changed_masks(const Json& header, const Json& fingerprint) {
-  return changed_files(header, fingerprint, "masks", /*may_be_added=*/true);
-}
-
-std::vector<std::string> changed_depth_maps(const Json& header, const Json& fingerprint) {
-  return changed_files(header, fingerprint, "depth_maps", /*may_be_added=*/true);
+std::vector<std::string> changed_files(const Json& header, const Json& fingerprint, const std::string& key) {
+  std::vector<std::string> names;
+  const bool may_be_added = key != "photographs";
+  const Json saved = header.value("scene", Json::object()).value(key, Json::array());
+  const Json now = fingerprint.value(key, Json::array()), &views = fingerprint.at("train_views");
+  for (std::size_t i = 0; i < std::min(saved.size(), now.size()); ++i) {
+    if (is_same_photograph(saved[i], now[i]) || (saved[i].is_null() && !may_be_added)) continue;
+    names.push_back(views[i].at("name").get<std::string>());
+  }
+  return names;
 }
 
 bool have_points_changed(const Json& header, const Json& fingerprint) {

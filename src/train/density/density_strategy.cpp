@@ -4,7 +4,6 @@
 #include <string_view>
 
 #include "core/check.h"
-#include "train/density/strategies/budget_strategy.h"
 #include "train/density/strategies/strategies.h"
 
 namespace b3dgs {

@@ -62,7 +62,7 @@ class DensityStrategy {
 
   /// Adds the view to the statistics. Must neither allocate nor fail: with one view a step, this comes after the first
   /// change, from where on a step is not rolled back.
-  virtual void after_view(const DensityStep& step, DensityStatistics& statistics) const = 0;
+  virtual void after_view(const DensityStep& /*step*/, DensityStatistics& /*statistics*/) const {}
 
   /// May change parameters in place; called for each iteration of the step, with the same restrictions. `model_rows`:
   /// [N] int32, the row of the model that each of `gaussians` is; undefined if they are the model. What happens to a
@@ -79,11 +79,11 @@ class DensityStrategy {
   virtual void end_round(int iteration, DensityStatistics& statistics) const;
 
   /// In place: an opacity reset.
-  virtual void lower_opacities(int iteration, GaussianTensors& gaussians, AdamState& adam) const = 0;
+  virtual void lower_opacities(GaussianTensors& /*gaussians*/, AdamState& /*adam*/) const {}
 
   /// Whether opacities were lowered so much, so recently, that what kernels take now says little about later steps:
   /// kernel checks wait.
-  virtual bool is_recovering(int iteration) const = 0;
+  virtual bool is_recovering(int /*iteration*/) const { return false; }
 };
 
 /// The strategy that config.strategy names. `extent`: the scene extent, world units. @throws LogicError if there is

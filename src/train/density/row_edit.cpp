@@ -6,7 +6,6 @@
 #include <cmath>
 #include <limits>
 #include <utility>
-#include <vector>
 
 #include "core/check.h"
 #include "core/parallel.h"
@@ -38,13 +37,13 @@ void add_view(const ViewStatistics& view, std::int32_t width, std::int32_t heigh
   for_rows<add_view_row>(view.radii.is_cuda(), args, args.n_gaussians);
 }
 
-namespace {
-
 std::int64_t row_elements(const torch::Tensor& tensor) {
   std::int64_t n = 1;
   for (std::int64_t axis = 1; axis < tensor.dim(); ++axis) n *= tensor.size(axis);
   return n;
 }
+
+namespace {
 
 std::vector<std::int64_t> sizes_with_rows(const torch::Tensor& tensor, std::int64_t n_rows) {
   std::vector<std::int64_t> sizes = tensor.sizes().vec();
@@ -63,15 +62,6 @@ torch::Tensor with_rows(const torch::Tensor& tensor, std::int64_t n_rows) {
   B3DGS_CHECK(tensor.is_contiguous() && n_rows <= stored_rows(tensor), n_rows, " rows in storage for ",
               stored_rows(tensor));
   return tensor.as_strided(sizes_with_rows(tensor, n_rows), tensor.strides());
-}
-
-template <class Visit>
-void visit_tensors(GaussianTensors& gaussians, AdamState& adam, DensityStatistics& statistics, Visit&& visit) {
-  for (torch::Tensor* parameter : gaussians.all()) visit(*parameter);
-  for (GaussianTensors* moments : {&adam.m, &adam.v}) {
-    for (torch::Tensor* moment : moments->all()) visit(*moment);
-  }
-  for (torch::Tensor* statistic : statistics.all()) visit(*statistic);
 }
 
 void check_edit(const RowEdit& edit) {
@@ -143,7 +133,7 @@ void RowEditor::reserve(const RowEdit& edit, std::int64_t n_room, GaussianTensor
   const std::int64_t n_rows = edit.sources.size(0);
   B3DGS_CHECK(n_room >= n_rows, "reserving ", n_room, " rows for an edit of ", n_rows);
   std::int64_t n_scratch = 0;
-  visit_tensors(gaussians, adam, statistics, [&](torch::Tensor& tensor) {
+  visit_rows(gaussians, adam, statistics, [&](torch::Tensor& tensor) {
     n_scratch = std::max(n_scratch, scratch_elements(edit, tensor, piece_elements_));
     if (capacity(tensor) >= n_rows) return;
     const torch::Tensor larger = allocate_(sizes_with_rows(tensor, n_room), tensor.options());
@@ -209,7 +199,7 @@ RowEdit edit_without_invalid(std::int64_t named, double extent, const GaussianWi
   const double own = widths.largest[named].item<double>();
   if (std::isfinite(own) && own > std::log(kAbsurd * extent)) stays.logical_and_(widths.largest < own);
   RowEdit edit;
-  edit.sources = stays.nonzero().flatten();
+  edit.sources = rows_of(stays);
   edit.n_kept = edit.sources.size(0);
   edit.new_means = torch::empty({0, 3}, widths.largest.options());
   edit.new_log_scales = torch::empty({0, 3}, widths.largest.options());

@@ -51,6 +51,18 @@ DensityStatistics make_density_statistics(std::int64_t n_gaussians, torch::Devic
 /// coordinates, the unit of the original 3DGS threshold. Allocates nothing.
 void add_view(const ViewStatistics& view, std::int32_t width, std::int32_t height, DensityStatistics& statistics);
 
+/// Calls visit(tensor) for each tensor with a row per Gaussian.
+template <class Gaussians, class Adam, class Statistics, class Visit>
+void visit_rows(Gaussians& gaussians, Adam& adam, Statistics& statistics, Visit&& visit) {
+  for (auto* group : {&gaussians, &adam.m, &adam.v}) {
+    for (auto* tensor : group->all()) visit(*tensor);
+  }
+  for (auto* column : statistics.all()) visit(*column);
+}
+
+/// Elements of a row.
+std::int64_t row_elements(const torch::Tensor& tensor);
+
 // Additions and removals of Gaussians as data, applied to every tensor with one row per Gaussian.
 
 /// Rows after the edit: first the kept ones, in ascending order, then the new ones, whose Adam moments are 0.
@@ -61,6 +73,11 @@ struct RowEdit {
   torch::Tensor new_log_scales;       // [M - n_kept, 3] of the new rows, instead of the source's
   torch::Tensor new_logit_opacities;  // [M - n_kept] of the new rows; undefined: the source's
 };
+
+/// The rows where `mask` [N] is true, ascending.
+inline torch::Tensor rows_of(const torch::Tensor& mask) {
+  return mask.nonzero().flatten();
+}
 
 /// An uninitialised tensor. @throws OutOfMemoryError
 using AllocateTensor = std::function<torch::Tensor(torch::IntArrayRef sizes, const torch::TensorOptions& options)>;

@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <filesystem>
 #include <mutex>
 
 #include "core/check.h"
@@ -101,11 +100,6 @@ std::optional<DepthAlignment> align_view(const View& view, const Depth16& map, c
   return align_depth(values, inverse_depths);
 }
 
-std::string counted(std::size_t count, std::size_t total, const std::string& what, const std::string& first) {
-  return detail::concat(count, " of ", total, " training views ", what, " (first: ", first,
-                        "); they are trained without depth");
-}
-
 }  // namespace
 
 std::vector<fs::path> depth_map_files(const std::string& folder, const Scene& scene) {
@@ -115,90 +109,77 @@ std::vector<fs::path> depth_map_files(const std::string& folder, const Scene& sc
   return files;
 }
 
-DepthPriors::DepthPriors(const std::string& folder_name, const Scene& scene, torch::Device device,
+DepthPriors::DepthPriors(const std::string& folder, const Scene& scene, torch::Device device,
                          const ProgressFn& progress)
     : device_(device), priors_(scene.train.size()) {
-  const fs::path folder = find_folder(folder_name, scene);
-  const std::vector<fs::path> files = depth_map_files(folder_name, scene);
-  const auto n_views = static_cast<std::int64_t>(scene.train.size());
-  std::vector<std::optional<DepthAlignment>> alignments(scene.train.size());
-  std::vector<char> is_missing(scene.train.size(), 0);
-  for (std::size_t i = 0; i < files.size(); ++i) {
-    priors_[i].file = files[i];
+  const std::vector<fs::path> files = depth_map_files(folder, scene);
+  const std::size_t n_views = scene.train.size();
+  for (std::size_t i = 0; i < n_views; ++i) {
+    if (fs::exists(files[i])) priors_[i].file = files[i];
     priors_[i].image = scene.train[i].image;
-    is_missing[i] = fs::exists(files[i]) ? 0 : 1;
   }
-  reserve_memory(is_missing);
+  reserve_memory();
+  std::vector<std::optional<DepthAlignment>> alignments(n_views);
   std::mutex mutex;
   std::size_t done = 0;
-  parallel_pool(n_views, [&](std::int64_t task, int) {
+  parallel_pool(static_cast<std::int64_t>(n_views), [&](std::int64_t task, int) {
     const auto i = static_cast<std::size_t>(task);
     const View& view = scene.train[i];
     Prior& prior = priors_[i];
-    if (is_missing[i] == 0) {
+    if (!prior.file.empty()) {
       const Depth16 map = view.image->read_depth(prior.file);
       alignments[i] = align_view(view, map, scene.points);
       const bool stays = prior.memory != nullptr || view.image->memory() == nullptr;
       if (alignments[i] && stays) prior.map = to_host_tensor(map);
     }
     const std::lock_guard lock(mutex);
-    if (progress) progress("loading depth maps", ++done, scene.train.size());
+    if (progress) progress("loading depth maps", ++done, n_views);
   });
-  std::vector<std::string> missing, not_aligned, unlikely;
-  for (std::size_t i = 0; i < scene.train.size(); ++i) {
-    if (is_missing[i] != 0) {
-      missing.push_back(scene.train[i].name);
-    } else if (!alignments[i]) {
-      not_aligned.push_back(scene.train[i].name);
-    }
-  }
   const std::vector<std::optional<DepthAlignment>> all = alignments;
   remove_unlikely_alignments(alignments);
-  std::size_t n_used = 0;
-  for (std::size_t i = 0; i < scene.train.size(); ++i) {
-    if (all[i] && !alignments[i]) unlikely.push_back(scene.train[i].name);
-    priors_[i].alignment = alignments[i];
-    if (!alignments[i]) {
-      priors_[i].map = torch::Tensor();
-      priors_[i].memory.reset();
-    }
-    n_used += alignments[i].has_value() ? 1 : 0;
+  std::vector<std::string> missing, not_aligned, unlikely;
+  for (std::size_t i = 0; i < n_views; ++i) {
+    Prior& prior = priors_[i];
+    prior.alignment = alignments[i];
+    if (prior.alignment) continue;
+    prior.map = torch::Tensor();
+    prior.memory.reset();
+    (prior.file.empty() ? missing : !all[i] ? not_aligned : unlikely).push_back(scene.train[i].name);
   }
-  if (missing.size() == scene.train.size()) {
-    input_error(folder.string(), ": no depth map found (expected 16-bit PNGs named like the photographs, such as ",
+  if (missing.size() == n_views) {
+    input_error(find_folder(folder, scene).string(),
+                ": no depth map found (expected 16-bit PNGs named like the photographs, such as ",
                 fs::path(missing.front()).replace_extension(".png").string(), ")");
   }
-  if (n_used == 0) {
-    input_error(folder.string(), ": no depth map can be aligned with the scene's points: each view needs at least ",
-                kMinAlignmentPoints, " points in its tracks (points3D), at different depths");
+  if (missing.size() + not_aligned.size() + unlikely.size() == n_views) {
+    input_error(find_folder(folder, scene).string(),
+                ": no depth map can be aligned with the scene's points: each view needs at least ", kMinAlignmentPoints,
+                " points in its tracks (points3D), at different depths");
   }
-  const std::size_t total = scene.train.size();
-  if (!missing.empty()) warnings_.push_back(counted(missing.size(), total, "have no depth map", missing.front()));
-  if (!not_aligned.empty()) {
-    warnings_.push_back(
-        counted(not_aligned.size(), total, "see too few points to align their depth maps", not_aligned.front()));
-  }
-  if (!unlikely.empty()) {
-    warnings_.push_back(counted(unlikely.size(), total,
-                                detail::concat("have depth maps whose scale is outside ", kMinScaleRatio, " to ",
-                                               kMaxScaleRatio, " times the median"),
-                                unlikely.front()));
-  }
+  const auto warn = [&](const std::vector<std::string>& names, const std::string& what) {
+    if (names.empty()) return;
+    warnings_.push_back(detail::concat(names.size(), " of ", n_views, " training views ", what, " (first: ", names[0],
+                                       "); they are trained without depth"));
+  };
+  warn(missing, "have no depth map");
+  warn(not_aligned, "see too few points to align their depth maps");
+  warn(unlikely, detail::concat("have depth maps whose scale is outside ", kMinScaleRatio, " to ", kMaxScaleRatio,
+                                " times the median"));
 }
 
-void DepthPriors::reserve_memory(const std::vector<char>& is_missing) {
+void DepthPriors::reserve_memory() {
   std::size_t n_read = 0, n_maps = 0;
   std::int64_t n_bytes = 0;
-  for (std::size_t i = 0; i < priors_.size(); ++i) {
-    ImageMemory* const memory = priors_[i].image->memory();
-    if (is_missing[i] != 0) continue;
+  for (Prior& prior : priors_) {
+    if (prior.file.empty()) continue;
     ++n_maps;
+    ImageMemory* const memory = prior.image->memory();
     if (memory == nullptr) continue;
-    const ImageSize size = priors_[i].image->size();
+    const ImageSize size = prior.image->size();
     const std::int64_t bytes = std::int64_t{sizeof(std::uint16_t)} * size.width * size.height;
     n_bytes += bytes;
-    priors_[i].memory = memory->reserve(bytes);
-    n_read += priors_[i].memory ? 0 : 1;
+    prior.memory = memory->reserve(bytes);
+    n_read += prior.memory ? 0 : 1;
   }
   if (n_read == 0) return;
   warnings_.push_back(

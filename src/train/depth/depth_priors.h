@@ -68,14 +68,14 @@ class DepthPriors {
  private:
   struct Prior {
     std::optional<DepthAlignment> alignment;
-    torch::Tensor map;  // [H, W] int16 with the bits of uint16, on the host; undefined: read from `file`
-    std::filesystem::path file;
+    torch::Tensor map;           // [H, W] int16 with the bits of uint16, on the host; undefined: read from `file`
+    std::filesystem::path file;  // empty: there is none
     std::shared_ptr<const ViewImage> image;  // before `memory`, which is its scene's
     ImageMemory::Use memory;                 // of `map`
   };
 
   /// Reserves memory for the maps that stay in it.
-  void reserve_memory(const std::vector<char>& is_missing);
+  void reserve_memory();
   torch::Tensor to_host_tensor(const Depth16& map) const;
 
   torch::Device device_;

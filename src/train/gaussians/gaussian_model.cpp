@@ -4,7 +4,6 @@
 #include <cmath>
 
 #include "core/check.h"
-#include "model/formats/splat_formats.h"
 #include "model/neighbors.h"
 #include "raster/math/antialiasing.h"
 #include "raster/math/opacity.h"

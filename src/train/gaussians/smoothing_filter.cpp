@@ -5,7 +5,6 @@
 #include "core/parallel.h"
 #include "raster/torch/tensors.h"
 #include "raster/torch/torch_cuda.h"
-#include "train/gaussians/smoothing_filter_args.h"
 
 namespace b3dgs {
 

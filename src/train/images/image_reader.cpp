@@ -1,9 +1,7 @@
 #include "train/images/image_reader.h"
 
-#include <algorithm>
 #include <utility>
 
-#include "core/check.h"
 #include "core/parallel.h"
 
 namespace b3dgs {

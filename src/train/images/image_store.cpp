@@ -1,7 +1,6 @@
 #include "train/images/image_store.h"
 
 #include <algorithm>
-#include <cstring>
 #include <map>
 #include <new>
 #include <utility>
@@ -9,12 +8,12 @@
 #include "core/check.h"
 #include "core/text.h"
 #include "model/raster_input.h"
+#include "raster/torch/torch_cuda.h"
 #include "scene/view_image.h"
 #include "train/images/image_reader.h"
 #include "train/loss/loss.h"
 
 #if B3DGS_TORCH_CUDA
-#include "raster/torch/torch_cuda.h"
 #include "train/images/image_uploader.h"
 #endif
 
@@ -221,7 +220,10 @@ TrainView ImageStore::take(std::int32_t index, const Indices& upcoming) {
   };
   want(index);
   for (const std::int32_t view : upcoming) want(view);
-  return device_.is_cpu() ? take_on_cpu(index, streamed) : take_on_gpu(index, streamed);
+#if B3DGS_TORCH_CUDA
+  if (device_.is_cuda()) return take_on_gpu(index, streamed);
+#endif
+  return take_on_cpu(index, streamed);
 }
 
 TrainView ImageStore::take_on_cpu(std::int32_t index, const Indices& streamed) {
@@ -268,8 +270,10 @@ TrainView ImageStore::take_on_gpu(std::int32_t index, const Indices& streamed) {
   return view;
 }
 
+#endif
+
 std::int64_t ImageStore::release_resident(std::int64_t bytes) {
-  if (device_.is_cpu()) return 0;
+  if (!kTorchHasCuda || device_.is_cpu()) return 0;
   Indices released, streamed;
   std::int64_t freed = 0;
   for (std::int32_t i = size() - 1; i >= 0; --i) {
@@ -308,18 +312,5 @@ std::int64_t ImageStore::release_resident(std::int64_t bytes) {
   streamed_ = std::move(replacement);
   return freed;
 }
-
-#else
-
-TrainView ImageStore::take_on_gpu(std::int32_t, const Indices&) {
-  B3DGS_CHECK(false, "this build has no CUDA");
-  return {};
-}
-
-std::int64_t ImageStore::release_resident(std::int64_t) {
-  return 0;
-}
-
-#endif
 
 }  // namespace b3dgs

@@ -2,10 +2,10 @@
 // computes.
 #pragma once
 
-#include <cuda_runtime_api.h>
-
 #include <cstdint>
 #include <vector>
+
+#include "core/cuda_handles.h"
 
 namespace b3dgs::cuda {
 
@@ -17,9 +17,6 @@ class ImageUploader {
   /// Slots on the device and pinned staging buffers on the host, each of `image_bytes`. They are allocated by CUDA
   /// directly, since LibTorch's allocator may reuse memory while a copy is running. @throws CudaError
   ImageUploader(int n_slots, int n_staging, std::int64_t image_bytes);
-  ~ImageUploader();
-  ImageUploader(const ImageUploader&) = delete;
-  ImageUploader& operator=(const ImageUploader&) = delete;
 
   /// The staging buffers, to be filled by the caller.
   std::vector<std::uint8_t*> staging() const;
@@ -39,21 +36,20 @@ class ImageUploader {
 
  private:
   struct Staging {
-    std::uint8_t* bytes = nullptr;  // pinned
-    cudaEvent_t uploaded = nullptr;
+    PinnedMemory bytes;
+    Event uploaded;
   };
   struct Slot {
-    std::uint8_t* bytes = nullptr;  // on the device
-    cudaEvent_t uploaded = nullptr, released = nullptr;
+    MemoryOnDevice bytes;
+    Event uploaded, released;
   };
-  void free_all() noexcept;
   Slot& slot_at(int slot) { return slots_[static_cast<std::size_t>(slot)]; }
 
   int device_ = 0;
   std::int64_t image_bytes_ = 0;
-  cudaStream_t stream_ = nullptr;
   std::vector<Staging> staging_;
   std::vector<Slot> slots_;
+  Stream stream_;  // last: its uploads end first
 };
 
 }  // namespace b3dgs::cuda

@@ -1,5 +1,6 @@
 // A photograph at 1 / scale of its size, by the mean over scale x scale pixels (an area filter). The same whole-number
-// arithmetic on CPU and GPU, so both give the same bytes.
+// arithmetic on CPU and GPU, so both give the same bytes. Focal lengths and principal point are divided by the scale
+// (reduced_camera()).
 #pragma once
 
 #include <cstdint>

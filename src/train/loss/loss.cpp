@@ -6,7 +6,6 @@
 #include "core/parallel.h"
 #include "raster/torch/tensors.h"
 #include "raster/torch/torch_cuda.h"
-#include "train/loss/loss_args.h"
 
 namespace b3dgs {
 

@@ -14,12 +14,18 @@
 #include <cstdint>
 #include <memory>
 
+#include "config/train_config.h"
 #include "raster/torch/rasterizer.h"
 #include "train/loss/loss_args.h"
 
 namespace b3dgs {
 
 class HostCopy;
+
+/// The options that weight the terms of the loss.
+inline LossWeights loss_weights(const TrainConfig& config) {
+  return {config.lambda_dssim, config.mask_mode == "segment" ? 1.0 : 0.0};
+}
 
 namespace cpu {
 

@@ -1,7 +1,6 @@
 // Inputs and outputs of the loss, without torch: what the CPU and the CUDA kernels share.
 #pragma once
 
-#include <cmath>
 #include <cstdint>
 
 #include "core/vec.h"

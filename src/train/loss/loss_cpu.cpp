@@ -11,12 +11,10 @@
 #include <algorithm>
 #include <array>
 #include <cstring>
-#include <memory>
 #include <vector>
 
 #include "core/check.h"
 #include "core/parallel.h"
-#include "train/loss/loss_args.h"
 
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "train/loss/loss_cpu.cpp"

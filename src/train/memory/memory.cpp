@@ -1,25 +1,13 @@
 #include "train/memory/memory.h"
 
-#include <algorithm>
-#include <utility>
-
 #include "raster/torch/torch_cuda.h"
 #include "train/density/row_edit.h"
 
 namespace b3dgs {
-namespace {
-
-class UncountedMemory final : public MemorySource {
- public:
-  std::optional<std::int64_t> limit() override { return std::nullopt; }
-  MemoryUse use() override { return {}; }
-  void release_unused() override {}
-  torch::Tensor allocate(torch::IntArrayRef sizes, const torch::TensorOptions& options) override {
-    return allocate_tensor(sizes, options);
-  }
-};
 
 #if B3DGS_TORCH_CUDA
+namespace {
+
 class GpuMemory final : public MemorySource {
  public:
   explicit GpuMemory(double limit_gb) : limit_bytes_(static_cast<std::int64_t>(std::min(1e9 * limit_gb, 9e18))) {
@@ -40,23 +28,20 @@ class GpuMemory final : public MemorySource {
     return {now.in_use, now.reserved, now.peak_reserved};
   }
   void release_unused() override { release_unused_torch_memory(); }
-  torch::Tensor allocate(torch::IntArrayRef sizes, const torch::TensorOptions& options) override {
-    return allocate_tensor(sizes, options);
-  }
 
  private:
   std::int64_t limit_bytes_;
 };
-#endif
 
 }  // namespace
+#endif
 
 std::shared_ptr<MemorySource> make_memory_source([[maybe_unused]] torch::Device device,
                                                  [[maybe_unused]] double limit_gb) {
 #if B3DGS_TORCH_CUDA
   if (device.is_cuda()) return std::make_shared<GpuMemory>(limit_gb);
 #endif
-  return std::make_shared<UncountedMemory>();
+  return std::make_shared<MemorySource>();
 }
 
 bool keeps_too_much(const MemoryUse& use) {
@@ -66,31 +51,22 @@ bool keeps_too_much(const MemoryUse& use) {
 
 namespace {
 
-template <class State, class Visit>
-void visit_rows(State& state, Visit&& visit) {
-  for (const auto* group : {&state.gaussians, &state.adam.m, &state.adam.v}) {
-    for (const torch::Tensor* tensor : group->all()) visit(*tensor);
-  }
-  for (const torch::Tensor* tensor : state.statistics.all()) visit(*tensor);
-}
-
 std::int64_t row_bytes(const torch::Tensor& tensor) {
-  std::int64_t bytes = static_cast<std::int64_t>(tensor.itemsize());
-  for (std::int64_t axis = 1; axis < tensor.dim(); ++axis) bytes *= tensor.size(axis);
-  return bytes;
+  return static_cast<std::int64_t>(tensor.itemsize()) * row_elements(tensor);
 }
 
 }  // namespace
 
 std::int64_t state_row_bytes(const TrainState& state) {
   std::int64_t bytes = 0;
-  visit_rows(state, [&](const torch::Tensor& tensor) { bytes += row_bytes(tensor); });
+  visit_rows(state.gaussians, state.adam, state.statistics,
+             [&](const torch::Tensor& tensor) { bytes += row_bytes(tensor); });
   return bytes;
 }
 
 std::int64_t state_bytes(const TrainState& state) {
   std::int64_t bytes = 0;
-  visit_rows(state,
+  visit_rows(state.gaussians, state.adam, state.statistics,
              [&](const torch::Tensor& tensor) { bytes += static_cast<std::int64_t>(tensor.storage().nbytes()); });
   return bytes;
 }
@@ -102,7 +78,8 @@ GaussianMemory gaussian_memory(const TrainState& state, const ViewMemory& view, 
   // A round's masks, thresholds and indices, before the row edit allocates.
   constexpr double kPlan = 64;
   std::int64_t largest = 0;
-  visit_rows(state, [&](const torch::Tensor& tensor) { largest = std::max(largest, row_bytes(tensor)); });
+  visit_rows(state.gaussians, state.adam, state.statistics,
+             [&](const torch::Tensor& tensor) { largest = std::max(largest, row_bytes(tensor)); });
   GaussianMemory memory;
   memory.state = static_cast<double>(state_row_bytes(state));
   memory.step = kStep;

@@ -1,5 +1,5 @@
-// The memory of the device that a training runs on: limit, use, allocation and release. An interface, so that tests can
-// simulate a lack of memory without a GPU.
+// The memory of the device that a training runs on: limit, use, allocation and release, which tests replace to simulate
+// a lack of memory without a GPU.
 #pragma once
 
 #include <torch/types.h>
@@ -25,20 +25,23 @@ struct MemoryUse {
   std::int64_t peak_reserved = 0;  // largest `reserved` so far
 };
 
+/// As on a CPU, where memory is neither limited nor measured.
 class MemorySource {
  public:
   virtual ~MemorySource() = default;
   /// Bytes that `reserved` can grow to, given what is free now; nothing if memory is not limited.
-  virtual std::optional<std::int64_t> limit() = 0;
-  virtual MemoryUse use() = 0;
+  virtual std::optional<std::int64_t> limit() { return std::nullopt; }
+  virtual MemoryUse use() { return {}; }
   /// Returns cached memory to the system. Waits for the device.
-  virtual void release_unused() = 0;
+  virtual void release_unused() {}
   /// An uninitialised tensor. @throws OutOfMemoryError
-  virtual torch::Tensor allocate(torch::IntArrayRef sizes, const torch::TensorOptions& options) = 0;
+  virtual torch::Tensor allocate(torch::IntArrayRef sizes, const torch::TensorOptions& options) {
+    return allocate_tensor(sizes, options);
+  }
 };
 
 /// The memory of a device: on a GPU at most `limit_gb` (10^9 bytes; 0 = all that is free), with LibTorch's allocator
-/// set to extend its blocks in place. On a CPU memory is neither limited nor measured.
+/// set to extend its blocks in place.
 std::shared_ptr<MemorySource> make_memory_source(torch::Device device, double limit_gb);
 
 /// Whether the allocator caches more than 256 MiB and more than a quarter of what is in use.

@@ -3,8 +3,6 @@
 
 #include "train/optimizer/adam.h"
 
-#include <algorithm>
-
 #include "core/parallel.h"
 
 #undef HWY_TARGET_INCLUDE

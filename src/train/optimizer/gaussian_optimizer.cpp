@@ -5,9 +5,6 @@
 #include "core/check.h"
 #include "core/parallel.h"
 #include "raster/math/array_rows.h"
-#include "raster/torch/splat_owner.h"
-#include "train/optimizer/batch_grad.h"
-#include "train/optimizer/view_batch.h"
 
 #if B3DGS_TORCH_CUDA
 #include "raster/torch/torch_cuda.h"
@@ -59,76 +56,71 @@ GaussianArrays arrays_of(const GaussianTensors& g) {
 
 }  // namespace
 
-struct GaussianOptimizer::Impl {
-  explicit Impl(Rasterizer& with) : rasterizer(with) {}
-
-  Rasterizer& rasterizer;
-  GaussianTensors grads;  // on the CPU
-  ViewBatch batch;
-  SplatOwner owner;
-  CameraView view{};  // of the last forward()
-  RenderSettings settings{};
+GaussianOptimizer::GaussianOptimizer(Rasterizer& rasterizer) : rasterizer_(rasterizer) {
 #if B3DGS_TORCH_CUDA
-  cuda::DeferredSh deferred_sh;
+  deferred_sh_ = std::make_shared<cuda::DeferredSh>();
 #endif
-};
+}
 
-GaussianOptimizer::GaussianOptimizer(Rasterizer& rasterizer) : impl_(std::make_unique<Impl>(rasterizer)) {}
-GaussianOptimizer::~GaussianOptimizer() = default;
-
-RenderedView GaussianOptimizer::forward(GaussianTensors& gaussians, AdamState& state, const CameraView& view,
-                                        RenderSettings settings) {
-  impl_->view = view;
-  impl_->settings = settings;
+std::vector<RenderSettings> GaussianOptimizer::begin_views([[maybe_unused]] GaussianTensors& gaussians,
+                                                           [[maybe_unused]] AdamState& state,
+                                                           std::vector<RenderSettings> settings) {
 #if B3DGS_TORCH_CUDA
   if (!gaussians.means.is_cpu()) {
-    begin_stage(settings.stages, Stage::kProject);
-    impl_->deferred_sh.begin_view(rest_arrays(gaussians, state), settings.sh_degree, torch_launch_context());
-    if (settings.sh_degree > 0) settings.color_pass = &impl_->deferred_sh;
-    return impl_->rasterizer.forward(gaussians, view, settings);
+    const RenderSettings& first = settings.front();
+    begin_stage(first.stages, Stage::kProject);
+    deferred_sh_->begin_view(rest_arrays(gaussians, state), first.sh_degree, torch_launch_context());
+    if (first.sh_degree == 0) return settings;
+    for (RenderSettings& each : settings) each.color_pass = deferred_sh_.get();
   }
 #endif
-  (void)state;
-  return impl_->rasterizer.forward(gaussians, view, settings);
+  return settings;
+}
+
+RenderedView GaussianOptimizer::forward(GaussianTensors& gaussians, AdamState& state, const CameraView& view,
+                                        const RenderSettings& settings) {
+  view_ = view;
+  settings_ = settings;
+  return rasterizer_.forward(gaussians, view, begin_views(gaussians, state, {settings}).front());
 }
 
 ViewStatistics GaussianOptimizer::step(const AdamRates& rates, const RenderedViewGrad& view_grad,
                                        GaussianTensors& gaussians, AdamState& state, StageRecorder* stages,
                                        const RegularizationWeights& regularization) {
   const RegularizationGrad regularization_grad =
-      b3dgs::regularization_grad(regularization, impl_->rasterizer.view_size().n_splats);
+      b3dgs::regularization_grad(regularization, rasterizer_.view_size().n_splats);
 #if B3DGS_TORCH_CUDA
   if (!gaussians.means.is_cpu()) {
     cuda::GaussianStepArgs args;
-    const ViewStatistics statistics = impl_->rasterizer.backward_blend(gaussians, view_grad, args.backward);
+    const ViewStatistics statistics = rasterizer_.backward_blend(gaussians, view_grad, args.backward);
     begin_stage(stages, Stage::kOptimizer);
     args.adam = begin_adam_step(rates, gaussians, state);
-    args.updates = impl_->deferred_sh.updates();
-    args.n_deferred = impl_->deferred_sh.n_deferred();
+    args.updates = deferred_sh_->updates();
+    args.n_deferred = deferred_sh_->n_deferred();
     args.regularization = regularization_grad;
     cuda::step_gaussians(args, torch_launch_context());
-    impl_->deferred_sh.defer_step(args.adam.back().size);
+    deferred_sh_->defer_step(args.adam.back().size);
     end_stage(stages);
     return statistics;
   }
 #endif
-  const ViewStatistics statistics = impl_->rasterizer.backward(gaussians, view_grad, impl_->grads);
+  const ViewStatistics statistics = rasterizer_.backward(gaussians, view_grad, grads_);
   begin_stage(stages, Stage::kOptimizer);
-  if (!regularization_grad.is_zero()) add_regularization(regularization_grad, gaussians, statistics, impl_->grads);
-  adam_step(rates, impl_->grads, gaussians, state);
+  if (!regularization_grad.is_zero()) add_regularization(regularization_grad, gaussians, statistics, grads_);
+  adam_step(rates, grads_, gaussians, state);
   end_stage(stages);
   return statistics;
 }
 
 void GaussianOptimizer::make_room_for_view(const GaussianTensors& gaussians) {
-  make_room(gaussians, impl_->rasterizer.view_size().n_splats);
+  make_room(gaussians, rasterizer_.view_size().n_splats);
 }
 
 void GaussianOptimizer::make_room(const GaussianTensors& gaussians, std::int64_t n_splats) {
-  impl_->batch.make_room(gaussians.size(), n_splats, gaussians.means.device());
+  batch_.make_room(gaussians.size(), n_splats, gaussians.means.device());
   if (!gaussians.means.is_cpu()) return;
   for (std::size_t i = 0; i < gaussians.all().size(); ++i) {
-    torch::Tensor& grad = *impl_->grads.all()[i];
+    torch::Tensor& grad = *grads_.all()[i];
     const torch::Tensor& parameter = *gaussians.all()[i];
     if (!grad.defined() || grad.sizes() != parameter.sizes()) grad = torch::empty_like(parameter);
   }
@@ -136,9 +128,8 @@ void GaussianOptimizer::make_room(const GaussianTensors& gaussians, std::int64_t
 
 ViewStatistics GaussianOptimizer::keep_view(const RenderedViewGrad& view_grad, const GaussianTensors& gaussians,
                                             const RegularizationWeights& regularization) {
-  const ViewStatistics statistics = impl_->rasterizer.backward_to_splats(gaussians, view_grad, impl_->batch.room());
-  impl_->batch.add(impl_->view, impl_->settings,
-                   b3dgs::regularization_grad(regularization, impl_->rasterizer.view_size().n_splats));
+  const ViewStatistics statistics = rasterizer_.backward_to_splats(gaussians, view_grad, batch_.room());
+  batch_.add(view_, settings_, b3dgs::regularization_grad(regularization, rasterizer_.view_size().n_splats));
   return statistics;
 }
 
@@ -146,42 +137,25 @@ std::vector<ViewSplats> GaussianOptimizer::project_views(GaussianTensors& gaussi
                                                          const std::vector<CameraView>& views,
                                                          const std::vector<RenderSettings>& settings) {
   if (views.empty()) return {};
-#if B3DGS_TORCH_CUDA
-  if (!gaussians.means.is_cpu()) {
-    const RenderSettings& first = settings.front();
-    begin_stage(first.stages, Stage::kProject);
-    impl_->deferred_sh.begin_view(rest_arrays(gaussians, state), first.sh_degree, torch_launch_context());
-    std::vector<RenderSettings> with_colors = settings;
-    if (first.sh_degree > 0) {
-      for (RenderSettings& each : with_colors) each.color_pass = &impl_->deferred_sh;
-    }
-    return impl_->rasterizer.project_views(gaussians, views, with_colors);
-  }
-#endif
-  (void)state;
-  return impl_->rasterizer.project_views(gaussians, views, settings);
+  return rasterizer_.project_views(gaussians, views, begin_views(gaussians, state, settings));
 }
 
 ViewStatistics GaussianOptimizer::keep_splats(const ViewSplats& own, const torch::Tensor& sums, const CameraView& view,
                                               const RenderSettings& settings, const GaussianTensors& gaussians,
                                               std::int64_t n_splats, const RegularizationWeights& regularization) {
   make_room(gaussians, own.size());
-  const ViewStatistics statistics = impl_->owner.keep(own, sums, gaussians.size(), impl_->batch.room());
-  impl_->batch.add(view, settings, b3dgs::regularization_grad(regularization, n_splats));
+  const ViewStatistics statistics = owner_.keep(own, sums, gaussians.size(), batch_.room());
+  batch_.add(view, settings, b3dgs::regularization_grad(regularization, n_splats));
   return statistics;
-}
-
-int GaussianOptimizer::n_kept_views() const {
-  return impl_->batch.n_views();
 }
 
 void GaussianOptimizer::step_views(const AdamRates& rates, GaussianTensors& gaussians, AdamState& state,
                                    StageRecorder* stages) {
-  const int n_views = impl_->batch.n_views();
+  const int n_views = batch_.n_views();
   B3DGS_CHECK(n_views > 0, "a step without views");
   AdamRates scaled = rates;
   for (double& rate : scaled) rate *= std::sqrt(n_views);
-  const BatchGradArgs grad_args = impl_->batch.grad_args(arrays_of(gaussians));
+  const BatchGradArgs grad_args = batch_.grad_args(arrays_of(gaussians));
   begin_stage(stages, Stage::kOptimizer);
 #if B3DGS_TORCH_CUDA
   if (!gaussians.means.is_cpu()) {
@@ -196,37 +170,27 @@ void GaussianOptimizer::step_views(const AdamRates& rates, GaussianTensors& gaus
     }
     args.adam = begin_adam_step(scaled, gaussians, state, n_views);
     args.rule = adam_rule(n_views);
-    args.updates = impl_->deferred_sh.updates();
-    args.n_deferred = impl_->deferred_sh.n_deferred();
+    args.updates = deferred_sh_->updates();
+    args.n_deferred = deferred_sh_->n_deferred();
     cuda::step_batch(args, torch_launch_context());
-    impl_->deferred_sh.defer_step(args.adam.back().size, args.rule);
-    impl_->batch.clear();
+    deferred_sh_->defer_step(args.adam.back().size, args.rule);
+    batch_.clear();
     end_stage(stages);
     return;
   }
 #endif
-  GaussianTensors& grads = impl_->grads;
-  cpu::batch_gradients(grad_args, {grads.means.data_ptr<float>(), grads.log_scales.data_ptr<float>(),
-                                   grads.quats.data_ptr<float>(), grads.logit_opacities.data_ptr<float>(),
-                                   grads.sh0.data_ptr<float>(), grads.shN.data_ptr<float>(), nullptr});
-  adam_step(scaled, grads, gaussians, state, n_views);
-  impl_->batch.clear();
+  cpu::batch_gradients(grad_args, {grads_.means.data_ptr<float>(), grads_.log_scales.data_ptr<float>(),
+                                   grads_.quats.data_ptr<float>(), grads_.logit_opacities.data_ptr<float>(),
+                                   grads_.sh0.data_ptr<float>(), grads_.shN.data_ptr<float>(), nullptr});
+  adam_step(scaled, grads_, gaussians, state, n_views);
+  batch_.clear();
   end_stage(stages);
 }
 
-void GaussianOptimizer::drop_views() {
-  impl_->batch.clear();
-}
-
-std::int64_t GaussianOptimizer::kept_bytes() const {
-  return impl_->batch.bytes();
-}
-
-void GaussianOptimizer::flush(GaussianTensors& gaussians, AdamState& state) {
+void GaussianOptimizer::flush([[maybe_unused]] GaussianTensors& gaussians, [[maybe_unused]] AdamState& state) {
 #if B3DGS_TORCH_CUDA
-  if (!gaussians.means.is_cpu()) impl_->deferred_sh.flush(rest_arrays(gaussians, state), torch_launch_context());
+  if (!gaussians.means.is_cpu()) deferred_sh_->flush(rest_arrays(gaussians, state), torch_launch_context());
 #endif
-  (void)gaussians, (void)state;
 }
 
 }  // namespace b3dgs

@@ -6,10 +6,14 @@
 
 #include "raster/stages.h"
 #include "raster/torch/rasterizer.h"
+#include "raster/torch/splat_owner.h"
 #include "train/optimizer/adam.h"
-#include "train/optimizer/adam_args.h"
+#include "train/optimizer/view_batch.h"
 
 namespace b3dgs {
+namespace cuda {
+class DeferredSh;
+}
 
 /// Adam steps, along the gradients of one view or of several. For a step along several views (--batch), each is
 /// rendered, followed by make_room_for_view() and keep_view(); then step_views(). On a GPU, updates of SH coefficients
@@ -19,10 +23,10 @@ class GaussianOptimizer {
  public:
   /// `rasterizer` must outlive this.
   explicit GaussianOptimizer(Rasterizer& rasterizer);
-  ~GaussianOptimizer();
 
   /// Rasterizer::forward() for a training step.
-  RenderedView forward(GaussianTensors& gaussians, AdamState& state, const CameraView& view, RenderSettings settings);
+  RenderedView forward(GaussianTensors& gaussians, AdamState& state, const CameraView& view,
+                       const RenderSettings& settings);
 
   /// Gradients of that view and of the regularisation, and one step along them. `stages` (may be null) records the
   /// optimizer stage, which on a GPU includes the projection's backward pass. Asynchronous on a GPU.
@@ -45,23 +49,31 @@ class GaussianOptimizer {
                              const RenderSettings& settings, const GaussianTensors& gaussians, std::int64_t n_splats,
                              const RegularizationWeights& regularization = {});
 
-  int n_kept_views() const;
+  int n_kept_views() const { return batch_.n_views(); }
   /// Gradients of the mean over the n kept views, and one step along them, with sqrt(n) times `rates` and the moments'
   /// decays by adam_rule(). The result does not depend on where views were rendered. Allocates nothing.
   void step_views(const AdamRates& rates, GaussianTensors& gaussians, AdamState& state, StageRecorder* stages);
   /// Forgets the kept views.
-  void drop_views();
+  void drop_views() { batch_.clear(); }
   /// Memory for kept views, bytes.
-  std::int64_t kept_bytes() const;
+  std::int64_t kept_bytes() const { return batch_.bytes(); }
 
   /// Applies all deferred updates. Asynchronous on a GPU.
   void flush(GaussianTensors& gaussians, AdamState& state);
 
  private:
+  /// Settings with which views may be rendered or projected, once updates of their colours can be applied.
+  std::vector<RenderSettings> begin_views(GaussianTensors& gaussians, AdamState& state,
+                                          std::vector<RenderSettings> settings);
   void make_room(const GaussianTensors& gaussians, std::int64_t n_splats);
 
-  struct Impl;
-  std::unique_ptr<Impl> impl_;
+  Rasterizer& rasterizer_;
+  GaussianTensors grads_;  // on the CPU
+  ViewBatch batch_;
+  SplatOwner owner_;
+  CameraView view_{};  // of the last forward()
+  RenderSettings settings_{};
+  std::shared_ptr<cuda::DeferredSh> deferred_sh_;  // if this build has CUDA
 };
 
 }  // namespace b3dgs

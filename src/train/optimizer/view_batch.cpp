@@ -4,7 +4,6 @@
 #include "core/check.h"
 #include "core/parallel.h"
 #include "raster/torch/tensors.h"
-#include "train/optimizer/batch_grad.h"
 #include "train/optimizer/view_batch.h"
 
 namespace b3dgs {

@@ -2,8 +2,6 @@
 
 #include <algorithm>
 
-#include "core/cuda_check.h"
-
 namespace b3dgs::cuda {
 namespace {
 
@@ -21,12 +19,12 @@ std::unique_ptr<DeviceSnapshot> DeviceSnapshot::make(const std::vector<DeviceByt
   B3DGS_CUDA_CHECK(cudaMemGetInfo(&free, &total));
   if (wanted == 0 || free / 2 < wanted) return nullptr;
   std::unique_ptr<DeviceSnapshot> snapshot(new DeviceSnapshot);
-  if (cudaMalloc(&snapshot->memory_, wanted) != cudaSuccess) {
-    cudaGetLastError();  // clears the code: too little memory is not an error here
-    snapshot->memory_ = nullptr;
+  try {
+    snapshot->memory_ = make_memory_on_device(wanted);
+  } catch (const OutOfMemoryError&) {  // others have taken it since
     return nullptr;
   }
-  char* to = static_cast<char*>(snapshot->memory_);
+  std::uint8_t* to = snapshot->memory_.get();
   for (const DeviceBytes& array : arrays) {
     if (array.bytes > 0) {
       B3DGS_CUDA_CHECK(cudaMemcpyAsync(to, array.data, array.bytes, cudaMemcpyDeviceToDevice, stream));
@@ -37,42 +35,15 @@ std::unique_ptr<DeviceSnapshot> DeviceSnapshot::make(const std::vector<DeviceByt
   return snapshot;
 }
 
-DeviceSnapshot::~DeviceSnapshot() {
-  if (memory_ != nullptr) cudaFree(memory_);
-}
-
-DeviceReader::DeviceReader() {
-  try {
-    // Non-blocking: does not synchronise with the default stream, on which LibTorch computes.
-    B3DGS_CUDA_CHECK(cudaStreamCreateWithFlags(&stream_, cudaStreamNonBlocking));
-    B3DGS_CUDA_CHECK(cudaEventCreateWithFlags(&reached_, cudaEventDisableTiming));
-    for (int i = 0; i < 2; ++i) {
-      B3DGS_CUDA_CHECK(cudaEventCreateWithFlags(&copied_[i], cudaEventDisableTiming | cudaEventBlockingSync));
-      B3DGS_CUDA_CHECK(cudaMallocHost(&pieces_[i], kPieceBytes));
-    }
-  } catch (...) {
-    free_all();
-    throw;
+DeviceReader::DeviceReader() : reached_(make_event()), stream_(make_stream()) {
+  for (Piece& piece : pieces_) {
+    piece = {make_pinned_memory(kPieceBytes), make_event(cudaEventDisableTiming | cudaEventBlockingSync)};
   }
-}
-
-DeviceReader::~DeviceReader() {
-  free_all();
-}
-
-void DeviceReader::free_all() noexcept {
-  if (stream_ != nullptr) cudaStreamSynchronize(stream_);
-  for (int i = 0; i < 2; ++i) {
-    if (copied_[i] != nullptr) cudaEventDestroy(copied_[i]);
-    if (pieces_[i] != nullptr) cudaFreeHost(pieces_[i]);
-  }
-  if (reached_ != nullptr) cudaEventDestroy(reached_);
-  if (stream_ != nullptr) cudaStreamDestroy(stream_);
 }
 
 void DeviceReader::follow(cudaStream_t stream) {
-  B3DGS_CUDA_CHECK(cudaEventRecord(reached_, stream));
-  B3DGS_CUDA_CHECK(cudaStreamWaitEvent(stream_, reached_, 0));
+  B3DGS_CUDA_CHECK(cudaEventRecord(reached_.get(), stream));
+  B3DGS_CUDA_CHECK(cudaStreamWaitEvent(stream_.get(), reached_.get(), 0));
 }
 
 void DeviceReader::read(const void* device, std::size_t bytes,
@@ -80,15 +51,16 @@ void DeviceReader::read(const void* device, std::size_t bytes,
   const std::size_t n_pieces = (bytes + kPieceBytes - 1) / kPieceBytes;
   const auto size_of = [&](std::size_t piece) { return std::min(kPieceBytes, bytes - piece * kPieceBytes); };
   const auto copy = [&](std::size_t piece) {
-    B3DGS_CUDA_CHECK(cudaMemcpyAsync(pieces_[piece % 2], static_cast<const char*>(device) + piece * kPieceBytes,
-                                     size_of(piece), cudaMemcpyDeviceToHost, stream_));
-    B3DGS_CUDA_CHECK(cudaEventRecord(copied_[piece % 2], stream_));
+    B3DGS_CUDA_CHECK(cudaMemcpyAsync(pieces_[piece % 2].bytes.get(),
+                                     static_cast<const char*>(device) + piece * kPieceBytes, size_of(piece),
+                                     cudaMemcpyDeviceToHost, stream_.get()));
+    B3DGS_CUDA_CHECK(cudaEventRecord(pieces_[piece % 2].copied.get(), stream_.get()));
   };
   if (n_pieces > 0) copy(0);
   for (std::size_t piece = 0; piece < n_pieces; ++piece) {
     if (piece + 1 < n_pieces) copy(piece + 1);
-    B3DGS_CUDA_CHECK(cudaEventSynchronize(copied_[piece % 2]));
-    take(pieces_[piece % 2], size_of(piece));
+    B3DGS_CUDA_CHECK(cudaEventSynchronize(pieces_[piece % 2].copied.get()));
+    take(pieces_[piece % 2].bytes.get(), size_of(piece));
   }
 }
 

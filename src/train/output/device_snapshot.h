@@ -1,12 +1,12 @@
 // Copies arrays from the device to the host in pieces while training continues.
 #pragma once
 
-#include <cuda_runtime_api.h>
-
 #include <cstddef>
 #include <functional>
 #include <memory>
 #include <vector>
+
+#include "core/cuda_handles.h"
 
 namespace b3dgs::cuda {
 
@@ -16,24 +16,19 @@ struct DeviceBytes {
 };
 
 /// Copies of arrays in device memory, taken after all work queued on a stream so far. Destroying the object returns
-/// their memory to the system, not to a caching allocator.
+/// their memory to the system, not to a caching allocator; no reads may be in progress.
 class DeviceSnapshot {
  public:
   /// Queues the copies on `stream`; asynchronous. Null if less than twice their size is free: training may need the
   /// same amount for itself.
   static std::unique_ptr<DeviceSnapshot> make(const std::vector<DeviceBytes>& arrays, cudaStream_t stream);
-  /// No reads may be in progress.
-  ~DeviceSnapshot();
-  DeviceSnapshot(const DeviceSnapshot&) = delete;
-  DeviceSnapshot& operator=(const DeviceSnapshot&) = delete;
-
   /// The copies, in the order of the arrays.
   const std::vector<DeviceBytes>& arrays() const { return arrays_; }
 
  private:
   DeviceSnapshot() = default;
 
-  void* memory_ = nullptr;
+  MemoryOnDevice memory_;
   std::vector<DeviceBytes> arrays_;
 };
 
@@ -43,9 +38,6 @@ class DeviceReader {
   static constexpr std::size_t kPieceBytes = std::size_t{4} << 20;
 
   DeviceReader();
-  ~DeviceReader();
-  DeviceReader(const DeviceReader&) = delete;
-  DeviceReader& operator=(const DeviceReader&) = delete;
 
   /// Reads from now on see the result of all work queued on `stream` so far. Asynchronous.
   void follow(cudaStream_t stream);
@@ -54,12 +46,13 @@ class DeviceReader {
   void read(const void* device, std::size_t bytes, const std::function<void(const void*, std::size_t)>& take);
 
  private:
-  void free_all() noexcept;
-
-  cudaStream_t stream_ = nullptr;
-  cudaEvent_t reached_ = nullptr;
-  cudaEvent_t copied_[2] = {nullptr, nullptr};
-  void* pieces_[2] = {nullptr, nullptr};  // pinned
+  struct Piece {
+    PinnedMemory bytes;
+    Event copied;
+  };
+  Piece pieces_[2];
+  Event reached_;
+  Stream stream_;  // last: its copies end first
 };
 
 }  // namespace b3dgs::cuda

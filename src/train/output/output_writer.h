@@ -6,21 +6,28 @@
 // and the background thread only waits for the disk. There is never a second copy of the model in host memory.
 #pragma once
 
+#include <condition_variable>
 #include <cstdint>
+#include <deque>
+#include <exception>
 #include <filesystem>
 #include <functional>
 #include <memory>
+#include <mutex>
+#include <nlohmann/json.hpp>
 #include <string>
+#include <thread>
 #include <utility>
 #include <vector>
-
-#include <nlohmann/json.hpp>
 
 #include "model/formats/splat_formats.h"
 #include "raster/torch/rasterizer.h"
 #include "train/checkpoint/checkpoint.h"
 
 namespace b3dgs {
+namespace cuda {
+class DeviceReader;
+}
 
 struct WrittenFile {
   enum class Kind { kCheckpoint, kPly };
@@ -33,6 +40,11 @@ struct WrittenFile {
 
 class OutputWriter {
  public:
+  struct Bytes {
+    const char* data = nullptr;
+    std::size_t bytes = 0;
+  };
+
   explicit OutputWriter(torch::Device device);
   /// Waits until all files are written.
   ~OutputWriter();
@@ -41,7 +53,7 @@ class OutputWriter {
 
   /// The tensors may change as soon as these return. `may_copy`: the tensors may be copied within GPU memory. Files are
   /// written in the order of the calls.
-  void write_checkpoint(const WrittenFile& file, nlohmann::ordered_json header,
+  void write_checkpoint(const WrittenFile& file, const nlohmann::ordered_json& header,
                         const std::vector<std::pair<std::string, torch::Tensor>>& tensors, bool may_copy);
   /// The same with tensors that are never whole in memory: read(take) passes the bytes of one, piece by piece. Each is
   /// read on the calling thread, in order, unless the file cannot be written.
@@ -49,7 +61,7 @@ class OutputWriter {
     TensorEntry entry;
     std::function<void(const std::function<void(const void*, std::size_t)>& take)> read;
   };
-  void write_checkpoint(const WrittenFile& file, nlohmann::ordered_json header,
+  void write_checkpoint(const WrittenFile& file, const nlohmann::ordered_json& header,
                         const std::vector<TensorPieces>& tensors);
   /// `frame` is that of the Gaussians.
   void write_ply(const WrittenFile& file, const GaussianTensors& gaussians, const CoordinateFrame& frame,
@@ -62,8 +74,32 @@ class OutputWriter {
   std::vector<WrittenFile> take();
 
  private:
-  struct Impl;
-  std::unique_ptr<Impl> impl_;
+  struct Content;
+  struct Job {
+    WrittenFile file;
+    std::function<void()> work;
+  };
+
+  /// The background thread: one job after the other.
+  void run();
+  /// An IoError is stored in the file's `error`; any other exception is returned.
+  static std::exception_ptr perform(Job& job);
+  void add(Job job);
+  /// Fills the file from the tensors on this thread, or from a copy on the background thread, which commits it.
+  void write(WrittenFile file, const std::function<Content()>& open, const std::vector<torch::Tensor>& tensors,
+             bool may_copy);
+  void write_from_device(const WrittenFile& file, const Content& content, const std::vector<Bytes>& arrays,
+                         bool may_copy);
+
+  const torch::Device device_;
+  std::shared_ptr<cuda::DeviceReader> reader_;
+  mutable std::mutex mutex_;
+  std::condition_variable changed_;
+  std::deque<Job> jobs_;  // the first one is in progress
+  std::vector<WrittenFile> done_;
+  std::exception_ptr fault_;
+  bool is_ending_ = false;
+  std::thread thread_;
 };
 
 }  // namespace b3dgs

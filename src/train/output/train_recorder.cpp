@@ -8,13 +8,9 @@
 #include <cstdio>
 #include <cstring>
 #include <fstream>
-#include <nlohmann/json.hpp>
-#include <string>
 
-#include "core/check.h"
 #include "core/files/atomic_file.h"
 #include "core/files/own_files.h"
-#include "model/model_folder.h"
 #include "train/checkpoint/checkpoint.h"
 
 namespace b3dgs {
@@ -51,26 +47,35 @@ void TrainRecorder::open_log() {
 }
 
 void TrainRecorder::log_event(int iteration, const char* event, const nlohmann::ordered_json& fields) {
-  if (log_) log_->write_event(iteration, event, fields);
+  if (!log_) return;
+  nlohmann::ordered_json line{{"iteration", iteration}, {"event", event}};
+  line.update(fields);
+  log_->write(line);
 }
 
 void TrainRecorder::log_iteration(const std::optional<ImageQuality>& test_quality, const std::string& kernel,
                                   const std::string& backward_kernel) {
   const TrainState& state = source_.state;
-  TrainLogLine line;
-  line.test_quality = test_quality;
-  line.iteration = state.iteration;
-  line.loss = state.loss_average;
-  line.ms = 1e3 * (source_.time.train_s() - logged_s_) / std::max(1, state.iteration - logged_iteration_);
-  logged_ms_ = line.ms;
-  line.count = state.n_gaussians();
-  line.peak_memory_bytes = source_.memory.use().peak_reserved;
-  line.elapsed_s = elapsed_s();
+  logged_ms_ = 1e3 * (source_.time.train_s() - logged_s_) / std::max(1, state.iteration - logged_iteration_);
+  nlohmann::ordered_json line{{"iteration", state.iteration},
+                              {"loss", state.loss_average},
+                              {"ms", logged_ms_},
+                              {"count", state.n_gaussians()},
+                              {"elapsed_s", elapsed_s()}};
+  const std::int64_t peak_memory = source_.memory.use().peak_reserved;
+  if (peak_memory > 0) line["gpu_peak_bytes"] = peak_memory;
   collect_stage_times();
-  line.stages = stages_.take(state.iteration - staged_iteration_);
-  if (line.stages) staged_iteration_ = state.iteration;
-  line.kernel = kernel;
-  line.backward_kernel = backward_kernel;
+  if (const auto stages = stages_.take(state.iteration - staged_iteration_)) {
+    line["stages_ms"] = stage_json(*stages);
+    staged_iteration_ = state.iteration;
+  }
+  if (test_quality) {
+    line["test_psnr"] = test_quality->psnr;
+    line["test_ssim"] = test_quality->ssim;
+    if (test_quality->corrected_psnr) line["test_cc_psnr"] = *test_quality->corrected_psnr;
+  }
+  if (!kernel.empty()) line["kernel"] = kernel;
+  if (!backward_kernel.empty()) line["backward_kernel"] = backward_kernel;
   log_->write(line);
   if (const std::string fault = log_->take_fault(); !fault.empty()) {
     warn(fault + "; log lines are kept in memory until it can be written");
@@ -118,15 +123,23 @@ bool TrainRecorder::has_room_for_copy(std::int64_t bytes) const {
   return !is_end() && (!limit || *limit - source_.memory.use().reserved >= 2 * bytes);
 }
 
-void TrainRecorder::write_ply(const GaussianTensors& gaussians) {
+WrittenFile TrainRecorder::new_file(WrittenFile::Kind kind) const {
   const int iteration = source_.state.iteration;
-  WrittenFile file{WrittenFile::Kind::kPly, iteration, source_.folder.ply(iteration), ""};
-  outputs_.n_saved = gaussians.size();
-  writer_.write_ply(file, gaussians, source_.frame,
-                    has_room_for_copy(ply_bytes(gaussians.size(), source_.config.sh_degree)));
+  const ModelFolder& folder = source_.folder;
+  return {kind, iteration, kind == WrittenFile::Kind::kPly ? folder.ply(iteration) : folder.checkpoint(iteration), ""};
+}
+
+void TrainRecorder::wait_at_end() {
   if (!is_end()) return;
   writer_.wait();
   collect_files();
+}
+
+void TrainRecorder::write_ply(const GaussianTensors& gaussians) {
+  outputs_.n_saved = gaussians.size();
+  writer_.write_ply(new_file(WrittenFile::Kind::kPly), gaussians, source_.frame,
+                    has_room_for_copy(ply_bytes(gaussians.size(), source_.config.sh_degree)));
+  wait_at_end();
 }
 
 void TrainRecorder::write_exposures(const Exposures& exposures) {
@@ -139,24 +152,17 @@ void TrainRecorder::write_exposures(const Exposures& exposures) {
 
 void TrainRecorder::write_checkpoint(const TrainState& whole, const nlohmann::ordered_json& scene_fingerprint) {
   checkpoint_s_ = source_.time.train_s();
-  const std::filesystem::path path = source_.folder.checkpoint(whole.iteration);
-  writer_.write_checkpoint({WrittenFile::Kind::kCheckpoint, whole.iteration, path, ""},
+  writer_.write_checkpoint(new_file(WrittenFile::Kind::kCheckpoint),
                            checkpoint_header(source_.config, whole, scene_fingerprint), checkpoint_tensors(whole),
                            has_room_for_copy(checkpoint_bytes(whole)));
-  if (!is_end()) return;
-  writer_.wait();
-  collect_files();
+  wait_at_end();
 }
 
 void TrainRecorder::write_checkpoint(const nlohmann::ordered_json& header,
                                      const std::vector<OutputWriter::TensorPieces>& tensors) {
   checkpoint_s_ = source_.time.train_s();
-  const int iteration = source_.state.iteration;
-  writer_.write_checkpoint({WrittenFile::Kind::kCheckpoint, iteration, source_.folder.checkpoint(iteration), ""},
-                           header, tensors);
-  if (!is_end()) return;
-  writer_.wait();
-  collect_files();
+  writer_.write_checkpoint(new_file(WrittenFile::Kind::kCheckpoint), header, tensors);
+  wait_at_end();
 }
 
 bool TrainRecorder::is_checkpoint_due() const {
@@ -261,31 +267,7 @@ TrainLog::~TrainLog() {
   ::close(file_);
 }
 
-void TrainLog::write(const TrainLogLine& line) {
-  Json json = {{"iteration", line.iteration},
-               {"loss", line.loss},
-               {"ms", line.ms},
-               {"count", line.count},
-               {"elapsed_s", line.elapsed_s}};
-  if (line.peak_memory_bytes > 0) json["gpu_peak_bytes"] = line.peak_memory_bytes;
-  if (line.stages) json["stages_ms"] = stage_json(*line.stages);
-  if (line.test_quality) {
-    json["test_psnr"] = line.test_quality->psnr;
-    json["test_ssim"] = line.test_quality->ssim;
-    if (line.test_quality->corrected_psnr) json["test_cc_psnr"] = *line.test_quality->corrected_psnr;
-  }
-  if (!line.kernel.empty()) json["kernel"] = line.kernel;
-  if (!line.backward_kernel.empty()) json["backward_kernel"] = line.backward_kernel;
-  append(json);
-}
-
-void TrainLog::write_event(int iteration, const char* event, const nlohmann::ordered_json& fields) {
-  Json json = {{"iteration", iteration}, {"event", event}};
-  json.update(fields);
-  append(json);
-}
-
-void TrainLog::append(const Json& line) {
+void TrainLog::write(const Json& line) {
   const bool was_waiting = !waiting_.empty();
   waiting_ += line.dump(-1, ' ', false, Json::error_handler_t::replace) + "\n";
   while (!waiting_.empty()) {

@@ -23,18 +23,6 @@
 
 namespace b3dgs {
 
-struct TrainLogLine {
-  int iteration = 0;
-  double loss = 0;                           // running average
-  double ms = 0;                             // per step, mean since the line before
-  std::int64_t count = 0;                    // Gaussians
-  double elapsed_s = 0;                      // of training, over all sessions
-  std::int64_t peak_memory_bytes = 0;        // of this process on the GPU, in this session; 0 = not measured
-  std::optional<StageTimes> stages;          // of the average step, if steps were timed since the line before
-  std::string kernel, backward_kernel;       // in use; empty = there is no choice
-  std::optional<ImageQuality> test_quality;  // mean over the test views, if they were evaluated
-};
-
 class TrainLog {
  public:
   /// Keeps the lines of `path` up to `iteration` (0 = starts a new log) and appends to them. @throws IoError
@@ -44,17 +32,12 @@ class TrainLog {
   TrainLog& operator=(const TrainLog&) = delete;
 
   /// The line is in the file when this returns. If it cannot be written, it is kept and retried with the next line.
-  void write(const TrainLogLine& line);
-
-  /// Writes a line about an event: {"iteration", "event", and `fields`}.
-  void write_event(int iteration, const char* event, const nlohmann::ordered_json& fields);
+  void write(const nlohmann::ordered_json& line);
 
   /// Why lines could not be written; returned once each time that writing starts to fail, else "".
   std::string take_fault() { return std::exchange(fault_, {}); }
 
  private:
-  void append(const nlohmann::ordered_json& line);
-
   std::filesystem::path path_;
   int file_ = -1;
   std::string waiting_, fault_;
@@ -98,6 +81,7 @@ class TrainRecorder {
 
   // train.jsonl. Events before open_log() are dropped.
   void open_log();
+  /// A line about an event: {"iteration", "event", and `fields`}.
   void log_event(int iteration, const char* event, const nlohmann::ordered_json& fields);
   /// The line of this iteration. Kernel names may be empty: then there is no choice.
   void log_iteration(const std::optional<ImageQuality>& test_quality, const std::string& kernel,
@@ -146,6 +130,10 @@ class TrainRecorder {
  private:
   bool is_complete() const { return source_.state.iteration == source_.config.iterations; }
   bool is_end() const { return is_complete() || is_ending_; }
+  /// The file of this iteration.
+  WrittenFile new_file(WrittenFile::Kind kind) const;
+  /// At the end, the file that is being written is on disk when this returns.
+  void wait_at_end();
   void handle(const WrittenFile& file);
   /// After files of the end could not be written: what there is, and how to go on.
   std::string remedy() const;

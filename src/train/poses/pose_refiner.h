@@ -1,5 +1,8 @@
 // Refines the poses of training cameras (--pose_opt): a step of Adam for a view's correction after each iteration that
 // used it. The first and the last view by name stay as they are, since nothing else would keep the scene in its place.
+//
+// Steps are taken on the host: on a GPU while the next iteration is running, or earlier if that one uses the same view,
+// a checkpoint is written or the cameras are saved. So results do not depend on when a step is taken.
 #pragma once
 
 #include <array>

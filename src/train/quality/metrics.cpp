@@ -108,22 +108,16 @@ torch::Tensor to_planes(const Image8& image, const Image8* valid, torch::Device 
 
 }  // namespace
 
-struct LpipsNetwork::Impl {
-  torch::Device device;
-  mutable torch::jit::Module module;
-};
-
 LpipsNetwork::LpipsNetwork(const std::filesystem::path& file, torch::Device device)
-    : impl_(std::make_unique<Impl>(Impl{device, {}})), name_(file.filename().string()) {
+    : device_(device), name_(file.filename().string()) {
   if (!std::filesystem::is_regular_file(file)) input_error("LPIPS network not found: ", file.string());
   try {
-    impl_->module = torch::jit::load(file.string(), device);
-    impl_->module.eval();
+    module_ = std::make_shared<torch::jit::Module>(torch::jit::load(file.string(), device));
+    module_->eval();
   } catch (const std::exception& error) {
     input_error(file.string(), ": expected a TorchScript network (--lpips): ", first_line(error));
   }
 }
-LpipsNetwork::~LpipsNetwork() = default;
 
 double LpipsNetwork::distance(const torch::Tensor& rendered, const Image8& truth, const Image8* valid) const {
   const torch::NoGradGuard no_grad;
@@ -133,7 +127,7 @@ double LpipsNetwork::distance(const torch::Tensor& rendered, const Image8& truth
   const std::string promise = "expected forward(a, b) of two images [1, 3, H, W] that returns one number";
   try {
     const torch::jit::IValue result =
-        impl_->module.forward({to_planes(image, valid, impl_->device), to_planes(truth, valid, impl_->device)});
+        module_->forward({to_planes(image, valid, device_), to_planes(truth, valid, device_)});
     if (result.isDouble()) return result.toDouble();
     if (result.isTensor() && result.toTensor().numel() == 1) return result.toTensor().item<double>();
     input_error(name_, ": ", promise, ", found ", result.tagKind());
@@ -151,7 +145,7 @@ constexpr double kRidge = 1e-6;
 using Matrix4 = std::array<std::array<double, 4>, 4>;
 
 /// Replaces each of `sides` by the solution of matrix x = side. `matrix` is symmetric and positive definite.
-void solve(Matrix4 matrix, std::array<std::array<double, 4>, 3>& sides) {
+void solve(Matrix4 matrix, ColorTransform& sides) {
   for (std::size_t i = 0; i < 4; ++i) {  // Gaussian elimination; without pivoting, as the matrix is positive definite
     for (std::size_t row = i + 1; row < 4; ++row) {
       const double factor = matrix[row][i] / matrix[i][i];
@@ -178,7 +172,7 @@ ColorTransform fit_colors(const torch::Tensor& rendered, const Image8& truth, co
   const std::size_t n_pixels = truth.pixels.size() / 3;
   // Normal equations of what is to be added to kSameColors.
   Matrix4 products{};
-  std::array<std::array<double, 4>, 3> sides{};
+  ColorTransform sides{};
   double n_valid = 0;
   for (std::size_t p = 0; p < n_pixels; ++p) {
     if (valid != nullptr && valid->pixels[p] == 0) continue;
@@ -201,15 +195,14 @@ ColorTransform fit_colors(const torch::Tensor& rendered, const Image8& truth, co
   solve(products, sides);
   ColorTransform transform = kSameColors;
   for (std::size_t c = 0; c < 3; ++c) {
-    for (std::size_t i = 0; i < 4; ++i) transform[4 * c + i] += sides[c][i];
+    for (std::size_t i = 0; i < 4; ++i) transform[c][i] += sides[c][i];
   }
   return transform;
 }
 
 torch::Tensor transform_colors(const torch::Tensor& rendered, const ColorTransform& transform) {
-  const torch::Tensor matrix = torch::tensor(std::vector<double>(transform.begin(), transform.end()), torch::kFloat32)
-                                   .to(rendered.device())
-                                   .view({3, 4});
+  const torch::Tensor matrix = torch::from_blob(const_cast<double*>(transform[0].data()), {3, 4}, torch::kFloat64)
+                                   .to(rendered.device(), torch::kFloat32);
   // Sums of products, not matmul, which may round inputs on a GPU.
   torch::Tensor sum = matrix.select(1, 3).expand(rendered.sizes());
   for (int i = 0; i < 3; ++i) sum = sum + rendered.slice(2, i, i + 1) * matrix.select(1, i);

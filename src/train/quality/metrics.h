@@ -14,6 +14,10 @@
 #include "model/model_folder.h"
 #include "scene/images/image.h"
 
+namespace torch::jit {
+struct Module;
+}
+
 namespace b3dgs {
 
 /// Compares a rendered image [H, W, 3] with the photograph; the image is clamped to [0, 1] and rounded to 8 bits first,
@@ -38,7 +42,6 @@ class LpipsNetwork {
  public:
   /// @throws InputError if the file is missing or not TorchScript
   LpipsNetwork(const std::filesystem::path& file, torch::Device device);
-  ~LpipsNetwork();
 
   /// LPIPS between a rendered image [H, W, 3], clamped to [0, 1] and rounded to 8 bits, and the photograph. Pixels
   /// where `valid` is 0 are set to black in both; null = all are valid. @throws InputError if the network fails or does
@@ -49,8 +52,8 @@ class LpipsNetwork {
   const std::string& name() const { return name_; }
 
  private:
-  struct Impl;
-  std::unique_ptr<Impl> impl_;
+  torch::Device device_;
+  std::shared_ptr<torch::jit::Module> module_;
   std::string name_;
 };
 
@@ -58,9 +61,9 @@ class LpipsNetwork {
 // balance.
 
 /// [3, 4]: colour' = transform (r, g, b, 1).
-using ColorTransform = std::array<double, 12>;
+using ColorTransform = std::array<std::array<double, 4>, 3>;
 
-inline constexpr ColorTransform kSameColors{1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0};
+inline constexpr ColorTransform kSameColors{{{1, 0, 0, 0}, {0, 1, 0, 0}, {0, 0, 1, 0}}};
 
 /// The transform of `rendered` [H, W, 3] that minimises the mean squared difference from `truth` over the pixels where
 /// `valid` is not 0 (null = all), plus 1e-6 times its squared difference from kSameColors, which decides where colours

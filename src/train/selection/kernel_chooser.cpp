@@ -100,27 +100,23 @@ using Json = nlohmann::ordered_json;
 
 class ClockTimer final : public KernelTimer {
  public:
-  explicit ClockTimer(std::unique_ptr<StageClock> clock) : clock_(std::move(clock)) {}
+  explicit ClockTimer(StageClock clock) : clock_(std::move(clock)) {}
 
   void measure(const std::function<void()>& work) override {
-    const int from = clock_->mark();
+    auto from = clock_();
     work();
-    spans_.emplace_back(from, clock_->mark());
+    spans_.emplace_back(std::move(from), clock_());
   }
   std::vector<double> finish() override {
     std::vector<double> ms;
-    if (!spans_.empty()) clock_->wait(spans_.back().second);
-    for (const auto& [from, to] : std::exchange(spans_, {})) {
-      ms.push_back(clock_->ms_between(from, to));
-      clock_->release(from);
-      clock_->release(to);
-    }
+    if (!spans_.empty()) spans_.back().second->wait();
+    for (const auto& [from, to] : std::exchange(spans_, {})) ms.push_back(to->ms_since(*from));
     return ms;
   }
 
  private:
-  std::unique_ptr<StageClock> clock_;
-  std::vector<std::pair<int, int>> spans_;  // marks
+  StageClock clock_;
+  std::vector<std::pair<std::unique_ptr<StageMark>, std::unique_ptr<StageMark>>> spans_;
 };
 
 // The simplest kernels are the reference if candidates disagree.
@@ -138,27 +134,17 @@ std::vector<std::string> backward_candidates(const TrainConfig& config, torch::D
   return {kStandardBackwardKernel, kBackwardReference};
 }
 
-KernelSelectorOptions selector_options(const TrainConfig& config, torch::Device device) {
-  const int n_choices = (measured_candidates(config).size() > 1) + (backward_candidates(config, device).size() > 1);
+/// Of the forward or the backward pass.
+KernelSelectorOptions selector_options(const TrainConfig& config, torch::Device device, bool is_forward) {
+  const std::vector<std::string> forward = measured_candidates(config), backward = backward_candidates(config, device);
+  const int n_choices = (forward.size() > 1) + (backward.size() > 1);
   KernelSelectorOptions options;
   options.policy = config.kernel_policy == "tracking" ? KernelPolicy::kTracking : KernelPolicy::kPaper;
+  if (is_forward && config.kernel == kPublishedKernel) options.policy = KernelPolicy::kPublished;
   options.interval = config.kernel_check_interval;
   options.cost_share = KernelChooser::kCostShare / std::max(1, n_choices);
-  return options;
-}
-
-KernelSelectorOptions forward_options(const TrainConfig& config, torch::Device device) {
-  KernelSelectorOptions options = selector_options(config, device);
-  options.reference = kForwardReference;
-  options.candidates = measured_candidates(config);
-  if (config.kernel == kPublishedKernel) options.policy = KernelPolicy::kPublished;
-  return options;
-}
-
-KernelSelectorOptions backward_options(const TrainConfig& config, torch::Device device) {
-  KernelSelectorOptions options = selector_options(config, device);
-  options.reference = kBackwardReference;
-  options.candidates = backward_candidates(config, device);
+  options.reference = is_forward ? kForwardReference : kBackwardReference;
+  options.candidates = is_forward ? forward : backward;
   return options;
 }
 
@@ -192,8 +178,8 @@ std::unique_ptr<KernelTimer> make_kernel_timer(torch::Device device) {
 KernelChooser::KernelChooser(const TrainConfig& config, torch::Device device, KernelCheckTools tools)
     : device_(device),
       tools_(std::move(tools)),
-      forward_(forward_options(config, device)),
-      backward_(backward_options(config, device)),
+      forward_(selector_options(config, device, /*is_forward=*/true)),
+      backward_(selector_options(config, device, /*is_forward=*/false)),
       timed_forward_(chooses_forward_kernel(config) ? forward_candidates(config) : config.kernel_candidates) {
   const std::vector<std::string> backward = backward_candidates(config, device);
   if (backward.size() > 1) timed_backward_ = backward;

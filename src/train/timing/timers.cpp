@@ -2,67 +2,61 @@
 
 #include <algorithm>
 #include <chrono>
-#include <vector>
 
 #include "core/check.h"
 
 #if B3DGS_TORCH_CUDA
+#include "core/cuda_handles.h"
 #include "raster/torch/torch_cuda.h"
-#include "train/timing/event_marks.h"
 #endif
 
 namespace b3dgs {
 namespace {
 
-/// Work on the CPU is done when its function returns: a mark is a clock reading.
-class HostClock final : public StageClock {
+/// Work on the CPU is done when its function returns.
+class HostMark final : public StageMark {
  public:
-  int mark() override {
-    if (free_.empty()) {
-      free_.push_back(static_cast<int>(times_.size()));
-      times_.emplace_back();
-    }
-    const int mark = free_.back();
-    free_.pop_back();
-    times_[static_cast<std::size_t>(mark)] = Clock::now();
-    return mark;
-  }
-  void release(int mark) override { free_.push_back(mark); }
-  bool has_reached(int) override { return true; }
-  void wait(int) override {}
-  double ms_between(int from, int to) override {
-    const auto at = [&](int mark) { return times_[static_cast<std::size_t>(mark)]; };
-    return std::chrono::duration<double, std::milli>(at(to) - at(from)).count();
+  bool is_reached() const override { return true; }
+  void wait() const override {}
+  double ms_since(const StageMark& from) const override {
+    return std::chrono::duration<double, std::milli>(time_ - static_cast<const HostMark&>(from).time_).count();
   }
 
  private:
-  using Clock = std::chrono::steady_clock;
-  std::vector<Clock::time_point> times_;
-  std::vector<int> free_;
+  const std::chrono::steady_clock::time_point time_ = std::chrono::steady_clock::now();
 };
 
 #if B3DGS_TORCH_CUDA
-class DeviceClock final : public StageClock {
+class DeviceMark final : public StageMark {
  public:
-  int mark() override { return marks_.record(torch_stream()); }
-  void release(int mark) override { marks_.release(mark); }
-  bool has_reached(int mark) override { return marks_.has_reached(mark); }
-  void wait(int mark) override { marks_.wait(mark); }
-  double ms_between(int from, int to) override { return marks_.ms_between(from, to); }
+  DeviceMark() { B3DGS_CUDA_CHECK(cudaEventRecord(event_.get(), torch_stream())); }
+
+  bool is_reached() const override {
+    const cudaError_t code = cudaEventQuery(event_.get());
+    if (code != cudaErrorNotReady) B3DGS_CUDA_CHECK(code);
+    if (code != cudaSuccess) cudaGetLastError();  // clears the code, which is no error, for the next launch check
+    return code == cudaSuccess;
+  }
+  void wait() const override { B3DGS_CUDA_CHECK(cudaEventSynchronize(event_.get())); }
+  double ms_since(const StageMark& from) const override {
+    float ms = 0;
+    B3DGS_CUDA_CHECK(cudaEventElapsedTime(&ms, static_cast<const DeviceMark&>(from).event_.get(), event_.get()));
+    return ms;
+  }
 
  private:
-  cuda::EventMarks marks_;
+  const cuda::Event event_ = cuda::make_event(cudaEventDefault);
 };
 #endif
 
 }  // namespace
 
-std::unique_ptr<StageClock> make_stage_clock(torch::Device device) {
+StageClock make_stage_clock(torch::Device device) {
 #if B3DGS_TORCH_CUDA
-  if (device.is_cuda()) return std::make_unique<DeviceClock>();
+  if (device.is_cuda()) return [] { return std::make_unique<DeviceMark>(); };
 #endif
   B3DGS_CHECK(device.is_cpu(), "this build has no stage clock for ", device.str());
-  return std::make_unique<HostClock>();
+  return [] { return std::make_unique<HostMark>(); };
 }
 
 double StageTimes::host_ms() const {
@@ -82,19 +76,21 @@ nlohmann::ordered_json stage_json(const StageTimes& times) {
 
 void StageTimer::start(StageTimes::Kind kind) {
   B3DGS_CHECK(!open_, "start() before finish() or cancel()");
-  open_ = Record{kind, clock_->mark(), 0, {}};
+  open_.emplace();
+  open_->kind = kind;
+  open_->from = clock_();
 }
 
 void StageTimer::begin(Stage stage) {
   if (!open_) return;
   end();
   stage_ = stage;
-  stage_from_ = clock_->mark();
+  stage_from_ = clock_();
 }
 
 void StageTimer::end() {
   if (!open_ || !stage_) return;
-  open_->spans.push_back({*stage_, stage_from_, clock_->mark()});
+  open_->spans.push_back({*stage_, std::move(stage_from_), clock_()});
   stage_.reset();
 }
 
@@ -102,34 +98,19 @@ void StageTimer::finish(int n_iterations) {
   if (!open_) return;
   end();
   open_->n_iterations = n_iterations;
-  open_->to = clock_->mark();
+  open_->to = clock_();
   finished_.push_back(std::move(*open_));
-  open_.reset();
-}
-
-void StageTimer::cancel() {
-  if (!open_) return;
-  end();
-  for (const Span& span : open_->spans) {
-    clock_->release(span.from);
-    clock_->release(span.to);
-  }
-  clock_->release(open_->from);
   open_.reset();
 }
 
 StageTimes StageTimer::read(const Record& record) {
   StageTimes times;
   times.kind = record.kind;
-  times.wall_ms = clock_->ms_between(record.from, record.to);
+  times.wall_ms = record.to->ms_since(*record.from);
   for (const Span& span : record.spans) {
     std::optional<double>& ms = times.ms[static_cast<std::size_t>(span.stage)];
-    ms = ms.value_or(0) + clock_->ms_between(span.from, span.to);
-    clock_->release(span.from);
-    clock_->release(span.to);
+    ms = ms.value_or(0) + span.to->ms_since(*span.from);
   }
-  clock_->release(record.from);
-  clock_->release(record.to);
   if (record.n_iterations > 1) {
     times.wall_ms /= record.n_iterations;
     for (std::optional<double>& ms : times.ms) {
@@ -141,7 +122,7 @@ StageTimes StageTimer::read(const Record& record) {
 
 std::vector<StageTimes> StageTimer::take() {
   std::vector<StageTimes> known;
-  while (!finished_.empty() && clock_->has_reached(finished_.front().to)) {
+  while (!finished_.empty() && finished_.front().to->is_reached()) {
     known.push_back(read(finished_.front()));
     finished_.pop_front();
   }
@@ -149,7 +130,7 @@ std::vector<StageTimes> StageTimer::take() {
 }
 
 std::vector<StageTimes> StageTimer::wait() {
-  if (!finished_.empty()) clock_->wait(finished_.back().to);
+  if (!finished_.empty()) finished_.back().to->wait();
   return take();
 }
 

@@ -1,4 +1,6 @@
-// Marks points in time in a device's work queue.
+// Where the time of a training goes: the stages of its steps, and training against output.
+//
+// A GPU works asynchronously: a host clock around a call measures only the queueing.
 #pragma once
 
 #include <torch/types.h>
@@ -15,24 +17,22 @@
 
 namespace b3dgs {
 
-class StageClock {
+/// A point in a device's queue of work.
+class StageMark {
  public:
-  virtual ~StageClock() = default;
-
-  /// Records when the device gets to this point of its queue. Asynchronous. The caller owns the mark until release().
-  virtual int mark() = 0;
-  virtual void release(int mark) = 0;
-
-  /// Whether the device has got to the mark.
-  virtual bool has_reached(int mark) = 0;
-  virtual void wait(int mark) = 0;
-
-  /// Both marks must have been reached.
-  virtual double ms_between(int from, int to) = 0;
+  virtual ~StageMark() = default;
+  /// Whether the device has got there.
+  virtual bool is_reached() const = 0;
+  virtual void wait() const = 0;
+  /// From an earlier mark of the same clock. Both must have been reached.
+  virtual double ms_since(const StageMark& from) const = 0;
 };
 
+/// Makes a mark at the end of the queue. Asynchronous.
+using StageClock = std::function<std::unique_ptr<StageMark>()>;
+
 /// CUDA events on LibTorch's current stream for a GPU, std::chrono::steady_clock for the CPU.
-std::unique_ptr<StageClock> make_stage_clock(torch::Device device);
+StageClock make_stage_clock(torch::Device device);
 
 // Times the stages of a step on the device without slowing it down: marks are queued with the work, and read while a
 // later step is running. Outside of a timed step, begin() and end() cost one branch.
@@ -53,7 +53,7 @@ nlohmann::ordered_json stage_json(const StageTimes& times);
 
 class StageTimer final : public StageRecorder {
  public:
-  explicit StageTimer(std::unique_ptr<StageClock> clock) : clock_(std::move(clock)) {}
+  explicit StageTimer(StageClock clock) : clock_(std::move(clock)) {}
 
   /// Times what follows, up to finish().
   void start(StageTimes::Kind kind);
@@ -62,7 +62,10 @@ class StageTimer final : public StageRecorder {
   /// With several iterations in a step, times are divided by their number.
   void finish(int n_iterations = 1);
   /// Discards the marks since start().
-  void cancel();
+  void cancel() {
+    open_.reset();
+    stage_.reset();
+  }
 
   /// Times that are known by now, oldest first; each is returned once. Does not wait.
   std::vector<StageTimes> take();
@@ -70,23 +73,24 @@ class StageTimer final : public StageRecorder {
   std::vector<StageTimes> wait();
 
  private:
+  using Mark = std::unique_ptr<StageMark>;
   struct Span {
     Stage stage;
-    int from, to;  // marks
+    Mark from, to;
   };
   struct Record {
     StageTimes::Kind kind{};
-    int from = 0, to = 0;  // marks
+    Mark from, to;
     std::vector<Span> spans;
     int n_iterations = 1;
   };
-  StageTimes read(const Record& record);
+  static StageTimes read(const Record& record);
 
-  std::unique_ptr<StageClock> clock_;
+  StageClock clock_;
   std::deque<Record> finished_;
   std::optional<Record> open_;
   std::optional<Stage> stage_;
-  int stage_from_ = 0;
+  Mark stage_from_;
 };
 
 /// The average step between two log lines. Only some steps are timed, but all rounds of density control, which are

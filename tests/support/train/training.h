@@ -9,6 +9,7 @@
 #include "core/files/folders.h"
 #include "support/files.h"
 #include "support/same.h"
+#include "support/train/write_checkpoint.h"
 #include "train/checkpoint/checkpoint.h"
 #include "train/trainer.h"
 

@@ -106,8 +106,8 @@ TEST(BilateralGrid, GradientsAreThoseOfTheReference) {
   const torch::Tensor loss = (weights.to(torch::kFloat64) * sliced(grid, pixels).sin()).sum() + 3 * variation(grid);
   loss.backward();
   const torch::Tensor scale = grid.grad().abs().max();
-  EXPECT_TRUE(test::within(model.grid_grad(), grid.grad(), 1e-5 * scale));
-  EXPECT_GT((model.grid_grad() != 0).sum().item<int>(), kGridSize / 2);
+  EXPECT_TRUE(test::within(model.grad(), grid.grad(), 1e-5 * scale));
+  EXPECT_GT((model.grad() != 0).sum().item<int>(), kGridSize / 2);
   EXPECT_TRUE(test::within(grad, pixels.grad(), 1e-4 * pixels.grad().abs().max()));
 }
 
@@ -138,7 +138,7 @@ TEST(BilateralGrid, GradientsAreThoseOfFiniteDifferences) {
         return loss(changed, image.to(torch::kFloat64));
       },
       to_doubles(column));
-  EXPECT_TRUE(test::gradients_agree(to_doubles(model.grid_grad().select(1, 9).select(1, 10)), by_column, 1e-4));
+  EXPECT_TRUE(test::gradients_agree(to_doubles(model.grad().select(1, 9).select(1, 10)), by_column, 1e-4));
 }
 
 TEST(BilateralGrid, GradientDoesNotDependOnThreads) {
@@ -151,8 +151,8 @@ TEST(BilateralGrid, GradientDoesNotDependOnThreads) {
   for (const int n : {1, 2, 3}) {
     set_thread_count(n);
     model.backward(state, 0, image, from.clone());
-    if (!first.defined()) first = model.grid_grad().clone();
-    EXPECT_TRUE(test::same(model.grid_grad(), first)) << n << " threads";
+    if (!first.defined()) first = model.grad().clone();
+    EXPECT_TRUE(test::same(model.grad(), first)) << n << " threads";
   }
   set_thread_count(threads);
 }
@@ -183,7 +183,7 @@ TEST(BilateralGrid, DeferredStepsAreThoseOfAdamOnAllGrids) {
     EXPECT_TRUE(test::within(state.grids[view], expected[view], 2e-5)) << "step " << t;
     model.backward(state, view, image, torch::randn({8, 9, 3}));
     torch::Tensor grad = torch::zeros_like(expected);
-    grad[view] = model.grid_grad().to(torch::kFloat64);
+    grad[view] = model.grad().to(torch::kFloat64);
     model.step(view, t, state);
     m = 0.9 * m + 0.1 * grad;
     v = 0.999 * v + 0.001 * grad * grad;

@@ -66,7 +66,7 @@ TEST(ExposureModel, GradientsAreThoseOfFiniteDifferences) {
   model.backward(state, 1, image, grad);
   const auto by_transform = test::numeric_gradient(
       [&](const std::vector<double>& x) { return loss(like(x, transform), image); }, to_doubles(transform));
-  EXPECT_TRUE(test::gradients_agree(to_doubles(model.transform_grad()), by_transform, 1e-5));
+  EXPECT_TRUE(test::gradients_agree(to_doubles(model.grad()), by_transform, 1e-5));
   const auto by_image = test::numeric_gradient(
       [&](const std::vector<double>& x) { return loss(transform, like(x, image)); }, to_doubles(image));
   EXPECT_TRUE(test::gradients_agree(to_doubles(grad), by_image, 1e-5));
@@ -90,12 +90,12 @@ TEST(ExposureModel, WhereThePhotographIsClippedABrighterRenderIsNoError) {
   EXPECT_TRUE(test::same(model.apply(state, 2, image), most.where(is_clipped, plain)));
   torch::Tensor grad = from.clone();
   model.backward(state, 2, image, grad);
-  const torch::Tensor transform_grad = model.transform_grad().clone();
+  const torch::Tensor transform_grad = model.grad().clone();
   model.set_photograph({});
   torch::Tensor expected = from.masked_fill(is_clipped, 0);
   model.backward(state, 2, image, expected);
   EXPECT_TRUE(test::same(grad, expected));
-  EXPECT_TRUE(test::same(transform_grad, model.transform_grad()));
+  EXPECT_TRUE(test::same(transform_grad, model.grad()));
   model.set_photograph(photograph.to(torch::kFloat32));
   EXPECT_THROW(model.apply(state, 2, image), LogicError);
 }
@@ -114,9 +114,9 @@ TEST(ExposureModel, GradientOfALargeImageIsExactOnAnyNumberOfThreads) {
   for (const int n : {1, 2, 3}) {
     set_thread_count(n);
     model.backward(state, 0, image, from.clone());
-    EXPECT_TRUE(test::within(model.transform_grad(), expected, 1e-5 * expected.abs() + 1e-6));
-    if (!first.defined()) first = model.transform_grad().clone();
-    EXPECT_TRUE(test::same(model.transform_grad(), first)) << n << " threads";
+    EXPECT_TRUE(test::within(model.grad(), expected, 1e-5 * expected.abs() + 1e-6));
+    if (!first.defined()) first = model.grad().clone();
+    EXPECT_TRUE(test::same(model.grad(), first)) << n << " threads";
   }
   set_thread_count(threads);
 }
@@ -136,7 +136,7 @@ TEST(ExposureModel, StepsAreThoseOfAdamOnAllTransformsWhoseMeanStaysTheIdentity)
     const torch::Tensor image = torch::rand({5, 4, 3});
     model.backward(state, view, image, torch::randn({5, 4, 3}));
     torch::Tensor grad = torch::zeros_like(expected);
-    grad[view] = model.transform_grad().to(torch::kFloat64);
+    grad[view] = model.grad().to(torch::kFloat64);
     model.step(view, t, state);
     m = 0.9 * m + 0.1 * grad;
     v = 0.999 * v + 0.001 * grad * grad;

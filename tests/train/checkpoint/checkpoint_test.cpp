@@ -14,6 +14,7 @@
 #include "support/same.h"
 #include "support/temp_dir.h"
 #include "support/train/tiny_scene.h"
+#include "support/train/write_checkpoint.h"
 #include "train/gaussians/gaussian_model.h"
 #include "train/trainer.h"
 
@@ -342,7 +343,7 @@ TEST_F(CheckpointFiles, TellWhichPhotographsHaveChanged) {
   }
   write_checkpoint(path, make_config(), make_state(scene), with_files);
   const nlohmann::ordered_json header = read_checkpoint_header(path);
-  const auto changed = [&] { return changed_photographs(header, scene_fingerprint(with_files)); };
+  const auto changed = [&] { return changed_files(header, scene_fingerprint(with_files), "photographs"); };
   EXPECT_TRUE(changed().empty());
   test::write_bytes(with_files.train[1].file, std::string(100, 'x'));  // the same size
   EXPECT_EQ(changed(), (std::vector<std::string>{with_files.train[1].name}));
@@ -354,7 +355,7 @@ TEST_F(CheckpointFiles, TellWhichPhotographsHaveChanged) {
 
   nlohmann::ordered_json early = header;
   early["scene"].erase("photographs");
-  EXPECT_TRUE(changed_photographs(early, scene_fingerprint(with_files)).empty());
+  EXPECT_TRUE(changed_files(early, scene_fingerprint(with_files), "photographs").empty());
 }
 
 TEST_F(CheckpointFiles, NoticeAnEditThatKeepsTheSizeOfAPhotograph) {
@@ -365,17 +366,17 @@ TEST_F(CheckpointFiles, NoticeAnEditThatKeepsTheSizeOfAPhotograph) {
     std::string bytes(300000, 'a');
     test::write_bytes(with_file.train[0].file, bytes);
     const nlohmann::ordered_json header{{"scene", scene_fingerprint(with_file)}};
-    EXPECT_TRUE(changed_photographs(header, scene_fingerprint(with_file)).empty()) << name;
+    EXPECT_TRUE(changed_files(header, scene_fingerprint(with_file), "photographs").empty()) << name;
     bytes[static_cast<std::size_t>(at)] = 'b';
     test::write_bytes(with_file.train[0].file, bytes);
-    EXPECT_EQ(changed_photographs(header, scene_fingerprint(with_file)).size(), 1u) << name;
+    EXPECT_EQ(changed_files(header, scene_fingerprint(with_file), "photographs").size(), 1u) << name;
 
     nlohmann::ordered_json early = header;  // had the checksum of the first 64 KiB only
     early["scene"]["photographs"][0].erase("rest_crc32");
-    EXPECT_TRUE(changed_photographs(early, scene_fingerprint(with_file)).empty()) << name;
+    EXPECT_TRUE(changed_files(early, scene_fingerprint(with_file), "photographs").empty()) << name;
     bytes[0] = 'b';
     test::write_bytes(with_file.train[0].file, bytes);
-    EXPECT_EQ(changed_photographs(early, scene_fingerprint(with_file)).size(), 1u) << name;
+    EXPECT_EQ(changed_files(early, scene_fingerprint(with_file), "photographs").size(), 1u) << name;
   }
 }
 
@@ -419,14 +420,15 @@ TEST_F(CheckpointFiles, TellWhichMasksHaveChanged) {
   test::write_bytes(masked.train[0].mask_file, "mask");
   write_checkpoint(path, make_config(), make_state(scene), masked);
   const nlohmann::ordered_json header = read_checkpoint_header(path);
-  EXPECT_TRUE(changed_masks(header, scene_fingerprint(masked)).empty());
+  EXPECT_TRUE(changed_files(header, scene_fingerprint(masked), "masks").empty());
   const Scene& unmasked = scene;
-  EXPECT_EQ(changed_masks(header, scene_fingerprint(unmasked)), (std::vector<std::string>{scene.train[0].name}));
-  EXPECT_TRUE(changed_photographs(header, scene_fingerprint(unmasked)).empty());
+  EXPECT_EQ(changed_files(header, scene_fingerprint(unmasked), "masks"),
+            (std::vector<std::string>{scene.train[0].name}));
+  EXPECT_TRUE(changed_files(header, scene_fingerprint(unmasked), "photographs").empty());
 
   nlohmann::ordered_json early = header;
   early["scene"].erase("masks");
-  EXPECT_TRUE(changed_masks(early, scene_fingerprint(masked)).empty()) << "what is not known has not changed";
+  EXPECT_TRUE(changed_files(early, scene_fingerprint(masked), "masks").empty()) << "what is not known has not changed";
 }
 
 TEST(CheckpointFileWriter, AcceptsTensorsInPiecesOfAnySize) {

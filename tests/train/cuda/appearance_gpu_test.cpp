@@ -48,10 +48,10 @@ TEST(AppearanceOnGpu, ExposuresAndTheirGradientsAreThoseOfTheCpu) {
     host.backward(state, view, image, grad);
     device.backward(own, view, own_image, own_grad);
     EXPECT_TRUE(test::within(own_grad.to(torch::kCPU), grad, 1e-5));
-    const torch::Tensor expected = host.transform_grad(), found = device.transform_grad().clone();
+    const torch::Tensor expected = host.grad(), found = device.grad().clone();
     EXPECT_TRUE(test::within(found.to(torch::kCPU), expected, 1e-4 * (1 + expected.abs())));
     device.backward(own, view, own_image, again);
-    EXPECT_TRUE(test::same(device.transform_grad(), found)) << "the order of sums is fixed";
+    EXPECT_TRUE(test::same(device.grad(), found)) << "the order of sums is fixed";
     host.step(view, t, state);
     device.step(view, t, own);
     EXPECT_TRUE(test::within(own.exposures.to(torch::kCPU), state.exposures, 1e-4)) << "step " << t;
@@ -81,10 +81,10 @@ TEST(AppearanceOnGpu, BilateralGridsAndTheirGradientsAreThoseOfTheCpu) {
     host.backward(state, view, image, grad);
     device.backward(own, view, own_image, own_grad);
     EXPECT_TRUE(test::within(own_grad.to(torch::kCPU), grad, 1e-4));
-    const torch::Tensor expected = host.grid_grad(), found = device.grid_grad().clone();
+    const torch::Tensor expected = host.grad(), found = device.grad().clone();
     EXPECT_TRUE(test::within(found.to(torch::kCPU), expected, 1e-4 * (1 + expected.abs())));
     device.backward(own, view, own_image, again);
-    EXPECT_TRUE(test::same(device.grid_grad(), found)) << "the order of sums is fixed";
+    EXPECT_TRUE(test::same(device.grad(), found)) << "the order of sums is fixed";
     host.step(view, t, state);
     device.step(view, t, own);
   }

@@ -7,7 +7,7 @@
 #include "support/temp_dir.h"
 #include "support/train/tiny_scene.h"
 #include "support/train/training.h"
-#include "train/density/strategies/budget_strategy.h"
+#include "train/density/strategies/strategies.h"
 #include "train/loss/loss.h"
 
 namespace b3dgs {

@@ -18,7 +18,6 @@
 #include "train/loss/loss.h"
 #include "train/loss/loss_args.h"
 #include "train/output/device_snapshot.h"
-#include "train/timing/event_marks.h"
 
 namespace b3dgs {
 namespace {
@@ -53,24 +52,6 @@ class GatedStream {
   cudaStream_t stream_ = nullptr;
   std::atomic<bool> is_open_{true};
 };
-
-TEST(EventMarks, AreReachedWhenTheDeviceGetsThere) {
-  B3DGS_NEEDS_GPU();
-  GatedStream stream;
-  cuda::EventMarks marks;
-  const int before = marks.record(stream.get());
-  stream.close();
-  const int behind = marks.record(stream.get());
-  EXPECT_NE(before, behind);
-  EXPECT_FALSE(marks.has_reached(behind));
-  stream.open();
-  marks.wait(behind);
-  EXPECT_TRUE(marks.has_reached(before));
-  EXPECT_TRUE(marks.has_reached(behind));
-  EXPECT_GT(marks.ms_between(before, behind), 0);
-  marks.release(before);
-  EXPECT_EQ(marks.record(stream.get()), before) << "reused";
-}
 
 /// Bytes that identify image `seed`.
 std::vector<std::uint8_t> image(int seed, std::size_t n) {

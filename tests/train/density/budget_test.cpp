@@ -1,6 +1,6 @@
 // Strategy budget: its parts against plain formulas, and whole trainings.
 
-#include "train/density/strategies/budget_strategy.h"
+#include "train/density/strategies/strategies.h"
 
 #include <gtest/gtest.h>
 

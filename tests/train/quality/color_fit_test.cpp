@@ -16,13 +16,15 @@ Image8 to_photograph(const torch::Tensor& image) {
   return to_image8(image.to(torch::kFloat32));
 }
 
-constexpr ColorTransform kTint{0.7, 0.1, 0, 0.05, 0, 0.8, 0.05, 0.02, 0.1, 0, 0.6, 0.1};
+constexpr ColorTransform kTint{{{0.7, 0.1, 0, 0.05}, {0, 0.8, 0.05, 0.02}, {0.1, 0, 0.6, 0.1}}};
 
 TEST(ColorFit, FindsAnAffineTransform) {
   torch::manual_seed(1);
   const torch::Tensor rendered = torch::rand({40, 50, 3});
   const ColorTransform found = fit_colors(rendered, to_photograph(transform_colors(rendered, kTint)), nullptr);
-  for (std::size_t i = 0; i < found.size(); ++i) EXPECT_NEAR(found[i], kTint[i], 2e-3) << i;  // 8-bit rounding
+  for (std::size_t i = 0; i < 12; ++i) {
+    EXPECT_NEAR(found[i / 4][i % 4], kTint[i / 4][i % 4], 2e-3) << i;  // 8-bit rounding
+  }
 }
 
 TEST(ColorFit, MinimisesTheSquaredErrorOfTheValidPixels) {
@@ -35,10 +37,10 @@ TEST(ColorFit, MinimisesTheSquaredErrorOfTheValidPixels) {
     double sum = 0;
     for (std::int64_t p = 0; p < 600; ++p) {
       if (valid.pixels[static_cast<std::size_t>(p)] == 0) continue;
-      for (std::int64_t c = 0; c < 3; ++c) {
-        double value = transform[4 * c + 3] - truth.pixels[static_cast<std::size_t>(3 * p + c)] / 255.0;
+      for (std::size_t c = 0; c < 3; ++c) {
+        double value = transform[c][3] - truth.pixels[static_cast<std::size_t>(3 * p) + c] / 255.0;
         for (std::int64_t k = 0; k < 3; ++k)
-          value += transform[4 * c + k] * rendered.view({-1, 3})[p][k].item<double>();
+          value += transform[c][static_cast<std::size_t>(k)] * rendered.view({-1, 3})[p][k].item<double>();
         sum += value * value;
       }
     }
@@ -47,7 +49,8 @@ TEST(ColorFit, MinimisesTheSquaredErrorOfTheValidPixels) {
   ColorTransform best = fit_colors(rendered, truth, &valid);
   const double least = error(best);
   EXPECT_LT(least, 0.8 * error(kSameColors));
-  for (double& element : best) {
+  for (std::size_t i = 0; i < 12; ++i) {
+    double& element = best[i / 4][i % 4];
     for (const double change : {-0.01, 0.01}) {
       element += change;
       EXPECT_GT(error(best), least);

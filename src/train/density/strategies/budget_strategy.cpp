@@ -1,4 +1,4 @@
-#include "train/density/strategies/budget_strategy.h"
+#include "train/density/strategies/strategies.h"
 
 #include <algorithm>
 #include <cmath>
@@ -17,10 +17,6 @@ constexpr const char* kColumnNames[] = {"error_sum", "max_weight", "score_views"
 template <class Statistics>
 auto& column(Statistics& statistics, BudgetColumn which) {
   return statistics.extra.at(static_cast<std::size_t>(which)).values;
-}
-
-torch::Tensor rows_of(const torch::Tensor& mask) {
-  return mask.nonzero().flatten();
 }
 
 /// A value for each of `rows`; those with the largest are the sample.
@@ -121,10 +117,6 @@ class BudgetStrategy final : public DensityStrategy {
       if (!is_weight || !keeps_weights) own->zero_();
     }
   }
-
-  void lower_opacities(int, GaussianTensors&, AdamState&) const override {}
-
-  bool is_recovering(int) const override { return false; }
 
  private:
   /// Rows to split, ascending: of the candidates as many as the budget asks for, and `max_gaussians` (0 = no limit)

@@ -15,11 +15,6 @@ namespace {
 constexpr double kSplitShrink = 0.8 * kSplitSamples;  // divisor of the scales
 constexpr double kResetOpacity = 0.01;
 
-/// Rows where `mask` is true.
-torch::Tensor rows_of(const torch::Tensor& mask) {
-  return mask.nonzero().flatten();
-}
-
 /// The `room` candidates with the largest gradients; `n_over_limit` is set to the number of the others.
 torch::Tensor strongest(const torch::Tensor& candidates, const torch::Tensor& gradients, std::int64_t room,
                         std::int64_t& n_over_limit) {
@@ -70,9 +65,7 @@ class DefaultStrategy final : public DensityStrategy {
     return densify(gaussians, statistics, rule, config_.seed, iteration);
   }
 
-  void lower_opacities(int, GaussianTensors& gaussians, AdamState& adam) const override {
-    reset_opacities(gaussians, adam);
-  }
+  void lower_opacities(GaussianTensors& gaussians, AdamState& adam) const override { reset_opacities(gaussians, adam); }
 
   bool is_recovering(int iteration) const override { return is_after_opacity_reset(config_, iteration); }
 

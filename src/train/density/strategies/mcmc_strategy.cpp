@@ -9,15 +9,9 @@
 #include "raster/math/opacity.h"
 #include "raster/torch/torch_cuda.h"
 #include "train/density/strategies/mcmc_math.h"
-#include "train/optimizer/adam.h"
 
 namespace b3dgs {
 namespace {
-
-/// Rows where `mask` is true.
-torch::Tensor rows_of(const torch::Tensor& mask) {
-  return mask.nonzero().flatten();
-}
 
 /// [N] int64
 torch::Tensor draw_weights(const torch::Tensor& logit_opacities, float dead_logit) {
@@ -102,8 +96,6 @@ class McmcStrategy final : public DensityStrategy {
     return plan;
   }
 
-  void after_view(const DensityStep&, DensityStatistics&) const override {}
-
   void after_step(int iteration, GaussianTensors& gaussians, const torch::Tensor& model_rows) const override {
     if (config_.noise_lr == 0) return;
     add_mean_noise(gaussians, mean_noise_strength(config_, extent_, iteration), config_.seed, iteration, model_rows);
@@ -114,10 +106,6 @@ class McmcStrategy final : public DensityStrategy {
     constexpr double kGrowth = 0.05;  // as in the paper
     return plan_mcmc_round(gaussians, {config_.prune_opacity, kGrowth, max_gaussians}, config_.seed, iteration);
   }
-
-  void lower_opacities(int, GaussianTensors&, AdamState&) const override {}
-
-  bool is_recovering(int) const override { return false; }
 
  private:
   const TrainConfig config_;

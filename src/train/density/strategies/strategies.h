@@ -1,6 +1,4 @@
-// Adaptive density control of the original 3DGS (Kerbl et al. 2023, section 5): Gaussians with a large gradient of
-// their projected centre are cloned if small and split if large; transparent and oversized ones are pruned; opacities
-// are reset at intervals.
+// The density strategies, and their parts as stateless functions. `extent` is the scene extent, world units.
 #pragma once
 
 #include <cstdint>
@@ -14,10 +12,11 @@
 
 namespace b3dgs {
 
-/// `extent`: the scene extent, world units.
-std::unique_ptr<DensityStrategy> make_default_strategy(const TrainConfig& config, double extent);
+// Adaptive density control of the original 3DGS (Kerbl et al. 2023, section 5): Gaussians with a large gradient of
+// their projected centre are cloned if small and split if large; transparent and oversized ones are pruned; opacities
+// are reset at intervals.
 
-// The strategy's parts, as stateless functions that tests can call.
+std::unique_ptr<DensityStrategy> make_default_strategy(const TrainConfig& config, double extent);
 
 /// The schedule of the original; iterations are counted from 1.
 DensityPlan density_plan(const TrainConfig& config, int iteration);
@@ -36,7 +35,6 @@ struct DensityRule {
   std::int64_t max_gaussians = 0;  // 0 = no limit
 };
 
-/// `extent`: the scene extent, world units.
 DensityRule density_rule(const TrainConfig& config, double extent, int iteration);
 
 /// One round, in the order of the original: clone small Gaussians with large gradients (exact copies), split large ones
@@ -55,10 +53,7 @@ void reset_opacities(GaussianTensors& gaussians, AdamState& adam);
 // instead of being removed, in a way that preserves the image, and noise on the means lets them explore. There is no
 // gradient threshold and no opacity reset.
 
-/// `extent`: the scene extent, world units.
 std::unique_ptr<DensityStrategy> make_mcmc_strategy(const TrainConfig& config, double extent);
-
-// The strategy's parts, as stateless functions that tests can call.
 
 struct McmcRule {
   double prune_opacity = 0;        // Gaussians of at most this opacity are dead
@@ -77,5 +72,33 @@ DensityRound plan_mcmc_round(const GaussianTensors& gaussians, const McmcRule& r
 /// DensityStrategy::after_step() has it: the noise of a Gaussian is that of its row of the model. Allocates nothing.
 void add_mean_noise(GaussianTensors& gaussians, double rate, std::int64_t seed, int iteration,
                     const torch::Tensor& model_rows = {});
+
+// Strategy budget: the number of Gaussians grows along a curve to a budget (--max_gaussians), by splitting Gaussians
+// that contribute most to large errors. Uses ideas of FastGS (errors over several views) and Improved-GS (budget curve,
+// splits along the longest axis); README.md says what a round does. Beside it, every --opacity_reset_interval
+// iterations Gaussians are pruned whose blend weight was below --prune_weight in all views scored since the last such
+// pruning, if at least kPruneViews saw them.
+
+std::unique_ptr<DensityStrategy> make_budget_strategy(const TrainConfig& config, double extent);
+
+/// Scored views that must have seen a Gaussian before it can be pruned for its blend weight, since it may be occluded
+/// in many of them. A Gaussian that is visible in 30 % of them is occluded in all of 20 random ones with probability
+/// 0.0008.
+inline constexpr int kPruneViews = 20;
+
+/// Columns of DensityStatistics::extra.
+enum class BudgetColumn { kErrorSum, kMaxWeight, kScoreViews };
+
+DensityPlan budget_plan(const TrainConfig& config, int iteration);
+
+/// Whether Gaussians may be split in this iteration.
+bool is_growth_round(const TrainConfig& config, int iteration);
+/// Whether Gaussians are pruned for their blend weight in this iteration.
+bool is_weight_prune_round(const TrainConfig& config, int iteration);
+
+/// How many Gaussians a growth round adds to `n`. Their number follows n_0 + (budget - n_0) t^p, where t runs from 0 at
+/// --densify_from_iter to 1 at the last growth round and p = 0.5. For this, each round adds the fraction
+/// 1 - (1 - t^p) / (1 - t_before^p) of what is left to the budget, so that n_0 need not be stored.
+std::int64_t budget_growth(const TrainConfig& config, int iteration, std::int64_t n, std::int64_t budget);
 
 }  // namespace b3dgs
