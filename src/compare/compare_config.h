@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "config/option_layers.h"
+#include "report/train_log_reader.h"
 
 namespace b3dgs {
 
@@ -16,6 +17,11 @@ inline constexpr const char* kComparisonReport = "report.html";
 struct Configuration {
   std::string name;  // also the name of its folder
   TrainConfig config;
+};
+
+/// With the logs of all its runs.
+struct ConfigurationHistory : Configuration {
+  std::vector<TrainHistory> by_seed;
 };
 
 /// Reads `--configs`: entries separated by commas, each "[NAME:]PART+PART+...". A part is "option=value" for any
