@@ -198,10 +198,6 @@ Configuration parse_entry(const std::string& entry, const TrainConfig& base, con
 
 }  // namespace
 
-std::vector<Configuration> parse_configurations(const std::string& text, const TrainConfig& base) {
-  return parse_configurations(text, base, config_to_json(base));
-}
-
 std::vector<Configuration> parse_configurations(const std::string& text, const TrainConfig& base,
                                                 const GivenOptions& given, const Photographs& photographs) {
   std::vector<Configuration> configurations;

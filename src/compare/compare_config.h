@@ -38,8 +38,6 @@ struct ConfigurationHistory : Configuration {
 /// unknown option or value, and options that must be the same for all
 std::vector<Configuration> parse_configurations(const std::string& text, const TrainConfig& base,
                                                 const GivenOptions& given, const Photographs& photographs = {});
-/// All values of `base` count as given.
-std::vector<Configuration> parse_configurations(const std::string& text, const TrainConfig& base);
 
 /// A line for each part of `--configs` that has a former name: "--configs original: original is now naive-kernels".
 std::vector<std::string> describe_former_parts(const std::string& text);

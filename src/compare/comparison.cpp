@@ -119,6 +119,16 @@ std::string summary_table(const Comparison& comparison) {
          (has_switch ? " and before and after the first switch to another forward kernel\n" : "\n");
 }
 
+/// Explains loading_ms in a sentence.
+std::string describe_loading(const Comparison& comparison) {
+  std::string names;
+  for (const Configuration& own : comparison.configurations) {
+    if (measures_kernels(own.config)) names += (names.empty() ? "" : ", ") + own.name;
+  }
+  return detail::concat("the times of ", names, " include ", format_figure(comparison.plan.loading_ms),
+                        " ms for loading the candidate kernels, which each process does once");
+}
+
 }  // namespace
 
 std::vector<Configuration> ComparisonPlan::configurations() const {
@@ -148,15 +158,6 @@ double Comparison::output_s() const {
     for (const RunInfo& info : of_configuration) sum += info.output_s;
   }
   return sum;
-}
-
-std::string describe_loading(const Comparison& comparison) {
-  std::string names;
-  for (const Configuration& own : comparison.configurations) {
-    if (measures_kernels(own.config)) names += (names.empty() ? "" : ", ") + own.name;
-  }
-  return detail::concat("the times of ", names, " include ", format_figure(comparison.plan.loading_ms),
-                        " ms for loading the candidate kernels, which each process does once");
 }
 
 void write_plan(const ComparisonPlan& plan) {

@@ -64,9 +64,6 @@ void write_comparison(const Comparison& comparison);
 /// The result for standard output.
 std::string describe_comparison(const Comparison& comparison);
 
-/// Explains loading_ms in a sentence.
-std::string describe_loading(const Comparison& comparison);
-
 /// What the report shows: the results, the runs of all seeds, and texts of the terminal. @throws IoError, InputError if
 /// an image cannot be read
 nlohmann::ordered_json comparison_report_data(const Comparison& comparison);
