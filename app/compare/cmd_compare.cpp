@@ -280,7 +280,7 @@ int run_compare(const std::vector<std::string>& words) {
   const bool is_complete = train_all(plan, replaced, device, options, status);
   const Comparison comparison = load_comparison(plan);
   write_comparison(comparison);
-  print_comparison(comparison);
+  std::cout << describe_comparison(comparison);
   std::cout << "written: " << (plan.root() / "report.html").string() << ", compare.json" << std::endl;
   if (is_complete) return 0;
   std::cout << "stopped by a signal; resume with: " << resume_command(plan) << "\n";

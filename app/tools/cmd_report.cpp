@@ -27,7 +27,7 @@ int run_report(const std::vector<std::string>& words) {
   if (holds_comparison(folder)) {
     const Comparison comparison = load_comparison(read_plan(folder));
     write_comparison(comparison);
-    print_comparison(comparison);
+    std::cout << describe_comparison(comparison);
     std::cout << "written: " << (folder / "report.html").string() << "\n";
   } else {
     if (!ModelFolder(folder).has_config()) {

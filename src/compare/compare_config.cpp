@@ -38,14 +38,21 @@ std::vector<std::string> split(const std::string& text, char separator) {
   return parts;
 }
 
-/// The primary name of an option given by any of its names; "" if unknown.
-std::string canonical_name(const std::string& key) {
+struct FoundOption {
+  std::string name;  // the primary one; "" if there is no such option
+  bool is_list = false;
+};
+
+/// By any of its names.
+FoundOption find_option(const std::string& key) {
   const TrainConfig config;
-  std::string name;
-  visit_fields(config, [&](const Option& option, const auto&, const auto&, const char*) {
-    if (option.has_name(key)) name = option.name;
+  FoundOption found;
+  visit_fields(config, [&](const Option& option, const auto& value, const auto&, const char*) {
+    using Value = std::decay_t<decltype(value)>;
+    constexpr bool kIsList = !std::is_arithmetic_v<Value> && !std::is_same_v<Value, std::string>;
+    if (option.has_name(key)) found = {std::string(option.name), kIsList};
   });
-  return name;
+  return found;
 }
 
 bool is_shared(const std::string& name) {
@@ -60,17 +67,6 @@ std::string unknown_option(const std::string& key) {
   });
   const std::string nearest = nearest_name(key, names);
   return nearest.empty() ? "see b3dgs train --help-all" : "did you mean " + nearest + "?";
-}
-
-bool is_list(const std::string& name) {
-  const TrainConfig config;
-  bool found = false;
-  visit_fields(config, [&](const Option& option, const auto& value, const auto&, const char*) {
-    using Value = std::decay_t<decltype(value)>;
-    constexpr bool kIsList = !std::is_arithmetic_v<Value> && !std::is_same_v<Value, std::string>;
-    found = found || (kIsList && option.name == name);
-  });
-  return found;
 }
 
 /// Calls visit(option, group) for each option whose values differ.
@@ -143,7 +139,8 @@ void add_part(const std::string& entry, const std::string& word, OptionValues& v
     values["kernel"] = part;
     return;
   }
-  const std::string key = part.substr(0, equals), name = canonical_name(key);
+  const std::string key = part.substr(0, equals);
+  const auto [name, is_list] = find_option(key);
   if (name.empty()) {
     input_error("--configs ", entry, ": unknown training option ", key, "; ", unknown_option(key));
   }
@@ -152,7 +149,7 @@ void add_part(const std::string& entry, const std::string& word, OptionValues& v
                 name);
   }
   std::string value = part.substr(equals + 1);
-  if (is_list(name)) std::replace(value.begin(), value.end(), '/', ',');
+  if (is_list) std::replace(value.begin(), value.end(), '/', ',');
   values[name] = value;
 }
 
@@ -200,10 +197,6 @@ Configuration parse_entry(const std::string& entry, const TrainConfig& base, con
 }
 
 }  // namespace
-
-std::vector<Configuration> parse_configurations(const std::string& text, const TrainConfig& base) {
-  return parse_configurations(text, base, config_to_json(base));
-}
 
 std::vector<Configuration> parse_configurations(const std::string& text, const TrainConfig& base,
                                                 const GivenOptions& given, const Photographs& photographs) {

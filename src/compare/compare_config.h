@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "config/option_layers.h"
+#include "report/train_log_reader.h"
 
 namespace b3dgs {
 
@@ -16,6 +17,11 @@ inline constexpr const char* kComparisonReport = "report.html";
 struct Configuration {
   std::string name;  // also the name of its folder
   TrainConfig config;
+};
+
+/// With the logs of all its runs.
+struct ConfigurationHistory : Configuration {
+  std::vector<TrainHistory> by_seed;
 };
 
 /// Reads `--configs`: entries separated by commas, each "[NAME:]PART+PART+...". A part is "option=value" for any
@@ -32,8 +38,6 @@ struct Configuration {
 /// unknown option or value, and options that must be the same for all
 std::vector<Configuration> parse_configurations(const std::string& text, const TrainConfig& base,
                                                 const GivenOptions& given, const Photographs& photographs = {});
-/// All values of `base` count as given.
-std::vector<Configuration> parse_configurations(const std::string& text, const TrainConfig& base);
 
 /// A line for each part of `--configs` that has a former name: "--configs original: original is now naive-kernels".
 std::vector<std::string> describe_former_parts(const std::string& text);

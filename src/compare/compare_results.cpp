@@ -155,6 +155,92 @@ std::string interval_text(const Effect& share) {
 
 namespace {
 
+double seconds_between(const TrainHistory& history, int from, int until) {
+  return elapsed_at(history, until) - elapsed_at(history, from);
+}
+
+/// Over the iterations from + 1 to until; nullopt if `before` took no time for them.
+std::optional<double> saved_between(const TrainHistory& before, const TrainHistory& after, int from, int until) {
+  const double before_s = seconds_between(before, from, until);
+  return before_s > 0 ? std::optional(saved_share(before_s, seconds_between(after, from, until))) : std::nullopt;
+}
+
+std::optional<double> run_to_run_variation(const RepeatedRun* repeated, int from, int until) {
+  if (repeated == nullptr || std::min(repeated->first.last_iteration(), repeated->second.last_iteration()) < until) {
+    return std::nullopt;
+  }
+  const std::optional<double> saved = saved_between(repeated->first, repeated->second, from, until);
+  return saved ? std::optional(std::fabs(*saved)) : std::nullopt;
+}
+
+}  // namespace
+
+std::optional<Spread> spread_of(const std::vector<double>& values) {
+  if (values.empty()) return std::nullopt;
+  Spread spread{0, values[0], values[0], static_cast<int>(values.size())};
+  for (const double value : values) {
+    spread.mean += value / spread.n;
+    spread.min = std::min(spread.min, value);
+    spread.max = std::max(spread.max, value);
+  }
+  return spread;
+}
+
+double saved_share(double before_s, double after_s) {
+  return (before_s - after_s) / before_s;
+}
+
+double elapsed_at(const TrainHistory& history, double iteration) {
+  double from_iteration = 0, from_s = 0;
+  for (const LogPoint& point : history.points) {
+    if (point.iteration >= iteration) {
+      const double share = (iteration - from_iteration) / (point.iteration - from_iteration);
+      return from_s + share * (point.elapsed_s - from_s);
+    }
+    from_iteration = point.iteration;
+    from_s = point.elapsed_s;
+  }
+  return from_s;
+}
+
+std::optional<int> first_kernel_switch(const TrainHistory& history) {
+  for (const KernelCheckEvent& check : history.checks) {
+    if (check.pass == kForwardPass && check.has_changed()) return check.iteration;
+  }
+  return std::nullopt;
+}
+
+std::optional<TimeSaved> time_saved(const TrainHistory& baseline, const TrainHistory& ours,
+                                    const RepeatedRun* repeated) {
+  TimeSaved saved;
+  saved.until = std::min(baseline.last_iteration(), ours.last_iteration());
+  saved.baseline_s = elapsed_at(baseline, saved.until);
+  saved.ours_s = elapsed_at(ours, saved.until);
+  if (saved.until == 0 || saved.baseline_s <= 0) return std::nullopt;
+  saved.overall = saved_share(saved.baseline_s, saved.ours_s);
+  saved.noise.overall = run_to_run_variation(repeated, 0, saved.until);
+  saved.switch_iteration = first_kernel_switch(ours);
+  if (saved.switch_iteration && *saved.switch_iteration < saved.until) {
+    const int last_before = *saved.switch_iteration - 1;
+    saved.before = saved_between(baseline, ours, 0, last_before);
+    saved.after = saved_between(baseline, ours, last_before, saved.until);
+    saved.noise.before = run_to_run_variation(repeated, 0, last_before);
+    saved.noise.after = run_to_run_variation(repeated, last_before, saved.until);
+  }
+  for (const KernelPeriod& period : kernel_periods(ours)) {
+    const int until = std::min(period.until, saved.until);
+    if (until <= period.from) continue;
+    KernelPart& part = is_balanced_kernel(period.kernel) ? saved.balanced : saved.others;
+    part.kernels.insert(period.kernel);
+    part.iterations += until - period.from;
+    part.baseline_s += seconds_between(baseline, period.from, until);
+    part.ours_s += seconds_between(ours, period.from, until);
+  }
+  return saved;
+}
+
+namespace {
+
 /// The first configuration with this fixed kernel that differs from `ours` only in the forward kernel, or null.
 const ConfigurationHistory* find_kernel(const std::vector<ConfigurationHistory>& configurations,
                                         const TrainConfig& ours, std::string_view kernel) {
@@ -219,9 +305,9 @@ std::optional<BalancingGain> balancing_gain(const std::vector<ConfigurationHisto
     unbalanced_s = own_s;
     gain.unbalanced = own.name;
   }
-  gain.ours_s = *spread_of(ours_s);
-  gain.naive_s = *spread_of(naive_s);
-  gain.unbalanced_s = *spread_of(unbalanced_s);
+  gain.ours_s = spread_of(ours_s)->mean;
+  gain.naive_s = spread_of(naive_s)->mean;
+  gain.unbalanced_s = spread_of(unbalanced_s)->mean;
   const EffectLimits limits = time_limits(noise);
   gain.to_unbalanced = saved_by_seed(naive_s, unbalanced_s, limits);
   gain.balancing = saved_by_seed(unbalanced_s, ours_s, limits);

@@ -1,14 +1,27 @@
-// Whether a difference between two configurations is more than chance: paired differences over seeds.
+// Results of configurations compared: whether a difference is more than chance (paired differences over seeds), time
+// saved, what balancing saves, and what each has reached at its end.
 #pragma once
 
 #include <cstddef>
 #include <optional>
+#include <set>
 #include <string>
 #include <vector>
 
-#include "report/time_saved.h"
+#include "compare/compare_config.h"
+#include "report/train_log_reader.h"
 
 namespace b3dgs {
+
+/// Mean and range over seeds.
+struct Spread {
+  double mean = 0, min = 0, max = 0;
+  int n = 0;
+  double range() const { return max - min; }
+};
+
+/// nullopt if `values` is empty.
+std::optional<Spread> spread_of(const std::vector<double>& values);
 
 /// What the runs allow to say. kUnclear: the difference may be chance.
 enum class Finding { kUnclear, kEqual, kDiffers };
@@ -55,17 +68,63 @@ std::string time_word(const Effect& saved);
 /// "10.1 to 14.9 %", of a share; "" with one seed.
 std::string interval_text(const Effect& share);
 
+// How much training time one run saved against another.
+
+/// (before_s - after_s) / before_s; negative if time was lost.
+double saved_share(double before_s, double after_s);
+
+/// Training time up to `iteration`, s, linearly interpolated between log lines; constant after the last line.
+double elapsed_at(const TrainHistory& history, double iteration);
+
+/// Iteration of the first check that switched to another forward kernel. The Balanced3DGS paper calls it the
+/// inflection point, and so do the keys of compare.json.
+std::optional<int> first_kernel_switch(const TrainHistory& history);
+
+/// Iterations that ran with a load-balanced forward kernel, or those that ran with any other, and the time that both
+/// runs took for them.
+struct KernelPart {
+  std::set<std::string> kernels;
+  int iterations = 0;
+  double baseline_s = 0, ours_s = 0;
+};
+
+/// Two runs of one configuration with the same seed.
+struct RepeatedRun {
+  const TrainHistory &first, &second;
+};
+
+/// Relative difference between the times of two runs of the same configuration and seed: |first - second| / first.
+struct RunToRunVariation {
+  std::optional<double> overall, before, after;  // before and after the kernel switch of the run it is shown with
+};
+
+/// Share of the baseline's time that was saved, (baseline - ours) / baseline, over the iterations that both runs have
+/// completed.
+struct TimeSaved {
+  int until = 0;  // iteration
+  double baseline_s = 0, ours_s = 0;
+  std::optional<int> switch_iteration;
+  std::optional<double> before, after;  // the switch; empty without one, `before` also if it is at the first iteration
+  double overall = 0;
+  KernelPart balanced, others;  // by the kernel that `ours` used; both empty if its log does not name kernels
+  RunToRunVariation noise;      // over the same iterations; empty without a repeated run
+};
+
+/// nullopt if one of the two has no log line yet.
+std::optional<TimeSaved> time_saved(const TrainHistory& baseline, const TrainHistory& ours,
+                                    const RepeatedRun* repeated = nullptr);
+
 // The time that load balancing alone saves: a configuration with load-balanced forward kernels against configurations
 // that differ from it only in the forward kernel.
 
 /// Splits the time saved by a load-balanced configuration (a balanced kernel, or a choice that includes one) in two:
 /// from naive to the fastest kernel without load balancing, and from there to the balanced configuration.
 struct BalancingGain {
-  std::string name, naive, unbalanced;   // configurations; `unbalanced` has the fastest kernel without balancing
-  Spread ours_s, naive_s, unbalanced_s;  // seconds
-  Effect to_unbalanced;                  // saved by `unbalanced`, share of naive's time
-  Effect balancing;                      // saved by load balancing, share of `unbalanced`'s time
-  Effect whole;                          // saved in total, share of naive's time
+  std::string name, naive, unbalanced;  // configurations; `unbalanced` has the fastest kernel without balancing
+  double ours_s = 0, naive_s = 0, unbalanced_s = 0;  // means over seeds
+  Effect to_unbalanced;                              // saved by `unbalanced`, share of naive's time
+  Effect balancing;                                  // saved by load balancing, share of `unbalanced`'s time
+  Effect whole;                                      // saved in total, share of naive's time
 };
 
 /// For configurations[index], over the first done_by_seed[i] iterations of seed i. `noise`: see time_limits(). nullopt

@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <map>
 
 #include "compare/compare_config.h"
 #include "compare/compare_verdict.h"
@@ -11,8 +10,6 @@
 
 namespace b3dgs {
 namespace {
-
-constexpr const char* kForwardPass = "forward";  // as in train.jsonl
 
 using Json = nlohmann::ordered_json;
 
@@ -34,13 +31,12 @@ constexpr Measure kMeasures[] = {
      }},
 };
 
-/// Values of a measure by iteration.
-std::map<int, double> measured(const TrainHistory& history, const Measure& measure) {
-  std::map<int, double> values;
-  for (const LogPoint& point : history.points) {
-    if (const std::optional<double> value = measure.value(point)) values[point.iteration] = *value;
-  }
-  return values;
+/// Empty if it was not measured after this iteration.
+std::optional<double> value_at(const TrainHistory& history, int iteration, const Measure& measure) {
+  const auto point = std::lower_bound(history.points.begin(), history.points.end(), iteration,
+                                      [](const LogPoint& own, int wanted) { return own.iteration < wanted; });
+  const bool is_logged = point != history.points.end() && point->iteration == iteration;
+  return is_logged ? measure.value(*point) : std::nullopt;
 }
 
 /// The last iteration at which all configurations were measured for some seed, and the seeds for which they were.
@@ -49,20 +45,18 @@ struct CommonMeasurement {
   std::vector<std::size_t> seeds;
 };
 
-CommonMeasurement common_measurement(const std::vector<ConfigurationHistory>& configurations, std::size_t n_seeds,
-                                     const Measure& measure) {
+CommonMeasurement common_measurement(const std::vector<ConfigurationHistory>& configurations, const Measure& measure) {
   CommonMeasurement common;
-  for (std::size_t seed = 0; seed < n_seeds; ++seed) {
-    std::map<int, std::size_t> n_measured;  // configurations by iteration
-    for (const ConfigurationHistory& configuration : configurations) {
-      for (const auto& [iteration, value] : measured(configuration.by_seed[seed], measure)) ++n_measured[iteration];
-    }
-    int last = 0;
-    for (const auto& [iteration, n] : n_measured) {
-      if (n == configurations.size()) last = iteration;
-    }
-    if (last > common.iteration) common = {last, {}};
-    if (last > 0 && last == common.iteration) common.seeds.push_back(seed);
+  for (std::size_t seed = 0; seed < configurations[0].by_seed.size(); ++seed) {
+    const std::vector<LogPoint>& points = configurations[0].by_seed[seed].points;
+    const auto last = std::find_if(points.rbegin(), points.rend(), [&](const LogPoint& point) {
+      return std::all_of(configurations.begin(), configurations.end(), [&](const ConfigurationHistory& own) {
+        return value_at(own.by_seed[seed], point.iteration, measure).has_value();
+      });
+    });
+    if (last == points.rend()) continue;
+    if (last->iteration > common.iteration) common = {last->iteration, {}};
+    if (last->iteration == common.iteration) common.seeds.push_back(seed);
   }
   return common;
 }
@@ -72,7 +66,7 @@ std::vector<double> values_at(const CommonMeasurement& common, const Configurati
                               const Measure& measure) {
   std::vector<double> values;
   for (const std::size_t seed : common.seeds) {
-    values.push_back(measured(configuration.by_seed[seed], measure).at(common.iteration));
+    values.push_back(value_at(configuration.by_seed[seed], common.iteration, measure).value());
   }
   return values;
 }
@@ -86,11 +80,10 @@ std::vector<double> differences(const std::vector<double>& from, const std::vect
 /// Compares configurations[index] with the baseline at an iteration that all configurations have reached. `repetition`,
 /// the second training of the baseline, may be null.
 std::vector<QualityDifference> compare_quality(const std::vector<ConfigurationHistory>& configurations,
-                                               std::size_t index, const ConfigurationHistory* repetition,
-                                               std::size_t n_seeds) {
+                                               std::size_t index, const ConfigurationHistory* repetition) {
   std::vector<QualityDifference> compared;
   for (const Measure& measure : kMeasures) {
-    const CommonMeasurement common = common_measurement(configurations, n_seeds, measure);
+    const CommonMeasurement common = common_measurement(configurations, measure);
     if (common.seeds.empty()) continue;
     const std::vector<double> before = values_at(common, configurations[0], measure),
                               after = values_at(common, configurations[index], measure);
@@ -140,24 +133,12 @@ bool was_balanced_slower_from_start(const TrainHistory& history) {
   });
 }
 
-void keep_larger(const std::optional<double>& value, std::optional<double>& largest) {
-  if (value && (!largest || *value > *largest)) largest = value;
-}
-
-/// Two configurations with the same options, or null pointers.
-struct RepeatedConfiguration {
-  const ConfigurationHistory *first = nullptr, *second = nullptr;
-  std::optional<RepeatedRun> run(std::size_t seed) const {
-    if (first == nullptr || second == nullptr) return std::nullopt;
-    return RepeatedRun{first->by_seed[seed], second->by_seed[seed]};
-  }
-};
-
-/// Over the seeds that have started.
+/// Over the seeds that have started. `repeated`: by seed; empty if the baseline was not trained twice.
 ComparedConfiguration compare_times(const ConfigurationHistory& baseline, const ConfigurationHistory& ours,
-                                    const RepeatedConfiguration& repeated, const std::vector<int>& done_by_seed) {
+                                    const std::vector<RepeatedRun>& repeated, const std::vector<int>& done_by_seed) {
   ComparedConfiguration compared;
   compared.name = ours.name;
+  compared.baseline = baseline.name;
   const DifferingOptions differing = differing_options(baseline.config, ours.config);
   compared.differs_in = differing.others;
   compared.has_own_kernel = !differing.forward_kernel.empty();
@@ -166,15 +147,16 @@ ComparedConfiguration compare_times(const ConfigurationHistory& baseline, const 
   compared.was_slower_from_start = true;
   for (std::size_t seed = 0; seed < done_by_seed.size(); ++seed) {
     if (done_by_seed[seed] == 0) continue;
-    const std::optional<TimeSaved> saved = time_saved(baseline.by_seed[seed], ours.by_seed[seed], repeated.run(seed));
+    const std::optional<TimeSaved> saved =
+        time_saved(baseline.by_seed[seed], ours.by_seed[seed], repeated.empty() ? nullptr : &repeated[seed]);
     if (!saved) continue;
     compared.by_seed.push_back(*saved);
     compared.was_slower_from_start =
         compared.was_slower_from_start && was_balanced_slower_from_start(ours.by_seed[seed]);
     overall.push_back(saved->overall);
-    keep_larger(saved->noise.overall, compared.noise.overall);
-    keep_larger(saved->noise.before, compared.noise.before);
-    keep_larger(saved->noise.after, compared.noise.after);
+    compared.noise.overall = std::max(compared.noise.overall, saved->noise.overall);
+    compared.noise.before = std::max(compared.noise.before, saved->noise.before);
+    compared.noise.after = std::max(compared.noise.after, saved->noise.after);
     if (saved->switch_iteration) switch_iterations.push_back(*saved->switch_iteration);
     if (!saved->before || !saved->after) continue;
     before.push_back(*saved->before);
@@ -275,20 +257,29 @@ Json to_json(const FinalResult& own) {
           {"psnr_gained", to_json(own.psnr_gained)}};
 }
 
+/// The item whose member has the value, or null.
+template <class Item>
+const Item* find_item(const std::vector<Item>& items, std::string Item::*member, const std::string& value) {
+  const auto it = std::find_if(items.begin(), items.end(), [&](const Item& own) { return own.*member == value; });
+  return it == items.end() ? nullptr : &*it;
+}
+
 }  // namespace
 
 int ComparisonSummary::seeds_started() const {
   return static_cast<int>(std::count_if(done_by_seed.begin(), done_by_seed.end(), [](int done) { return done > 0; }));
 }
 
+const QualityDifference* ComparedConfiguration::find_quality(const std::string& wanted) const {
+  return find_item(quality, &QualityDifference::measure, wanted);
+}
+
 const ComparedConfiguration* ComparisonSummary::find(const std::string& name) const {
-  const auto it = std::find_if(compared.begin(), compared.end(), [&](const auto& own) { return own.name == name; });
-  return it == compared.end() ? nullptr : &*it;
+  return find_item(compared, &ComparedConfiguration::name, name);
 }
 
 const BalancingGain* ComparisonSummary::find_balancing(const std::string& name) const {
-  const auto it = std::find_if(balancing.begin(), balancing.end(), [&](const auto& own) { return own.name == name; });
-  return it == balancing.end() ? nullptr : &*it;
+  return find_item(balancing, &BalancingGain::name, name);
 }
 
 std::optional<double> ComparisonSummary::noise() const {
@@ -303,22 +294,26 @@ ComparisonSummary summarize_comparison(const std::vector<ConfigurationHistory>& 
   const auto again = std::find_if(configurations.begin() + 1, configurations.end(), [&](const auto& own) {
     return differing_options(baseline.config, own.config).empty();
   });
-  const RepeatedConfiguration repeated{&baseline, again == configurations.end() ? nullptr : &*again};
+  const ConfigurationHistory* const repetition = again == configurations.end() ? nullptr : &*again;
 
   ComparisonSummary summary;
   summary.baseline = baseline.name;
   summary.ours = ours.name;
-  if (repeated.second != nullptr) summary.repetition = repeated.second->name;
+  if (repetition != nullptr) summary.repetition = repetition->name;
   summary.holds_out_views = baseline.config.eval;
   summary.iterations = iterations;
   summary.results = final_results(configurations);
   summary.done_by_seed = common_iterations(configurations, iterations);
+  std::vector<RepeatedRun> repeated;
+  for (std::size_t seed = 0; repetition != nullptr && seed < baseline.by_seed.size(); ++seed) {
+    repeated.push_back({baseline.by_seed[seed], repetition->by_seed[seed]});
+  }
   for (const int done : summary.done_by_seed) {
     if (done > 0) summary.done = summary.done == 0 ? done : std::min(summary.done, done);
   }
   for (std::size_t i = 1; i < configurations.size(); ++i) {
     summary.compared.push_back(compare_times(baseline, configurations[i], repeated, summary.done_by_seed));
-    summary.compared.back().quality = compare_quality(configurations, i, repeated.second, summary.done_by_seed.size());
+    summary.compared.back().quality = compare_quality(configurations, i, repetition);
   }
   for (std::size_t i = 0; i < configurations.size(); ++i) {
     if (const auto gain = balancing_gain(configurations, i, summary.done_by_seed, summary.noise())) {
@@ -329,7 +324,7 @@ ComparisonSummary summarize_comparison(const std::vector<ConfigurationHistory>& 
   for (const ConfigurationHistory& own : configurations) {
     for (const ConfigurationHistory& other : configurations) {
       if (!is_paper_pair(own.config, other.config)) continue;
-      summary.paper_comparisons.push_back({own.name, compare_times(own, other, repeated, summary.done_by_seed)});
+      summary.paper_comparisons.push_back(compare_times(own, other, repeated, summary.done_by_seed));
     }
   }
   return summary;
@@ -394,8 +389,8 @@ Json to_json(const ComparisonSummary& summary) {
   Json balancing = Json::array(), paper_comparisons = Json::array(), results = Json::array();
   for (const FinalResult& own : summary.results) results.push_back(to_json(own));
   for (const BalancingGain& gain : summary.balancing) balancing.push_back(to_json(gain, summary.noise()));
-  for (const PaperComparison& own : summary.paper_comparisons) {
-    paper_comparisons.push_back(times_json(own.compared));
+  for (const ComparedConfiguration& own : summary.paper_comparisons) {
+    paper_comparisons.push_back(times_json(own));
     paper_comparisons.back()["baseline"] = own.baseline;
   }
   return {{"verdict", verdict(summary)},

@@ -9,7 +9,6 @@
 #include <vector>
 
 #include "compare/compare_results.h"
-#include "report/time_saved.h"
 
 namespace b3dgs {
 
@@ -30,9 +29,9 @@ struct KernelPartSummary {
   std::optional<Spread> iterations, saved;
 };
 
-/// One configuration compared with the baseline.
+/// One configuration compared with another.
 struct ComparedConfiguration {
-  std::string name;
+  std::string name, baseline;
   std::vector<std::string> differs_in;  // options, except those of the forward kernel
   bool has_own_kernel = false;          // also differs in options of the forward kernel
   bool learns_differently = false;      // quality may differ, not only time
@@ -44,12 +43,8 @@ struct ComparedConfiguration {
   KernelPartSummary balanced, others;
   bool was_slower_from_start = false;  // in all seeds, the first check found the balanced kernel slower
   std::vector<QualityDifference> quality;
-};
 
-/// A pair of configurations that repeats the comparison in the paper (is_paper_pair).
-struct PaperComparison {
-  std::string baseline;
-  ComparedConfiguration compared;
+  const QualityDifference* find_quality(const std::string& measure) const;
 };
 
 struct ComparisonSummary {
@@ -60,10 +55,10 @@ struct ComparisonSummary {
   int done = 0;                   // completed by all runs of the seeds that have started
   std::vector<int> done_by_seed;  // completed by all configurations; 0: the seed is ignored, not all have started
   std::vector<ComparedConfiguration> compared;
-  std::vector<BalancingGain> balancing;      // of the configurations for which it is known
-  std::vector<std::string> missing_kernels;  // not trained, so the gain of `ours` is unknown
-  std::vector<PaperComparison> paper_comparisons;
-  std::vector<FinalResult> results;  // of all configurations, each at its own end
+  std::vector<BalancingGain> balancing;                  // of the configurations for which it is known
+  std::vector<std::string> missing_kernels;              // not trained, so the gain of `ours` is unknown
+  std::vector<ComparedConfiguration> paper_comparisons;  // pairs that repeat the one in the paper (is_paper_pair)
+  std::vector<FinalResult> results;                      // of all configurations, each at its own end
 
   int seeds_started() const;
   const ComparedConfiguration* find(const std::string& name) const;

@@ -98,9 +98,9 @@ std::string balancing_verdict(const ComparedConfiguration& ours, const Balancing
     text += "; " + gain.unbalanced + " " + saving_text(gain.to_unbalanced, gain.naive) + "; in total " + ours.name +
             " " + saving_text(gain.whole, gain.naive);
   }
-  std::vector<std::pair<std::string, double>> times{{ours.name, gain.ours_s.mean}};
-  if (!is_naive_fastest) times.emplace_back(gain.unbalanced, gain.unbalanced_s.mean);
-  times.emplace_back(gain.naive, gain.naive_s.mean);
+  std::vector<std::pair<std::string, double>> times{{ours.name, gain.ours_s}};
+  if (!is_naive_fastest) times.emplace_back(gain.unbalanced, gain.unbalanced_s);
+  times.emplace_back(gain.naive, gain.naive_s);
   return text + " (" + times_text(times) + ")";
 }
 
@@ -115,21 +115,15 @@ std::string unbalanced_verdict(const ComparisonSummary& summary, const ComparedC
       saving_text(*ours.overall, summary.baseline);
   std::vector<std::pair<std::string, double>> times{{ours.name, mean_seconds(ours, &TimeSaved::ours_s)}};
   if (gain != nullptr && gain->unbalanced != summary.baseline) {
-    times.emplace_back(gain->unbalanced, gain->unbalanced_s.mean);
+    times.emplace_back(gain->unbalanced, gain->unbalanced_s);
   }
   times.emplace_back(summary.baseline, mean_seconds(ours, &TimeSaved::baseline_s));
   return text + " (" + times_text(times) + ")";
 }
 
-const QualityDifference* find_psnr(const ComparedConfiguration& own) {
-  const auto it = std::find_if(own.quality.begin(), own.quality.end(),
-                               [](const QualityDifference& difference) { return difference.measure == kPsnrMeasure; });
-  return it == own.quality.end() ? nullptr : &*it;
-}
-
 /// "2.20 dB less than naive", "" where that may be chance or configurations learn the same.
 std::string quality_lead(const ComparisonSummary& summary, const ComparedConfiguration& ours) {
-  const QualityDifference* const psnr = find_psnr(ours);
+  const QualityDifference* const psnr = ours.find_quality(kPsnrMeasure);
   if (!ours.learns_differently || psnr == nullptr || !psnr->gained.differs()) return "";
   return print_to_string("reached %.2f dB %s than ", std::fabs(psnr->gained.mean),
                          psnr->gained.mean > 0 ? "more" : "less") +
@@ -220,7 +214,7 @@ std::string quality_sentence(const ComparisonSummary& summary) {
   for (const ComparedConfiguration& own : summary.compared) {
     if (!own.learns_differently) continue;
     is_asked = true;
-    const QualityDifference* const psnr = find_psnr(own);
+    const QualityDifference* const psnr = own.find_quality(kPsnrMeasure);
     if (psnr == nullptr) continue;
     measured = psnr;
     text += ", " + own.name + print_to_string(" %.2f dB (", psnr->ours.mean) + psnr_text(psnr->gained) + ")";
@@ -276,12 +270,6 @@ std::string describe(const BalancingGain& gain) {
          gain.name + " " + saving_text(gain.whole, gain.naive);
 }
 
-std::string format_quality_difference(const std::string& measure, double difference, bool is_distance) {
-  const char* const format = measure == "SSIM" ? "%+.4f" : measure == "Gaussians" ? "%+.0f" : "%+.2f";
-  const std::string text = print_to_string(format, difference);
-  return is_distance ? text.substr(1) : text;
-}
-
 std::string describe_repetition(const ComparisonSummary& summary) {
   const ComparedConfiguration* const own = summary.find(summary.repetition);
   if (own == nullptr || !own->noise.overall)
@@ -289,8 +277,12 @@ std::string describe_repetition(const ComparisonSummary& summary) {
   std::string text = "run-to-run variation of " + summary.baseline + ": time " + format_percent(*own->noise.overall);
   for (const QualityDifference& difference : own->quality) {
     if (!difference.noise) continue;
+    const bool is_ssim = difference.measure == "SSIM", is_count = difference.measure == "Gaussians";
     text += ", " + difference.measure.substr(0, difference.measure.find(',')) + " " +
-            format_quality_difference(difference.measure, *difference.noise, true);
+            print_to_string(is_ssim    ? "%.4f"
+                            : is_count ? "%.0f"
+                                       : "%.2f",
+                            *difference.noise);
   }
   return text;
 }

@@ -32,9 +32,6 @@ std::string describe(const BalancingGain& gain);
 /// Run-to-run variation of the baseline: differences in time and quality between its two runs.
 std::string describe_repetition(const ComparisonSummary& summary);
 
-/// "+0.05": a difference in the digits usual for `measure`; without a sign if `is_distance`.
-std::string format_quality_difference(const std::string& measure, double difference, bool is_distance = false);
-
 /// " in 1 of 3 seeds", or "" if n == of.
 std::string in_seeds(int n, int of);
 

@@ -1,7 +1,6 @@
 #include "compare/comparison.h"
 
 #include <algorithm>
-#include <cstdio>
 
 #include "compare/compare_results.h"
 #include "compare/compare_summary.h"
@@ -47,35 +46,29 @@ Json to_json(const Comparison& comparison) {
   json["machine"] = Json::object();
   json["runs"] = Json::array();
   for (std::size_t i = 0; i < comparison.configurations.size(); ++i) {
-    const Configuration& configuration = comparison.configurations[i];
-    for (const ComparedRun& run : comparison.runs[i]) {
-      if (!run.info.machine.empty()) json["machine"] = run.info.machine;
-      const fs::path folder = comparison.plan.folder(configuration, run.seed).root();
+    const ConfigurationHistory& configuration = comparison.configurations[i];
+    for (std::size_t k = 0; k < configuration.by_seed.size(); ++k) {
+      const std::int64_t seed = comparison.plan.seeds[k];
+      const RunInfo& info = comparison.infos[i][k];
+      if (!info.machine.empty()) json["machine"] = info.machine;
+      const fs::path folder = comparison.plan.folder(configuration, seed).root();
       json["runs"].push_back({{"configuration", configuration.name},
-                              {"seed", run.seed},
+                              {"seed", seed},
                               {"folder", folder.lexically_relative(comparison.plan.root()).string()},
                               {"differs", config_differences(comparison.plan.base, configuration.config)},
-                              {"output_s", run.info.output_s}});
-      json["runs"].back().update(history_json(run.history));
+                              {"output_s", info.output_s}});
+      json["runs"].back().update(history_json(configuration.by_seed[k]));
     }
   }
   return json;
 }
 
-/// The difference in a measure of quality, or null.
-const QualityDifference* find_quality(const ComparisonSummary& summary, std::size_t configuration,
-                                      const std::string& measure) {
-  for (const QualityDifference& own : summary.compared[configuration == 0 ? 0 : configuration - 1].quality) {
-    if (own.measure == measure) return &own;
-  }
-  return nullptr;
-}
-
 /// Mean of a measure of quality over seeds, or "-".
 std::string quality_cell(const ComparisonSummary& summary, std::size_t configuration, const std::string& measure,
                          const char* format) {
-  const QualityDifference* const own = find_quality(summary, configuration, measure);
-  return own == nullptr ? "-" : print_to_string(format, (configuration == 0 ? own->baseline : own->ours).mean);
+  const bool is_baseline = configuration == 0;
+  const QualityDifference* const own = summary.compared[is_baseline ? 0 : configuration - 1].find_quality(measure);
+  return own == nullptr ? "-" : print_to_string(format, (is_baseline ? own->baseline : own->ours).mean);
 }
 
 /// Training time, s: the mean over the seeds that have started.
@@ -83,7 +76,7 @@ double mean_seconds(const Comparison& comparison, std::size_t configuration) {
   const ComparisonSummary& summary = comparison.summary;
   double seconds = 0;
   for (std::size_t seed = 0; seed < summary.done_by_seed.size(); ++seed) {
-    seconds += elapsed_at(comparison.runs[configuration][seed].history, summary.done_by_seed[seed]) /
+    seconds += elapsed_at(comparison.configurations[configuration].by_seed[seed], summary.done_by_seed[seed]) /
                std::max(1, summary.seeds_started());
   }
   return seconds;
@@ -116,7 +109,7 @@ std::string summary_table(const Comparison& comparison) {
       row.push_back(own == nullptr ? "-" : share(own->before, own->noise.before));
       row.push_back(own == nullptr ? "-" : share(own->after, own->noise.after));
     }
-    const QualityDifference* const psnr = i == 0 ? nullptr : find_quality(summary, i, kPsnrMeasure);
+    const QualityDifference* const psnr = own == nullptr ? nullptr : own->find_quality(kPsnrMeasure);
     row.insert(row.end(),
                {quality_cell(summary, i, kPsnrMeasure, "%.2f"), psnr == nullptr ? "-" : finding_word(psnr->gained),
                 quality_cell(summary, i, "SSIM", "%.4f"), quality_cell(summary, i, "Gaussians", "%.0f")});
@@ -124,6 +117,16 @@ std::string summary_table(const Comparison& comparison) {
   }
   return text_table(rows) + "time saved: share of " + summary.baseline + "'s training time, in total" +
          (has_switch ? " and before and after the first switch to another forward kernel\n" : "\n");
+}
+
+/// Explains loading_ms in a sentence.
+std::string describe_loading(const Comparison& comparison) {
+  std::string names;
+  for (const Configuration& own : comparison.configurations) {
+    if (measures_kernels(own.config)) names += (names.empty() ? "" : ", ") + own.name;
+  }
+  return detail::concat("the times of ", names, " include ", format_figure(comparison.plan.loading_ms),
+                        " ms for loading the candidate kernels, which each process does once");
 }
 
 }  // namespace
@@ -151,19 +154,10 @@ ModelFolder ComparisonPlan::folder(const Configuration& configuration, std::int6
 
 double Comparison::output_s() const {
   double sum = 0;
-  for (const std::vector<ComparedRun>& of_configuration : runs) {
-    for (const ComparedRun& run : of_configuration) sum += run.info.output_s;
+  for (const std::vector<RunInfo>& of_configuration : infos) {
+    for (const RunInfo& info : of_configuration) sum += info.output_s;
   }
   return sum;
-}
-
-std::string describe_loading(const Comparison& comparison) {
-  std::string names;
-  for (const Configuration& own : comparison.configurations) {
-    if (measures_kernels(own.config)) names += (names.empty() ? "" : ", ") + own.name;
-  }
-  return detail::concat("the times of ", names, " include ", format_figure(comparison.plan.loading_ms),
-                        " ms for loading the candidate kernels, which each process does once");
 }
 
 void write_plan(const ComparisonPlan& plan) {
@@ -185,16 +179,13 @@ ComparisonPlan read_plan(const fs::path& root) {
     plan.seeds = own.at("seeds").get<std::vector<std::int64_t>>();
     plan.chunk = own.at("chunk").get<int>();
     plan.reading_s = own.at("reading_s").get<double>();
-    plan.has_repetition = own.value("noise", false);  // missing in files of early versions
-    plan.loading_ms = own.value("loading_ms", 0.0);
+    plan.has_repetition = own.at("noise").get<bool>();
+    plan.loading_ms = own.at("loading_ms").get<double>();
     stored_config_from_json(plan.base, own.at("config"), path.string());
     plan.is_of_earlier_version = has_removed_options(own.at("config"));
-    // Files of early versions have the options in use only.
-    plan.given = own.contains("given") ? present_options(own.at("given")) : config_to_json(plan.base);
-    // Comparisons of versions without --max_epochs have no such limit.
-    if (!own.contains("photographs")) plan.given.emplace("max_epochs", 0);
-    plan.photographs = own.value("photographs", std::size_t{0});
-    plan.photographs.overlap = own.value("overlap", plan.photographs.overlap);
+    plan.given = present_options(own.at("given"));
+    plan.photographs = own.at("photographs").get<std::size_t>();
+    plan.photographs.overlap = own.at("overlap").get<double>();
   } catch (const nlohmann::json::exception& error) {
     input_error(path.string(), ": not a file of b3dgs compare: ", error.what());
   }
@@ -205,22 +196,105 @@ ComparisonPlan read_plan(const fs::path& root) {
 }
 
 Comparison load_comparison(const ComparisonPlan& plan) {
-  Comparison comparison{plan, plan.configurations(), {}, {}};
-  std::vector<ConfigurationHistory> histories;
-  for (const Configuration& configuration : comparison.configurations) {
-    histories.push_back({configuration.name, configuration.config, {}});
-    comparison.runs.emplace_back();
+  Comparison comparison{plan, {}, {}, {}};
+  for (const Configuration& configuration : plan.configurations()) {
+    comparison.configurations.push_back({configuration, {}});
+    std::vector<TrainHistory>& by_seed = comparison.configurations.back().by_seed;
+    std::vector<RunInfo>& infos = comparison.infos.emplace_back();
     for (const std::int64_t seed : plan.seeds) {
       const ModelFolder folder = plan.folder(configuration, seed);
-      comparison.runs.back().push_back({seed, read_train_log(folder.log()), read_run_info(folder)});
-      if (measures_kernels(configuration.config)) {
-        for (LogPoint& point : comparison.runs.back().back().history.points) point.elapsed_s += 1e-3 * plan.loading_ms;
-      }
-      histories.back().by_seed.push_back(comparison.runs.back().back().history);
+      by_seed.push_back(read_train_log(folder.log()));
+      infos.push_back(read_run_info(folder));
+      if (!measures_kernels(configuration.config)) continue;
+      for (LogPoint& point : by_seed.back().points) point.elapsed_s += 1e-3 * plan.loading_ms;
     }
   }
-  comparison.summary = summarize_comparison(histories, plan.longest());
+  comparison.summary = summarize_comparison(comparison.configurations, plan.longest());
   return comparison;
+}
+
+namespace {
+
+/// Options of several configurations.
+struct ComparedOptions {
+  std::string shared;         // those that all have, where they differ from the default values
+  Json rows = Json::array();  // those in which configurations differ: the name, and a text for each configuration
+};
+
+ComparedOptions compare_options(const std::vector<ConfigurationHistory>& configurations) {
+  std::vector<Json> all;
+  for (const ConfigurationHistory& own : configurations) all.push_back(config_to_json(own.config));
+  const Json defaults = config_to_json(TrainConfig{});
+  Json shared = defaults;
+  ComparedOptions compared;
+  for (const auto& [name, first] : all.front().items()) {
+    Json row = Json::array({name});
+    bool differs = false;
+    for (const Json& own : all) {
+      row.push_back(option_value_text(own.at(name)));
+      differs = differs || own.at(name) != first;
+    }
+    if (differs) {
+      compared.rows.push_back(row);
+    } else {
+      shared[name] = first;
+    }
+  }
+  compared.shared = changed_options(defaults, shared);
+  return compared;
+}
+
+/// Pairs of name and text.
+Json settings(const Comparison& comparison, const std::string& shared) {
+  const ComparisonPlan& plan = comparison.plan;
+  Json rows = scene_rows(plan.base, plan.folder(comparison.configurations.front(), plan.seeds.front()));
+  std::string seeds;
+  for (const std::int64_t seed : plan.seeds) seeds += (seeds.empty() ? "" : ", ") + std::to_string(seed);
+  rows.push_back({"seeds", seeds});
+  rows.push_back({"options of all",
+                  (shared.empty() ? "" : shared + "; ") + "otherwise, but for the table below, as in --preset inria"});
+  return rows;
+}
+
+}  // namespace
+
+Json comparison_report_data(const Comparison& comparison) {
+  const ComparisonSummary& summary = comparison.summary;
+  const ComparisonPlan& plan = comparison.plan;
+  Json runs = Json::array(), machine = Json::object();
+  std::vector<NamedInfo> first_runs;
+  for (std::size_t i = 0; i < comparison.configurations.size(); ++i) {
+    const ConfigurationHistory& own = comparison.configurations[i];
+    for (std::size_t k = 0; k < own.by_seed.size(); ++k) {
+      runs.push_back(run_data(own.name, plan.seeds[k], own.by_seed[k]));
+    }
+    const RunInfo& info = comparison.infos[i].front();
+    if (!info.machine.empty()) machine = info.machine;
+    first_runs.push_back({own.name, info});
+  }
+  const ComparedOptions options = compare_options(comparison.configurations);
+  Json has_own_kernel = Json::array();
+  for (const ComparedConfiguration& own : summary.compared) has_own_kernel.push_back(own.has_own_kernel);
+  return {{"kind", "comparison"},
+          {"scene", scene_name(plan.base.source_path)},
+          {"seeds", plan.seeds},
+          {"chunk", plan.chunk},
+          {"held_out", first_runs.front().info.held_out},
+          {"measures_half", comparison.configurations.front().config.train_test_exp},
+          {"reading_s", plan.reading_s},
+          {"output_s", comparison.output_s()},
+          {"loading", plan.loading_ms > 0 ? describe_loading(comparison) : ""},
+          {"repetition", summary.repetition.empty() ? "" : describe_repetition(summary)},
+          {"time_criterion", time_criterion(summary)},
+          {"quality_criterion", quality_criterion(summary)},
+          {"missing_kernels", summary.missing_kernels},
+          {"has_own_kernel", has_own_kernel},
+          {"summary", to_json(summary)},
+          {"settings", settings(comparison, options.shared)},
+          {"options", options.rows},
+          {"machine", machine},
+          {"previews", previews_data(first_runs)},
+          {"runs", runs}};
 }
 
 void write_comparison(const Comparison& comparison) {
@@ -244,10 +318,6 @@ std::string describe_comparison(const Comparison& comparison) {
   return text + "times do not include reading the scene (" + format_seconds(comparison.plan.reading_s, 0) +
          ") or evaluation, saving and checkpoints (" + format_seconds(comparison.output_s(), 0) + ")\n" +
          verdict(summary) + "\n";
-}
-
-void print_comparison(const Comparison& comparison) {
-  std::printf("%s", describe_comparison(comparison).c_str());
 }
 
 }  // namespace b3dgs

@@ -46,16 +46,10 @@ ComparisonPlan read_plan(const std::filesystem::path& root);
 
 bool holds_comparison(const std::filesystem::path& root);
 
-struct ComparedRun {
-  std::int64_t seed = 0;
-  TrainHistory history;  // times include loading_ms if the configuration chooses its kernel
-  RunInfo info;
-};
-
 struct Comparison {
   ComparisonPlan plan;
-  std::vector<Configuration> configurations;
-  std::vector<std::vector<ComparedRun>> runs;  // [configuration][seed]
+  std::vector<ConfigurationHistory> configurations;  // times include loading_ms where the kernel is chosen
+  std::vector<std::vector<RunInfo>> infos;           // [configuration][seed]
   ComparisonSummary summary;
 
   double output_s() const;  // evaluation, saving and checkpoints, all runs
@@ -69,10 +63,6 @@ void write_comparison(const Comparison& comparison);
 
 /// The result for standard output.
 std::string describe_comparison(const Comparison& comparison);
-void print_comparison(const Comparison& comparison);
-
-/// Explains loading_ms in a sentence.
-std::string describe_loading(const Comparison& comparison);
 
 /// What the report shows: the results, the runs of all seeds, and texts of the terminal. @throws IoError, InputError if
 /// an image cannot be read

@@ -1,6 +1,8 @@
 #include "report/page_data.h"
 
-#include <algorithm>
+#include <cmath>
+#include <cstdint>
+#include <cstdlib>
 #include <filesystem>
 #include <fstream>
 #include <optional>
@@ -8,7 +10,7 @@
 #include <utility>
 
 #include "adaptive/load_statistics.h"
-#include "config/train_options.h"
+#include "config/option_layers.h"
 #include "core/check.h"
 #include "core/files/atomic_file.h"
 #include "core/text.h"
@@ -19,6 +21,11 @@ namespace b3dgs {
 namespace {
 
 using Json = nlohmann::ordered_json;
+
+template <class Value>
+Json to_json(const Value& value) {
+  return value;
+}
 
 template <class Value>
 Json to_json(const std::optional<Value>& value) {
@@ -38,37 +45,23 @@ Json to_json(const std::optional<LoadFigures>& load) {
   return json;
 }
 
-NamedTimes mean_stages(const TrainHistory& history) {
-  NamedTimes sums;
+Json mean_stages(const TrainHistory& history) {
+  Json means = Json::object();
   double n = 0;
   for (const LogPoint& point : history.points) {
-    if (point.stages_ms.empty()) continue;
-    ++n;
-    for (const auto& [name, ms] : point.stages_ms) {
-      auto stage =
-          std::find_if(sums.begin(), sums.end(), [&name = name](const auto& sum) { return sum.first == name; });
-      if (stage == sums.end()) stage = sums.insert(stage, {name, 0});
-      stage->second += ms;
-    }
+    n += point.stages_ms.empty() ? 0 : 1;
+    for (const auto& [name, ms] : point.stages_ms) means[name] = means.value(name, 0.0) + ms;
   }
-  for (auto& [name, ms] : sums) ms /= n;
-  return sums;
+  for (Json& ms : means) ms = ms.get<double>() / n;
+  return means;
 }
 
 Json curves_of(const TrainHistory& history) {
-  Json curves = {{"iteration", Json::array()}, {"elapsed_s", Json::array()}, {"ms", Json::array()},
-                 {"loss", Json::array()},      {"count", Json::array()},     {"test_psnr", Json::array()},
-                 {"test_ssim", Json::array()}, {"kernel", Json::array()},    {"backward_kernel", Json::array()}};
+  Json curves;
+  const LogPoint none;
+  LogPoint::visit_curves(none, [&](const char* key, const auto&) { curves[key] = Json::array(); });
   for (const LogPoint& point : history.points) {
-    curves["iteration"].push_back(point.iteration);
-    curves["elapsed_s"].push_back(point.elapsed_s);
-    curves["ms"].push_back(to_json(point.ms));
-    curves["loss"].push_back(to_json(point.loss));
-    curves["count"].push_back(to_json(point.count));
-    curves["test_psnr"].push_back(to_json(point.test_psnr));
-    curves["test_ssim"].push_back(to_json(point.test_ssim));
-    curves["kernel"].push_back(point.kernel);
-    curves["backward_kernel"].push_back(point.backward_kernel);
+    LogPoint::visit_curves(point, [&](const char* key, const auto& value) { curves[key].push_back(to_json(value)); });
   }
   return curves;
 }
@@ -76,17 +69,8 @@ Json curves_of(const TrainHistory& history) {
 Json checks_of(const TrainHistory& history) {
   Json checks = Json::array();
   for (const KernelCheckEvent& check : history.checks) {
-    checks.push_back({{"iteration", check.iteration},
-                      {"pass", check.pass},
-                      {"times_ms", to_json(check.times_ms)},
-                      {"spread_ms", to_json(check.spread_ms)},
-                      {"views", to_json(check.views)},
-                      {"before", check.before},
-                      {"after", check.after},
-                      {"reason", check.reason},
-                      {"refused", check.disabled},
-                      {"cost_ms", to_json(check.cost_ms)},
-                      {"warm_up_ms", to_json(check.warm_up_ms)}});
+    Json& json = checks.emplace_back();
+    KernelCheckEvent::visit(check, [&](const char* key, const auto& value) { json[key] = to_json(value); });
   }
   return checks;
 }
@@ -107,10 +91,29 @@ std::string picture(const std::filesystem::path& file) {
   return std::filesystem::exists(file) ? data_uri(read_image(file, false)) : "";
 }
 
+/// "24 photographs, 240 x 160 px", from the model's cameras.json; empty if that cannot be read.
+std::string photographs_text(const ModelFolder& folder) {
+  std::vector<NamedCamera> cameras;
+  try {
+    cameras = read_cameras_json(folder.cameras());
+  } catch (const Error&) {
+    return "";
+  }
+  std::set<std::pair<int, int>> sizes;
+  for (const NamedCamera& named : cameras) sizes.emplace(named.camera.width, named.camera.height);
+  if (sizes.empty()) return "";
+  const auto size_text = [](const std::pair<int, int>& size) {
+    return detail::concat(size.first, " x ", size.second, " px");
+  };
+  std::string text = format_count(static_cast<std::int64_t>(cameras.size())) + " photographs, ";
+  if (sizes.size() > 1) text += "from " + size_text(*sizes.begin()) + " to ";
+  return text + size_text(*sizes.rbegin());
+}
+
 }  // namespace
 
 Json history_json(const TrainHistory& history) {
-  return {{"stages_ms", to_json(mean_stages(history))},
+  return {{"stages_ms", mean_stages(history)},
           {"curves", curves_of(history)},
           {"kernel_checks", checks_of(history)},
           {"load_statistics", loads_of(history)}};
@@ -152,47 +155,25 @@ Json previews_data(const std::vector<NamedInfo>& runs) {
   return previews;
 }
 
-std::string option_text(const Json& value) {
-  if (value.is_string()) return value.get<std::string>();
-  if (!value.is_array()) return value.dump();
-  std::string text;
-  for (const auto& entry : value) text += (text.empty() ? "" : " ") + option_text(entry);
-  return text.empty() ? "none" : text;
-}
-
-std::string changed_options(const TrainConfig& base, const TrainConfig& own) {
+std::string changed_options(const Json& base, const Json& own) {
   static const std::set<std::string> kShownElsewhere{"source_path", "model_path", "device"};
-  const Json before = config_to_json(base), after = config_to_json(own);
   std::string text;
-  for (const auto& [name, value] : after.items()) {
-    if (value == before.at(name) || kShownElsewhere.count(name) > 0) continue;
-    text += (text.empty() ? "" : ", ") + name + " " + option_text(value);
+  for (const auto& [name, value] : own.items()) {
+    if (value == base.at(name) || kShownElsewhere.count(name) > 0) continue;
+    text += (text.empty() ? "" : ", ") + name + " " + option_value_text(value);
   }
   return text;
 }
 
-std::string photographs_text(const ModelFolder& folder) {
-  std::vector<NamedCamera> cameras;
-  try {
-    cameras = read_cameras_json(folder.cameras());
-  } catch (const Error&) {
-    return "";
-  }
-  std::set<std::pair<int, int>> sizes;
-  for (const NamedCamera& named : cameras) sizes.emplace(named.camera.width, named.camera.height);
-  if (sizes.empty()) return "";
-  const auto size_text = [](const std::pair<int, int>& size) {
-    return detail::concat(size.first, " x ", size.second, " px");
-  };
-  std::string text = format_count(static_cast<std::int64_t>(cameras.size())) + " photographs, ";
-  if (sizes.size() > 1) text += "from " + size_text(*sizes.begin()) + " to ";
-  return text + size_text(*sizes.rbegin());
+Json scene_rows(const TrainConfig& config, const ModelFolder& folder) {
+  Json rows = Json::array({Json::array({"source scene", config.source_path})});
+  if (const std::string text = photographs_text(folder); !text.empty()) rows.push_back({"resolution", text});
+  return rows;
 }
 
 namespace {
 
 namespace fs = std::filesystem;
-using Json = nlohmann::ordered_json;
 
 Json to_json(const RunInfo& info) {
   Json previews = Json::array();
@@ -237,6 +218,53 @@ RunInfo read_run_info(const ModelFolder& folder) {
     return {};
   }
   return info;
+}
+
+/// Of page/, which CMake makes one string of. "@DATA@" stands where the data goes, as JSON.
+extern const char* const kReportPage;
+
+namespace {
+
+void round_numbers(Json& json) {
+  if (json.is_number_float()) {
+    const auto value = json.get<double>();
+    const char* const format = std::fabs(value) < 1e5 ? "%.6g" : "%.9g";  // means of counts stay exact
+    json = std::strtod(print_to_string(format, value).c_str(), nullptr);
+  }
+  if (!json.is_structured()) return;
+  for (Json& part : json) round_numbers(part);
+}
+
+std::string base64(const std::string& bytes) {
+  constexpr char kDigits[] = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
+  std::string text;
+  std::uint32_t bits = 0;  // of which the last n are not in the text yet
+  int n = 0;
+  for (const char byte : bytes) {
+    bits = bits << 8 | static_cast<unsigned char>(byte);
+    for (n += 8; n >= 6; n -= 6) text += kDigits[bits >> (n - 6) & 63];
+  }
+  if (n > 0) text += kDigits[bits << (6 - n) & 63];
+  return text + std::string((3 - bytes.size() % 3) % 3, '=');
+}
+
+}  // namespace
+
+std::string report_page(Json data) {
+  round_numbers(data);
+  // ASCII only, and "<" occurs in strings alone: no text can end the script element or open a comment.
+  const std::string json = data.dump(-1, ' ', /*ensure_ascii=*/true, Json::error_handler_t::replace);
+  std::string page = kReportPage;
+  const std::string mark = "@DATA@";
+  std::string text;
+  text.reserve(json.size());
+  for (const char c : json) c == '<' ? text += "\\u003c" : text += c;
+  return page.replace(page.find(mark), mark.size(), text);
+}
+
+std::string data_uri(const Image8& rgb) {
+  constexpr int kQuality = 82;
+  return "data:image/jpeg;base64," + base64(encode_jpeg(rgb, kQuality));
 }
 
 }  // namespace b3dgs

@@ -84,14 +84,12 @@ struct NamedInfo {
 };
 nlohmann::ordered_json previews_data(const std::vector<NamedInfo>& runs);
 
-/// "eval true, seed 7": options in which `own` differs from `base`, without scene, model folder and device; empty if
-/// there are none.
-std::string changed_options(const TrainConfig& base, const TrainConfig& own);
+/// "eval on, seed 7": options (config_to_json()) in which `own` differs from `base`, without scene, model folder and
+/// device; empty if there are none.
+std::string changed_options(const nlohmann::ordered_json& base, const nlohmann::ordered_json& own);
 
-/// A value as in a sentence.
-std::string option_text(const nlohmann::ordered_json& value);
-
-/// "24 photographs, 240 x 160 px", from the model's cameras.json; empty if that cannot be read.
-std::string photographs_text(const ModelFolder& folder);
+/// The first settings in a report, pairs of name and text: the scene and, if the model's cameras.json can be read, the
+/// resolution of its photographs.
+nlohmann::ordered_json scene_rows(const TrainConfig& config, const ModelFolder& folder);
 
 }  // namespace b3dgs

@@ -4,7 +4,6 @@
 #include <fstream>
 #include <map>
 #include <nlohmann/json.hpp>
-#include <set>
 #include <type_traits>
 #include <utility>
 
@@ -16,101 +15,115 @@ namespace {
 
 using Json = nlohmann::ordered_json;
 
-std::optional<double> number(const Json& json, const char* key) {
-  const auto it = json.find(key);
-  return it != json.end() && it->is_number() ? std::optional(it->get<double>()) : std::nullopt;
+// Reads a value of a line. False, and `to` stays as it is, if it has another type or is out of range.
+
+bool read(const Json& json, double& to) {
+  if (json.is_number()) to = json.get<double>();
+  return json.is_number();
 }
 
-/// nullopt if the value is missing, not an integer, or out of range for the type.
-template <class Integer>
-std::optional<Integer> whole_number(const Json& json, const char* key) {
-  const auto it = json.find(key);
-  if (it == json.end()) return std::nullopt;
+bool read(const Json& json, std::string& to) {
+  if (json.is_string()) to = json.get<std::string>();
+  return json.is_string();
+}
+
+template <class Integer, class = std::enable_if_t<std::is_integral_v<Integer>>>
+bool read(const Json& json, Integer& to) {
   try {
-    return json_integer<Integer>(*it, key, "");
+    to = json_integer<Integer>(json, "", "");
+    return true;
   } catch (const InputError&) {
-    return std::nullopt;
+    return false;
   }
 }
 
-std::string text(const Json& json, const char* key) {
-  const auto it = json.find(key);
-  return it != json.end() && it->is_string() ? it->get<std::string>() : "";
-}
-
-std::vector<std::string> texts(const Json& json, const char* key) {
-  std::vector<std::string> found;
-  const auto it = json.find(key);
-  if (it == json.end() || !it->is_array()) return found;
-  for (const Json& value : *it) {
-    if (value.is_string()) found.push_back(value.get<std::string>());
+bool read(const Json& json, NamedTimes& to) {
+  if (!json.is_object()) return false;
+  for (const auto& [name, value] : json.items()) {
+    if (double ms = 0; read(value, ms)) to.emplace_back(name, ms);
   }
-  return found;
+  return true;
 }
 
-NamedTimes named_times(const Json& json, const char* key) {
-  NamedTimes times;
-  const auto it = json.find(key);
-  if (it == json.end() || !it->is_object()) return times;
-  for (const auto& [name, value] : it->items()) {
-    if (value.is_number()) times.emplace_back(name, value.get<double>());
+/// Entries of another type are left out.
+template <class Entry>
+bool read(const Json& json, std::vector<Entry>& to) {
+  if (!json.is_array()) return false;
+  for (const Json& own : json) {
+    if (Entry entry{}; read(own, entry)) to.push_back(entry);
   }
-  return times;
+  return true;
 }
 
-/// Without elapsed_s in the line, it is computed from the point `before` and this line's mean time per step.
-LogPoint parse_point(const Json& json, int iteration, const LogPoint& before) {
+bool read(const Json& json, LoadFigures& to);
+
+template <class Value>
+bool read(const Json& json, std::optional<Value>& to) {
+  if (Value value{}; read(json, value)) to = std::move(value);
+  return to.has_value();
+}
+
+template <class Value>
+void read_member(const Json& json, const char* key, Value& to) {
+  if (const auto found = json.find(key); found != json.end()) read(*found, to);
+}
+
+bool read(const Json& json, LoadFigures& to) {
+  if (json.is_object()) visit_load_figures(to, [&](const char* name, auto& value) { read_member(json, name, value); });
+  return json.is_object();
+}
+
+/// What the key has, or an empty value.
+template <class Value>
+Value get(const Json& json, const char* key) {
+  Value value{};
+  read_member(json, key, value);
+  return value;
+}
+
+LogPoint parse_point(const Json& json) {
   LogPoint point;
-  point.iteration = iteration;
-  point.loss = number(json, "loss");
-  point.ms = number(json, "ms");
-  point.test_psnr = number(json, "test_psnr");
-  point.test_ssim = number(json, "test_ssim");
-  point.count = whole_number<std::int64_t>(json, "count");
-  point.gpu_peak_bytes = whole_number<std::int64_t>(json, "gpu_peak_bytes");
-  point.kernel = text(json, "kernel");
-  point.backward_kernel = text(json, "backward_kernel");
-  point.stages_ms = named_times(json, "stages_ms");
-  const double summed_s = before.elapsed_s + 1e-3 * point.ms.value_or(0) * (iteration - before.iteration);
-  point.elapsed_s = number(json, "elapsed_s").value_or(summed_s);
+  const auto field = [&](const char* key, auto& value) { read_member(json, key, value); };
+  LogPoint::visit_curves(point, field);
+  field("gpu_peak_bytes", point.gpu_peak_bytes);
+  field("stages_ms", point.stages_ms);
   return point;
 }
 
-KernelCheckEvent parse_check(const Json& json, int iteration) {
+KernelCheckEvent parse_check(const Json& json) {
   KernelCheckEvent check;
-  check.iteration = iteration;
-  check.pass = text(json, "pass");
-  check.times_ms = named_times(json, "times_ms");
-  check.spread_ms = named_times(json, "spread_ms");
-  check.views = whole_number<int>(json, "views");
-  check.before = text(json, "before");
-  check.after = text(json, "after");
-  check.reason = text(json, "reason");
-  check.disabled = texts(json, "refused");
-  check.cost_ms = number(json, "cost_ms");
-  check.warm_up_ms = number(json, "warm_up_ms");
+  KernelCheckEvent::visit(check, [&](const char* key, auto& value) { read_member(json, key, value); });
   return check;
 }
 
-using TimedPasses = std::set<std::pair<int, std::string>>;  // (iteration, pass)
-
 /// Keeps the first of two timings at one iteration: a check runs before the step, a measurement for the log after it.
-void add_candidate_times(CandidateTimes times, TimedPasses& known, TrainHistory& history) {
-  if (known.emplace(times.iteration, times.pass).second) history.candidate_times.push_back(std::move(times));
+void add_candidate_times(CandidateTimes times, TrainHistory& history) {
+  const auto is_same = [&](const CandidateTimes& own) {
+    return own.iteration == times.iteration && own.pass == times.pass;
+  };
+  std::vector<CandidateTimes>& all = history.candidate_times;
+  if (std::none_of(all.begin(), all.end(), is_same)) all.push_back(std::move(times));
 }
 
-std::optional<LoadFigures> parse_load(const Json& json, const char* key) {
-  const auto it = json.find(key);
-  if (it == json.end() || !it->is_object()) return std::nullopt;
-  LoadFigures load;
-  visit_load_figures(load, [&](const char* name, auto& value) {
-    if constexpr (std::is_same_v<std::decay_t<decltype(value)>, double>) {
-      value = number(*it, name).value_or(0);
-    } else if (const auto bins = it->find(name); bins != it->end() && bins->is_array()) {
-      for (const Json& count : *bins) value.push_back(count.is_number() ? count.get<double>() : 0);
-    }
-  });
-  return load;
+void add_event(const std::string& event, int iteration, const Json& json, TrainHistory& history) {
+  const auto count = [&](const char* key) { return get<std::int64_t>(json, key); };
+  const auto text = [&](const char* key) { return get<std::string>(json, key); };
+  if (event == "kernel_check") {
+    history.checks.push_back(parse_check(json));
+    add_candidate_times({iteration, history.checks.back().pass, history.checks.back().times_ms}, history);
+  } else if (event == "kernel_times") {
+    add_candidate_times({iteration, text("pass"), get<NamedTimes>(json, "times_ms")}, history);
+  } else if (event == "held") {
+    history.holds.push_back({iteration, count("count"), text("reason")});
+  } else if (event == "load_statistics") {
+    const auto load = [&](const char* key) { return get<std::optional<LoadFigures>>(json, key); };
+    history.loads.push_back({iteration, load("tile_lists"), load("pixel_processed"), load("pixel_contributing")});
+  } else if (event == "floaters") {
+    history.floaters.push_back({iteration, count("unseen"), count("one_view"), count("close"), count("large")});
+  } else if (event == "resumed") {
+    history.resumes.push_back(
+        {iteration, text("kernel"), text("backward_kernel"), get<std::vector<std::string>>(json, "changed_options")});
+  }
 }
 
 }  // namespace
@@ -121,7 +134,7 @@ std::vector<KernelPeriod> kernel_periods(const TrainHistory& history) {
     if (!point.kernel.empty()) kernel_of[point.iteration] = point.kernel;
   }
   for (const KernelCheckEvent& check : history.checks) {  // a check runs before the step of its iteration
-    if (check.pass != "forward" || check.before.empty() || check.after.empty()) continue;
+    if (check.pass != kForwardPass || check.before.empty() || check.after.empty()) continue;
     if (check.iteration > 1) kernel_of[check.iteration - 1] = check.before;
     kernel_of[check.iteration] = check.after;
   }
@@ -138,33 +151,15 @@ std::vector<KernelPeriod> kernel_periods(const TrainHistory& history) {
 
 TrainHistory parse_train_log(std::istream& lines) {
   TrainHistory history;
-  TimedPasses timed;
   for (std::string line; std::getline(lines, line);) {
     const Json json = parse_json(line);
-    if (!json.is_object()) continue;
-    const std::optional<int> found = whole_number<int>(json, "iteration");
-    if (!found || *found < 0) continue;
-    const int iteration = *found;
-    const std::string event = text(json, "event");
-    if (event == "kernel_check") {
-      const KernelCheckEvent& check = history.checks.emplace_back(parse_check(json, iteration));
-      add_candidate_times({iteration, check.pass, check.times_ms}, timed, history);
-    } else if (event == "kernel_times") {
-      add_candidate_times({iteration, text(json, "pass"), named_times(json, "times_ms")}, timed, history);
-    } else if (event == "held") {
-      history.holds.push_back({iteration, whole_number<std::int64_t>(json, "count").value_or(0), text(json, "reason")});
-    } else if (event == "load_statistics") {
-      history.loads.push_back({iteration, parse_load(json, "tile_lists"), parse_load(json, "pixel_processed"),
-                               parse_load(json, "pixel_contributing")});
-    } else if (event == "floaters") {
-      const auto count = [&](const char* name) { return whole_number<std::int64_t>(json, name).value_or(0); };
-      history.floaters.push_back({iteration, count("unseen"), count("one_view"), count("close"), count("large")});
-    } else if (event == "resumed") {
-      history.resumes.push_back(
-          {iteration, text(json, "kernel"), text(json, "backward_kernel"), texts(json, "changed_options")});
-    } else if (!json.contains("event") && iteration > history.last_iteration()) {
-      const LogPoint before = history.points.empty() ? LogPoint{} : history.points.back();
-      history.points.push_back(parse_point(json, iteration, before));
+    int iteration = -1;
+    if (json.is_object()) read_member(json, "iteration", iteration);
+    if (iteration < 0) continue;
+    if (json.contains("event")) {
+      add_event(get<std::string>(json, "event"), iteration, json, history);
+    } else if (iteration > history.last_iteration()) {
+      history.points.push_back(parse_point(json));
     }
   }
   return history;

@@ -12,17 +12,34 @@
 
 namespace b3dgs {
 
+/// KernelCheckEvent::pass of the forward kernels.
+inline constexpr const char* kForwardPass = "forward";
+
 /// Milliseconds by name, in the order of the file.
 using NamedTimes = std::vector<std::pair<std::string, double>>;
 
 /// A line without "event": the state of training after `iteration`.
 struct LogPoint {
   int iteration = 0;
-  double elapsed_s = 0;  // training time since iteration 0; the sum of `ms` where the line has no elapsed_s
+  double elapsed_s = 0;  // training time since iteration 0
   std::optional<double> loss, ms, test_psnr, test_ssim;
   std::optional<std::int64_t> count, gpu_peak_bytes;
   std::string kernel, backward_kernel;  // "" if the line does not name it
   NamedTimes stages_ms;                 // mean per step; empty if stages were not timed
+
+  /// Calls field(key, member) for what is drawn over the iterations, with its key in train.jsonl and compare.json.
+  template <class Point, class Field>
+  static void visit_curves(Point& point, Field&& field) {
+    field("iteration", point.iteration);
+    field("elapsed_s", point.elapsed_s);
+    field("ms", point.ms);
+    field("loss", point.loss);
+    field("count", point.count);
+    field("test_psnr", point.test_psnr);
+    field("test_ssim", point.test_ssim);
+    field("kernel", point.kernel);
+    field("backward_kernel", point.backward_kernel);
+  }
 };
 
 /// A timing check of the candidate kernels of one pass.
@@ -38,6 +55,22 @@ struct KernelCheckEvent {
   std::optional<double> warm_up_ms;  // loading the kernels before the first check of a pass; not part of cost_ms
 
   bool has_changed() const { return !after.empty() && before != after; }
+
+  /// Calls field(key, member) with the keys of train.jsonl and compare.json.
+  template <class Check, class Field>
+  static void visit(Check& check, Field&& field) {
+    field("iteration", check.iteration);
+    field("pass", check.pass);
+    field("times_ms", check.times_ms);
+    field("spread_ms", check.spread_ms);
+    field("views", check.views);
+    field("before", check.before);
+    field("after", check.after);
+    field("reason", check.reason);
+    field("refused", check.disabled);
+    field("cost_ms", check.cost_ms);
+    field("warm_up_ms", check.warm_up_ms);
+  }
 };
 
 /// Times of the candidate kernels on the current model: from a check, or measured for the log only.

@@ -3,6 +3,7 @@
 #include <algorithm>
 
 #include "config/option_layers.h"
+#include "config/train_options.h"
 #include "core/check.h"
 #include "core/files/atomic_file.h"
 #include "core/text.h"
@@ -30,11 +31,8 @@ std::int64_t gpu_peak_bytes(const TrainHistory& history) {
 
 /// Pairs of name and text.
 Json settings(const ModelFolder& folder, const TrainConfig& config) {
-  Json rows = Json::array({Json::array({"source scene", config.source_path})});
-  if (const std::string photographs = photographs_text(folder); !photographs.empty()) {
-    rows.push_back({"resolution", photographs});
-  }
-  const std::string changed = changed_options(preset_options(config), config);
+  Json rows = scene_rows(config, folder);
+  const std::string changed = changed_options(config_to_json(preset_options(config)), config_to_json(config));
   const std::string preset = "--preset " + config.preset + ", --strategy " + config.strategy;
   rows.push_back({"options", changed.empty() ? "those of " + preset : changed + "; otherwise those of " + preset});
   return rows;

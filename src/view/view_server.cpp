@@ -7,11 +7,9 @@
 #include <unistd.h>
 
 #include <algorithm>
-#include <opencv2/imgcodecs.hpp>
-#include <opencv2/imgproc.hpp>
+#include <memory>
 
 #include "core/check.h"
-#include "view/access.h"
 #include "view/view_json.h"
 
 namespace b3dgs {
@@ -26,39 +24,26 @@ constexpr int kPortsTried = 20;
 constexpr const char* kJpeg = "image/jpeg";
 constexpr const char* kPolicy = "Content-Security-Policy";
 
-std::string encode_jpeg(const Image8& image, int quality) {
-  const cv::Mat from(image.height, image.width, CV_8UC(image.channels), const_cast<std::uint8_t*>(image.pixels.data()));
-  cv::Mat bgr = from;
-  if (image.channels == 3) cv::cvtColor(from, bgr, cv::COLOR_RGB2BGR);
-  std::vector<unsigned char> bytes;
-  if (!cv::imencode(".jpg", bgr, bytes, {cv::IMWRITE_JPEG_QUALITY, quality})) throw Error("a frame cannot be encoded");
-  return {bytes.begin(), bytes.end()};
-}
-
-/// What `work` returns, or what it throws as a status and one line.
-template <class Work>
-HttpResponse answer_of(Work&& work) {
-  try {
-    return work();
-  } catch (const InputError& error) {
-    return text_response(400, error.what());
-  } catch (const BusyError& error) {
-    return text_response(503, error.what());
-  } catch (const std::exception& error) {
-    const std::string text = error.what();
-    return text_response(500, detail::one_line(text.substr(0, text.find('\n'))));
-  }
-}
-
 HttpResponse json_response(const nlohmann::ordered_json& json) {
   return {200, "application/json", json_text(json), {}};
 }
 
-std::string replace_all(std::string text, const std::string& from, const std::string& to) {
-  for (std::size_t at = text.find(from); at != std::string::npos; at = text.find(from, at + to.size())) {
-    text.replace(at, from.size(), to);
+HttpResponse page() {
+  const std::string nonce = make_token();
+  const std::string policy = "default-src 'none'; script-src 'nonce-" + nonce + "'; style-src 'nonce-" + nonce +
+                             "'; img-src 'self' blob: data:; connect-src 'self'; base-uri 'none'; form-action "
+                             "'none'; frame-ancestors 'none'";
+  std::string text = kViewPage;
+  const std::string mark = "@NONCE@";
+  for (std::size_t at = text.find(mark); at != std::string::npos; at = text.find(mark, at)) {
+    text.replace(at, mark.size(), nonce);
   }
-  return text;
+  return {200, "text/html; charset=utf-8", text, {{kPolicy, policy}}};
+}
+
+/// Each open page has a name of its own.
+std::string client_of(const HttpRequest& request) {
+  return request.header("x-client").substr(0, 32);
 }
 
 bool is_any_address(const std::string& address) {
@@ -93,163 +78,139 @@ std::string host_name() {
 
 }  // namespace
 
-struct ViewServer::Impl final : HttpHandler {
-  Impl(FrameSource& source, const ViewServerOptions& options)
-      : source(source),
-        address(options.address),
-        token(options.token.empty() ? make_token() : options.token),
-        server(*this, options.limits) {}
-
-  void listen(const std::optional<int>& wanted) {
-    const int first = wanted.value_or(kFirstViewPort), n = wanted ? 1 : kPortsTried;
-    for (int i = 0; i < n; ++i) {
-      if (const std::optional<int> found = server.listen(address, first + i)) {
-        port = *found;
-        return;
-      }
-    }
-    if (first == 0) input_error("cannot listen on ", address, " (expected an address of this machine)");
-    input_error("cannot listen on ", address, wanted ? detail::concat(" port ", first) : std::string(),
-                wanted ? "" : detail::concat(" ports ", first, " to ", first + n - 1),
-                " (taken, or not an address of this machine); choose another port, or 0 for any free one");
-  }
-
-  /// Refuses a request that is not from the page of the one who was given the URL.
-  std::optional<HttpResponse> refuse(const HttpRequest& request) override {
-    const std::string host = request.header("host");
-    const bool is_page = request.path == "/";
-    std::optional<HttpResponse> refused;
-    if (request.headers.count("host") != 1 || !is_own_host(host, address)) {
-      refused =
-          text_response(403, "the address of the page: expected 127.0.0.1 or another numeric address, not a name");
-    } else if (!is_own_origin(request.header("origin"), host)) {
-      refused = text_response(403, "a request from another site");
-    } else if (!equal_in_constant_time(is_page ? request.parameter("token") : request.header("x-token"), token)) {
-      refused = text_response(401, "the token is missing or wrong: open the URL that the program has printed");
-    } else if (!is_page && !clients.admit(client_of(request), ClientLimit::Clock::now())) {
-      refused =
-          text_response(503, detail::concat(kMaxViewClients, " browsers are looking already, which is the limit"));
-    }
-    if (refused) complete(*refused);
-    return refused;
-  }
-
-  void complete(HttpResponse& response) const override {
-    const bool has_policy =
-        std::any_of(response.headers.begin(), response.headers.end(), [](const auto& h) { return h.first == kPolicy; });
-    if (!has_policy) response.headers.emplace_back(kPolicy, "default-src 'none'; frame-ancestors 'none'");
-    response.headers.insert(response.headers.end(), {{"X-Content-Type-Options", "nosniff"},
-                                                     {"Referrer-Policy", "no-referrer"},
-                                                     {"Cross-Origin-Resource-Policy", "same-origin"},
-                                                     {"X-Frame-Options", "DENY"},
-                                                     {"Cache-Control", "no-store"}});
-  }
-
-  bool is_slow(const HttpRequest& request) const override {
-    return request.path == "/frame" || request.path == "/photograph";
-  }
-
-  HttpResponse answer(const HttpRequest& request) override {
-    HttpResponse response = answer_of([&] { return route(request); });
-    complete(response);
-    return response;
-  }
-
-  HttpResponse route(const HttpRequest& request) {
-    if (request.method == "GET" && request.path == "/") return page();
-    if (request.method == "GET" && request.path == "/cameras") return json_response(cameras_json(source.scene()));
-    if (request.method == "GET" && request.path == "/state") {
-      const std::string since = request.parameter("since");
-      return json_response(state_json(source.state(since.empty() ? -1 : parse_whole_number(since, "since"))));
-    }
-    if (request.method == "GET" && request.path == "/photograph") return one_at_a_time(request, &Impl::photograph);
-    if (request.method == "POST" && request.path == "/frame") return one_at_a_time(request, &Impl::frame);
-    if (request.method == "POST" && request.path == "/command") {
-      source.command(parse_command(request.body));
-      return json_response(nlohmann::ordered_json::object());
-    }
-    return text_response(404, "there is nothing at this address: open the URL that the program has printed");
-  }
-
-  /// Each open page has a name of its own.
-  static std::string client_of(const HttpRequest& request) { return request.header("x-client").substr(0, 32); }
-
-  static HttpResponse page() {
-    const std::string nonce = make_token();
-    const std::string policy = "default-src 'none'; script-src 'nonce-" + nonce + "'; style-src 'nonce-" + nonce +
-                               "'; img-src 'self' blob: data:; connect-src 'self'; base-uri 'none'; form-action "
-                               "'none'; frame-ancestors 'none'";
-    return {200, "text/html; charset=utf-8", replace_all(kViewPage, "@NONCE@", nonce), {{kPolicy, policy}}};
-  }
-
-  /// A picture costs time and memory, so a page has at most one in work.
-  HttpResponse one_at_a_time(const HttpRequest& request, HttpResponse (Impl::*picture)(const HttpRequest&)) {
-    const std::string client = client_of(request);
-    if (!clients.begin_picture(client)) throw BusyError("a picture of this page is in work already");
-    const auto end = [&](ClientLimit* limit) { limit->end_picture(client); };
-    const std::unique_ptr<ClientLimit, decltype(end)> at_end(&clients, end);
-    return (this->*picture)(request);
-  }
-
-  HttpResponse frame(const HttpRequest& request) {
-    FrameRequest wanted = parse_frame_request(request.body, source.scene());
-    if (wanted.mode == FrameMode::kDifference) {
-      wanted.photograph =
-          std::make_shared<Image8>(source.photograph(wanted.view, {wanted.camera.width, wanted.camera.height}));
-    }
-    const Frame frame = source.render(wanted);
-    return {200, kJpeg, encode_jpeg(frame.image, wanted.quality), {{"X-Frame", json_text(frame_json(frame))}}};
-  }
-
-  HttpResponse photograph(const HttpRequest& request) {
-    const auto number = [&](const char* name) { return parse_whole_number(request.parameter(name), name); };
-    const int view = number("view");
-    const ImageSize size = fit_view(source.scene(), view, {number("width"), number("height")});
-    if (!source.scene().views[static_cast<std::size_t>(view)].has_photograph) {
-      input_error("view ", view, " has no photograph");
-    }
-    return {200, kJpeg, encode_jpeg(source.photograph(view, size), 90), {}};
-  }
-
-  FrameSource& source;
-  const std::string address, token;
-  int port = 0;
-  ClientLimit clients{kMaxViewClients};
-  HttpServer server;  // the last, so that its threads end first
-};
-
 ViewServer::ViewServer(FrameSource& source, const ViewServerOptions& options)
-    : impl_(std::make_unique<Impl>(source, options)) {
-  impl_->listen(options.port);
+    : source_(source), address_(options.address) {
+  listen(options.port);
 }
 
 ViewServer::~ViewServer() {
-  impl_->source.close();
+  source_.close();
 }
 
-int ViewServer::port() const {
-  return impl_->port;
+void ViewServer::listen(const std::optional<int>& wanted) {
+  const int first = wanted.value_or(kFirstViewPort), n = wanted ? 1 : kPortsTried;
+  for (int i = 0; i < n; ++i) {
+    if (const std::optional<int> found = server_.listen(address_, first + i)) {
+      port_ = *found;
+      return;
+    }
+  }
+  if (first == 0) input_error("cannot listen on ", address_, " (expected an address of this machine)");
+  input_error("cannot listen on ", address_, wanted ? detail::concat(" port ", first) : std::string(),
+              wanted ? "" : detail::concat(" ports ", first, " to ", first + n - 1),
+              " (taken, or not an address of this machine); choose another port, or 0 for any free one");
 }
 
-const std::string& ViewServer::token() const {
-  return impl_->token;
+std::optional<HttpResponse> ViewServer::refuse(const HttpRequest& request) {
+  const std::string host = request.header("host");
+  const bool is_page = request.path == "/";
+  std::optional<HttpResponse> refused;
+  if (request.headers.count("host") != 1 || !is_own_host(host, address_)) {
+    refused = text_response(403, "the address of the page: expected 127.0.0.1 or another numeric address, not a name");
+  } else if (!is_own_origin(request.header("origin"), host)) {
+    refused = text_response(403, "a request from another site");
+  } else if (!equal_in_constant_time(is_page ? request.parameter("token") : request.header("x-token"), token_)) {
+    refused = text_response(401, "the token is missing or wrong: open the URL that the program has printed");
+  } else if (!is_page && !clients_.admit(client_of(request), ClientLimit::Clock::now())) {
+    refused = text_response(503, detail::concat(kMaxViewClients, " browsers are looking already, which is the limit"));
+  }
+  if (refused) complete(*refused);
+  return refused;
+}
+
+void ViewServer::complete(HttpResponse& response) const {
+  const bool has_policy =
+      std::any_of(response.headers.begin(), response.headers.end(), [](const auto& h) { return h.first == kPolicy; });
+  if (!has_policy) response.headers.emplace_back(kPolicy, "default-src 'none'; frame-ancestors 'none'");
+  response.headers.insert(response.headers.end(), {{"X-Content-Type-Options", "nosniff"},
+                                                   {"Referrer-Policy", "no-referrer"},
+                                                   {"Cross-Origin-Resource-Policy", "same-origin"},
+                                                   {"X-Frame-Options", "DENY"},
+                                                   {"Cache-Control", "no-store"}});
+}
+
+bool ViewServer::is_slow(const HttpRequest& request) const {
+  return request.path == "/frame" || request.path == "/photograph";
+}
+
+/// Errors become a status and one line.
+HttpResponse ViewServer::answer(const HttpRequest& request) {
+  HttpResponse response;
+  try {
+    response = route(request);
+  } catch (const InputError& error) {
+    response = text_response(400, error.what());
+  } catch (const BusyError& error) {
+    response = text_response(503, error.what());
+  } catch (const std::exception& error) {
+    const std::string text = error.what();
+    response = text_response(500, detail::one_line(text.substr(0, text.find('\n'))));
+  }
+  complete(response);
+  return response;
+}
+
+HttpResponse ViewServer::route(const HttpRequest& request) {
+  const std::string asked = request.method + " " + request.path;
+  if (asked == "GET /") return page();
+  if (asked == "GET /cameras") return json_response(cameras_json(source_.scene()));
+  if (asked == "GET /state") {
+    const std::string since = request.parameter("since");
+    return json_response(state_json(source_.state(since.empty() ? -1 : parse_whole_number(since, "since"))));
+  }
+  if (asked == "GET /photograph") return one_at_a_time(request, &ViewServer::photograph);
+  if (asked == "POST /frame") return one_at_a_time(request, &ViewServer::frame);
+  if (asked == "POST /command") {
+    source_.command(parse_command(request.body));
+    return json_response(nlohmann::ordered_json::object());
+  }
+  return text_response(404, "there is nothing at this address: open the URL that the program has printed");
+}
+
+HttpResponse ViewServer::one_at_a_time(const HttpRequest& request,
+                                       HttpResponse (ViewServer::*picture)(const HttpRequest&)) {
+  const std::string client = client_of(request);
+  if (!clients_.begin_picture(client)) throw BusyError("a picture of this page is in work already");
+  const auto end = [&](ClientLimit* limit) { limit->end_picture(client); };
+  const std::unique_ptr<ClientLimit, decltype(end)> at_end(&clients_, end);
+  return (this->*picture)(request);
+}
+
+HttpResponse ViewServer::frame(const HttpRequest& request) {
+  FrameRequest wanted = parse_frame_request(request.body, source_.scene());
+  if (wanted.mode == FrameMode::kDifference) {
+    wanted.photograph =
+        std::make_shared<Image8>(source_.photograph(wanted.view, {wanted.camera.width, wanted.camera.height}));
+  }
+  const Frame frame = source_.render(wanted);
+  return {200, kJpeg, encode_jpeg(frame.image, wanted.quality), {{"X-Frame", json_text(frame_json(frame))}}};
+}
+
+HttpResponse ViewServer::photograph(const HttpRequest& request) {
+  const auto number = [&](const char* name) { return parse_whole_number(request.parameter(name), name); };
+  const int view = number("view");
+  const ImageSize size = fit_view(source_.scene(), view, {number("width"), number("height")});
+  if (!source_.scene().views[static_cast<std::size_t>(view)].has_photograph) {
+    input_error("view ", view, " has no photograph");
+  }
+  return {200, kJpeg, encode_jpeg(source_.photograph(view, size), 90), {}};
 }
 
 std::string ViewServer::url() const {
-  const std::string host = is_any_address(impl_->address) ? "127.0.0.1" : in_url(impl_->address);
-  return detail::concat("http://", host, ":", impl_->port, "/?token=", impl_->token);
+  const std::string host = is_any_address(address_) ? "127.0.0.1" : in_url(address_);
+  return detail::concat("http://", host, ":", port_, "/?token=", token_);
 }
 
 std::string ViewServer::instructions() const {
   const std::string first = "view        " + url();
-  if (is_loopback(impl_->address)) {
-    return detail::concat(first, "\n            from another machine, first: ssh -N -L ", impl_->port, ":",
-                          in_url(impl_->address), ":", impl_->port, " ", host_name());
+  if (is_loopback(address_)) {
+    return detail::concat(first, "\n            from another machine, first: ssh -N -L ", port_, ":", in_url(address_),
+                          ":", port_, " ", host_name());
   }
-  if (!is_any_address(impl_->address)) return first;
+  if (!is_any_address(address_)) return first;
   const std::string own = address_of_this_machine();
-  return detail::concat(first, "\n            from another machine: http://", own.empty() ? "ADDRESS" : own, ":",
-                        impl_->port, "/?token=", impl_->token);
+  return detail::concat(first, "\n            from another machine: http://", own.empty() ? "ADDRESS" : own, ":", port_,
+                        "/?token=", token_);
 }
 
 }  // namespace b3dgs

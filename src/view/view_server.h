@@ -11,10 +11,10 @@
 // No request names a file.
 #pragma once
 
-#include <memory>
 #include <optional>
 #include <string>
 
+#include "view/access.h"
 #include "view/frame_source.h"
 #include "view/http_server.h"
 
@@ -23,32 +23,47 @@ namespace b3dgs {
 struct ViewServerOptions {
   std::string address = "127.0.0.1";
   std::optional<int> port;  // 0: any free one; nothing: the first free one from kFirstViewPort on
-  std::string token;        // empty: a random one
-  HttpLimits limits;
 };
 
 inline constexpr int kFirstViewPort = 8080;
 inline constexpr std::size_t kMaxViewClients = 4;
 
-class ViewServer {
+class ViewServer final : private HttpHandler {
  public:
   /// Listens and answers on threads of its own until it is destroyed, which closes `source` and waits for no client.
   /// `source` must outlive it. @throws InputError if the address or port cannot be used
   ViewServer(FrameSource& source, const ViewServerOptions& options);
-  ~ViewServer();
+  ~ViewServer() override;
   ViewServer(const ViewServer&) = delete;
   ViewServer& operator=(const ViewServer&) = delete;
 
-  int port() const;
-  const std::string& token() const;
+  int port() const { return port_; }
+  const std::string& token() const { return token_; }
   /// "http://127.0.0.1:8080/?token=..."
   std::string url() const;
   /// What to tell the user: the URL, and how to reach it from elsewhere; a line each.
   std::string instructions() const;
 
  private:
-  struct Impl;
-  std::unique_ptr<Impl> impl_;
+  /// Refuses a request that is not from the page of the one who was given the URL.
+  std::optional<HttpResponse> refuse(const HttpRequest& request) override;
+  bool is_slow(const HttpRequest& request) const override;
+  HttpResponse answer(const HttpRequest& request) override;
+  void complete(HttpResponse& response) const override;
+
+  void listen(const std::optional<int>& wanted);
+  HttpResponse route(const HttpRequest& request);
+  /// A picture costs time and memory, so a page has at most one in work.
+  HttpResponse one_at_a_time(const HttpRequest& request, HttpResponse (ViewServer::*picture)(const HttpRequest&));
+  HttpResponse frame(const HttpRequest& request);
+  HttpResponse photograph(const HttpRequest& request);
+
+  FrameSource& source_;
+  const std::string address_;
+  const std::string token_ = make_token();
+  int port_ = 0;
+  ClientLimit clients_{kMaxViewClients};
+  HttpServer server_{*this, HttpLimits()};  // the last, so that its threads end first
 };
 
 }  // namespace b3dgs

@@ -56,7 +56,8 @@ TrainHistory run(Chance& chance, const Simulated& simulated, double seed_db, dou
 Comparison simulate(Chance& chance, const Simulated& simulated) {
   Comparison comparison;
   comparison.plan.base.source_path = "/scenes/garden";
-  std::vector<ConfigurationHistory> histories{{"a", {}, {}}, {"b", {}, {}}};
+  std::vector<ConfigurationHistory>& histories = comparison.configurations;
+  histories = {{"a", {}, {}}, {"b", {}, {}}};
   for (ConfigurationHistory& own : histories) own.config.iterations = 4000;
   histories[1].config.feature_lr *= 2;
   if (simulated.has_own_length) histories[1].config.iterations = 2000;
@@ -70,13 +71,7 @@ Comparison simulate(Chance& chance, const Simulated& simulated) {
                                 is_other ? 1 - simulated.saved : 1, own.config.iterations));
     }
   }
-  for (const ConfigurationHistory& own : histories) {
-    comparison.configurations.push_back({own.name, own.config});
-    comparison.runs.emplace_back();
-    for (int seed = 0; seed < simulated.n_seeds; ++seed) {
-      comparison.runs.back().push_back({seed, own.by_seed[static_cast<std::size_t>(seed)], {}});
-    }
-  }
+  comparison.infos.assign(histories.size(), std::vector<RunInfo>(comparison.plan.seeds.size()));
   comparison.summary = summarize_comparison(histories, 4000);
   return comparison;
 }

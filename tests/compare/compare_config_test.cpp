@@ -3,16 +3,21 @@
 
 #include <gtest/gtest.h>
 
+#include "config/train_options.h"
 #include "support/expect_error.h"
 
 namespace b3dgs {
 namespace {
 
+/// All values of `base` count as given.
+std::vector<Configuration> parse(const std::string& text, const TrainConfig& base) {
+  return parse_configurations(text, base, config_to_json(base));
+}
+
 TEST(CompareConfig, AnEntryIsAKernelOrOptions) {
   TrainConfig base;
   base.iterations = 123;
-  const auto entries =
-      parse_configurations("naive,shared-memory+culling=square,mine:opacity-lr=0.5+random_background=true", base);
+  const auto entries = parse("naive,shared-memory+culling=square,mine:opacity-lr=0.5+random_background=true", base);
   ASSERT_EQ(entries.size(), 3u);
   EXPECT_EQ(entries[0].name, "naive");
   EXPECT_EQ(entries[0].config.kernel, "naive");
@@ -24,16 +29,15 @@ TEST(CompareConfig, AnEntryIsAKernelOrOptions) {
   EXPECT_EQ(entries[2].config.opacity_lr, 0.5);
   EXPECT_TRUE(entries[2].config.random_background);
   EXPECT_EQ(entries[2].config.kernel, base.kernel);
-  const auto mixed = parse_configurations("naive,mixed:kernel_candidates=combined/shared-memory", base);
+  const auto mixed = parse("naive,mixed:kernel_candidates=combined/shared-memory", base);
   EXPECT_EQ(mixed[1].config.kernel_candidates, (std::vector<std::string>{"combined", "shared-memory"}))
       << "commas separate configurations";
-  EXPECT_EQ(parse_configurations("a:naive,b:naive", base).size(), 2u)
-      << "training the same twice measures the run-to-run variation";
+  EXPECT_EQ(parse("a:naive,b:naive", base).size(), 2u) << "training the same twice measures the run-to-run variation";
 }
 
 TEST(CompareConfig, NaiveKernelsSelectsTheOptionsClosestToTheOriginalTrainer) {
   const auto entries =
-      parse_configurations("naive-kernels,b:naive-kernels+kernel=published,c:published+culling=square", TrainConfig{});
+      parse("naive-kernels,b:naive-kernels+kernel=published,c:published+culling=square", TrainConfig{});
   const TrainConfig& original = entries[0].config;
   EXPECT_EQ(original.kernel, "naive");
   EXPECT_EQ(original.backward_kernel, "per-pixel");
@@ -97,8 +101,7 @@ TEST(CompareConfig, PresetsApplyBelowWhatIsGiven) {
 }
 
 TEST(CompareConfig, SeparatesOptionsOfTheForwardKernelFromOthers) {
-  const auto entries =
-      parse_configurations("naive,adaptive+kernel_policy=tracking,naive-kernels,again:naive", TrainConfig{});
+  const auto entries = parse("naive,adaptive+kernel_policy=tracking,naive-kernels,again:naive", TrainConfig{});
   const DifferingOptions kernels = differing_options(entries[0].config, entries[1].config);
   EXPECT_EQ(kernels.forward_kernel, (std::vector<std::string>{"kernel", "kernel_policy"}));
   EXPECT_TRUE(kernels.others.empty());
@@ -108,18 +111,17 @@ TEST(CompareConfig, SeparatesOptionsOfTheForwardKernelFromOthers) {
 }
 
 TEST(CompareConfig, TheBaselineCanBeRepeated) {
-  const auto entries = parse_configurations("mine:naive+tile=16x8,adaptive", TrainConfig{});
+  const auto entries = parse("mine:naive+tile=16x8,adaptive", TrainConfig{});
   const Configuration again = repeat_baseline(entries);
   EXPECT_EQ(again.name, "mine_again");
   EXPECT_TRUE(differing_options(again.config, entries[0].config).empty());
-  EXPECT_TRUE(test::fails_with<InputError>({"naive_again", "--noise"}, [] {
-    repeat_baseline(parse_configurations("naive,naive_again:adaptive", TrainConfig{}));
-  }));
+  EXPECT_TRUE(test::fails_with<InputError>(
+      {"naive_again", "--noise"}, [] { repeat_baseline(parse("naive,naive_again:adaptive", TrainConfig{})); }));
 }
 
 TEST(CompareConfig, RejectsInvalidEntriesWithAReason) {
   const auto expect_rejected = [](const std::string& text, const std::string& reason) {
-    EXPECT_TRUE(test::fails_with<InputError>({reason}, [&] { parse_configurations(text, TrainConfig{}); })) << text;
+    EXPECT_TRUE(test::fails_with<InputError>({reason}, [&] { parse(text, TrainConfig{}); })) << text;
   };
   expect_rejected("naive,naiv", "--configs naiv: unknown configuration \"naiv\" (expected naive, dynamic");
   expect_rejected("naive,naiv", "or option=value); did you mean naive?");

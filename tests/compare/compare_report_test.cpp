@@ -49,20 +49,15 @@ Comparison comparison_of(const std::vector<std::pair<std::string, std::vector<Tr
   Comparison comparison;
   comparison.plan.base.source_path = "/scenes/garden";
   comparison.plan.seeds = {3, 5};
-  std::vector<ConfigurationHistory> histories;
   for (const auto& [name, by_seed] : configurations) {
-    comparison.configurations.push_back({name, comparison.plan.base});
+    comparison.configurations.push_back({name, comparison.plan.base, by_seed});
     TrainConfig& config = comparison.configurations.back().config;
     config.kernel = find_forward_kernel(name) || name == kPublishedKernel ? name : kAdaptive;
     if (name == "naive-kernels" || name == kPublishedKernel) config.backward_kernel = "per-pixel";
     if (name == "naive-kernels" || name == "naive_again") config.kernel = "naive";
-    histories.push_back({name, config, by_seed});
-    comparison.runs.emplace_back();
-    for (std::size_t i = 0; i < by_seed.size(); ++i) {
-      comparison.runs.back().push_back({comparison.plan.seeds[i], by_seed[i], {}});
-    }
+    comparison.infos.emplace_back(by_seed.size());
   }
-  comparison.summary = summarize_comparison(histories, 100);
+  comparison.summary = summarize_comparison(comparison.configurations, 100);
   return comparison;
 }
 
@@ -92,7 +87,7 @@ TEST(CompareReportData, NamesOptionsOfAllOnlyWhereTheyAre) {
   Comparison comparison = comparison_of({{"naive", {history(10), history(10)}}, {"mine", {history(8), history(8)}}});
   comparison.plan.base.gaussians_per_pixel = 1.5;  // of the default preset, which both configurations override
   comparison.plan.base.lambda_dssim = 0.3;
-  for (Configuration& own : comparison.configurations) {
+  for (ConfigurationHistory& own : comparison.configurations) {
     own.config.gaussians_per_pixel = 2.5;
     own.config.kernel = "naive";
   }

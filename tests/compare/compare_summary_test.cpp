@@ -179,8 +179,8 @@ TEST(CompareSummary, OnlyTheSameComparisonIsSetBesideThePaper) {
                            4000);
   ASSERT_EQ(summary.paper_comparisons.size(), 1u) << "not with another backward pass, another pair or a fixed kernel";
   EXPECT_EQ(summary.paper_comparisons[0].baseline, "original_naive");
-  EXPECT_EQ(summary.paper_comparisons[0].compared.name, "original_published");
-  EXPECT_TRUE(summary.paper_comparisons[0].compared.before);
+  EXPECT_EQ(summary.paper_comparisons[0].name, "original_published");
+  EXPECT_TRUE(summary.paper_comparisons[0].before);
   EXPECT_EQ(to_json(summary)["beside_paper"][0]["baseline"], "original_naive");
 }
 

@@ -3,6 +3,7 @@
 
 #include <gtest/gtest.h>
 
+#include "config/train_options.h"
 #include "scene/images/image.h"
 #include "support/temp_dir.h"
 
@@ -89,13 +90,14 @@ TEST(PreviewsData, HasEachPhotographWithTheRendersOfAllRuns) {
 }
 
 TEST(ChangedOptions, AreThoseThatDifferFromTheDefaults) {
-  EXPECT_EQ(changed_options(TrainConfig{}, TrainConfig{}), "");
+  const Json defaults = config_to_json(TrainConfig{});
+  EXPECT_EQ(changed_options(defaults, defaults), "");
   TrainConfig config;
   config.source_path = "/scenes/garden";
   config.device = "cpu";
   config.eval = true;
   config.test_iterations = {10, 20};
-  EXPECT_EQ(changed_options(TrainConfig{}, config), "eval true, test_iterations 10 20")
+  EXPECT_EQ(changed_options(defaults, config_to_json(config)), "eval on, test_iterations 10 20")
       << "scene and device are shown elsewhere";
 }
 

@@ -32,18 +32,6 @@ TEST(TrainLogReader, ReadsAllFieldsOfALine) {
   EXPECT_EQ(point.test_ssim, 0.7);
 }
 
-TEST(TrainLogReader, ComputesElapsedTimeWhereItIsMissing) {
-  const TrainHistory history = parse(R"({"iteration":10,"ms":100}
-{"iteration":30,"ms":50}
-{"iteration":40,"elapsed_s":7}
-{"iteration":50,"ms":100})");
-  ASSERT_EQ(history.points.size(), 4u);
-  EXPECT_DOUBLE_EQ(history.points[0].elapsed_s, 1);
-  EXPECT_DOUBLE_EQ(history.points[1].elapsed_s, 2);
-  EXPECT_DOUBLE_EQ(history.points[2].elapsed_s, 7);
-  EXPECT_DOUBLE_EQ(history.points[3].elapsed_s, 8);
-}
-
 TEST(TrainLogReader, SeparatesEventsFromPoints) {
   const TrainHistory history = parse(
       R"({"iteration":1000,"event":"kernel_check","pass":"forward","times_ms":{"combined":2,"shared-memory":1.5},)"

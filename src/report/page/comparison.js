@@ -70,20 +70,15 @@ function quality_section(data) {
 
 // --- Training time
 
-/// "18.3 %", with several seeds "18.3 % (17.9 to 18.8)", with the run-to-run variation "18.3 % ± 0.4 %".
-function share_cell(share, noise, n_seeds) {
+/// "18.3 %", with the run-to-run variation "18.3 % ± 0.4 %"; with several seeds also the range or, of a share that has
+/// one, the 95 % interval of the mean; with what was found unless `has_word`.
+function share_cell(share, noise, n_seeds, has_word = true) {
   if (!share) return "-";
-  const range = share.n > 1 ? ` (${(100 * share.min).toFixed(1)} to ${(100 * share.max).toFixed(1)})` : "";
-  return percent_text(share.mean) + (noise === null ? "" : ` ± ${percent_text(noise)}`) + range +
-         in_seeds(share.n, n_seeds);
-}
-
-/// The same with the 95 % interval of the mean instead of the range.
-function effect_cell(share, noise, n_seeds, has_word) {
-  if (!share) return "-";
-  const interval = share.interval ? ` (95 %: ${share.interval.map((x) => (100 * x).toFixed(1)).join(" to ")} %)` : "";
-  return percent_text(share.mean) + (noise === null ? "" : ` ± ${percent_text(noise)}`) + interval +
-         (has_word || share.finding === "differs" ? "" : `, ${share.finding}`) + in_seeds(share.n, n_seeds);
+  const {mean, min, max, n, interval, finding} = share;
+  const range = (low, high) => `${(100 * low).toFixed(1)} to ${(100 * high).toFixed(1)}`;
+  return percent_text(mean) + (noise === null ? "" : ` ± ${percent_text(noise)}`) +
+         (n === 1 ? "" : interval ? ` (95 %: ${range(...interval)} %)` : ` (${range(min, max)})`) +
+         (has_word || finding === "differs" ? "" : `, ${finding}`) + in_seeds(n, n_seeds);
 }
 
 const time_word = (share) => (share.finding !== "differs" ? share.finding : share.mean > 0 ? "faster" : "slower");
@@ -93,7 +88,7 @@ const kSavedHead = ["time saved: total", "", "before the switch", "after the swi
 function saved_cells(own, n_seeds) {
   const {saved_overall: total, machine_spread: noise, inflection: at} = own;
   const when = at && count_text(at.min) + (at.max > at.min ? ` to ${count_text(at.max)}` : "");
-  return [effect_cell(total, noise.overall, n_seeds, true), total ? time_word(total) : "-",
+  return [share_cell(total, noise.overall, n_seeds), total ? time_word(total) : "-",
           share_cell(own.saved_before_inflection, noise.before, n_seeds),
           share_cell(own.saved_after_inflection, noise.after, n_seeds),
           at ? when + in_seeds(at.n, n_seeds) : "none"];
@@ -143,7 +138,7 @@ function balancing_table({summary, missing_kernels}) {
       `${missing_kernels.join(", ")}.`);
   }
   const rows = gains.map((gain) => {
-    const cell = (saved) => effect_cell(saved, gain.machine_spread, saved.n, false);
+    const cell = (saved) => share_cell(saved, gain.machine_spread, saved.n, /*has_word=*/ false);
     return [gain.name, gain.naive, cell(gain.saved_naive_to_unbalanced), gain.unbalanced,
             cell(gain.saved_by_balancing), cell(gain.saved_whole)];
   });
@@ -206,30 +201,28 @@ function time_section(data) {
 
 // --- Kernels, load, published results
 
-/// `make` of the first seed of a configuration for which `has` is true, under a heading; nothing if there is none.
-function of_configuration(runs, name, has, make) {
-  const run = runs.find((own) => own.name === name && has(own));
-  return run ? [element("h3", {}, `${name}, seed ${run.seed}`), make(run)] : [];
-}
+/// `make` of each run, under a heading.
+const of_runs = (runs, make) => runs.map((run) => [element("h3", {}, `${run.name}, seed ${run.seed}`), make(run)]);
 
-/// `make` of the configuration that the verdict is about, else of the first for which `has` is true.
-function of_one({runs, summary}, has, make) {
-  const own = of_configuration(runs, summary.ours, has, make), first = runs.find(has);
-  return own.length > 0 || !first ? own : of_configuration(runs, first.name, has, make);
+/// Of the runs for which `has` is true, the first of the configuration that the verdict is about, else the first.
+function one_run({runs, summary}, has) {
+  const found = runs.filter(has);
+  return [...found.filter((run) => run.name === summary.ours), ...found].slice(0, 1);
 }
 
 /// Of all configurations with timing checks; without any, of one whose kernels were timed.
 function compared_kernels(data) {
-  const has_checks = (run) => run.kernel_checks.length > 0, has_times = (run) => run.candidate_times.length > 0;
-  const all = data.summary.results.flatMap(({name}) => of_configuration(data.runs, name, has_checks, kernel_section));
-  const one = all.length > 0 ? all : of_one(data, has_times, kernel_section);
-  return one.length > 0 ? one : soft("No kernels were timed: the kernels were fixed by options.");
+  const checked = data.runs.filter((run) => run.kernel_checks.length > 0);
+  const first = checked.filter((run, i) => checked.findIndex((own) => own.name === run.name) === i);
+  const chosen = first.length > 0 ? first : one_run(data, (run) => run.candidate_times.length > 0);
+  return chosen.length > 0 ? of_runs(chosen, kernel_section)
+                           : soft("No kernels were timed: the kernels were fixed by options.");
 }
 
 /// The load depends on the scene, hardly on the kernel: one configuration represents all.
 function compared_load(data) {
-  const one = of_one(data, (run) => run.load_statistics.length > 0, load_section);
-  return one.length > 0 ? one : load_section({load_statistics: []});
+  const one = one_run(data, (run) => run.load_statistics.length > 0);
+  return one.length > 0 ? of_runs(one, load_section) : load_section({load_statistics: []});
 }
 
 /// Published results beside those of configurations that repeat the published comparison.

@@ -117,4 +117,7 @@ void write_exr(const std::filesystem::path& path, ImageSize size, const float* v
 /// @throws InputError for other extensions; IoError
 void write_image(const std::filesystem::path& path, const Image8& image);
 
+/// The bytes of a JPEG, with one or three channels; quality from 1 to 100. @throws IoError if it cannot be encoded
+std::string encode_jpeg(const Image8& image, int quality);
+
 }  // namespace b3dgs

@@ -90,6 +90,15 @@ void convert(const fs::path& path, const cv::Mat& decoded, bool white_background
   cv::cvtColor(image, to, image.channels() == 1 ? cv::COLOR_GRAY2RGB : cv::COLOR_BGR2RGB);
 }
 
+/// With one or three channels.
+cv::Mat to_bgr(const Image8& image) {
+  const cv::Mat from(image.height, image.width, CV_8UC(image.channels), const_cast<std::uint8_t*>(image.pixels.data()));
+  if (image.channels == 1) return from;
+  cv::Mat bgr;
+  cv::cvtColor(from, bgr, cv::COLOR_RGB2BGR);
+  return bgr;
+}
+
 void encode_to_file(const fs::path& path, const std::string& extension, const cv::Mat& image) {
   Bytes bytes;
   bool is_encoded = false;
@@ -217,14 +226,15 @@ void write_image(const fs::path& path, const Image8& image) {
   if (extension != ".png" && extension != ".jpg" && extension != ".jpeg") {
     input_error(path.string(), ": expected a file name that ends in .png, .jpg or .jpeg");
   }
-  const cv::Mat from(image.height, image.width, CV_8UC(image.channels), const_cast<std::uint8_t*>(image.pixels.data()));
-  cv::Mat bgr;
-  if (image.channels == 3) {
-    cv::cvtColor(from, bgr, cv::COLOR_RGB2BGR);
-  } else {
-    bgr = from;
+  encode_to_file(path, extension, to_bgr(image));
+}
+
+std::string encode_jpeg(const Image8& image, int quality) {
+  Bytes bytes;
+  if (!cv::imencode(".jpg", to_bgr(image), bytes, {cv::IMWRITE_JPEG_QUALITY, quality})) {
+    io_error("an image of ", image.width, " x ", image.height, " px cannot be encoded as JPEG");
   }
-  encode_to_file(path, extension, bgr);
+  return {bytes.begin(), bytes.end()};
 }
 
 }  // namespace b3dgs

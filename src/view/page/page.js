@@ -1,3 +1,5 @@
+// The page's state; asks for frames and progress. One frame is asked for at a time: a small one while the camera moves,
+// and one of the window's size once it rests. During training a new one follows about every second.
 const token = new URLSearchParams(location.search).get("token") || "";
 const client = Array.from(crypto.getRandomValues(new Uint8Array(8)), (x) => x.toString(16).padStart(2, "0")).join("");
 const $ = (id) => document.getElementById(id);
@@ -43,10 +45,10 @@ function is_moving() {
   return performance.now() - moved_at < 250 || playing !== null || held_keys.size > 0;
 }
 
-function touch(is_free = true) {
+function touch() {
   moved_at = performance.now();
   wanted = true;
-  if (is_free && view >= 0) select_view(-1);
+  if (view >= 0) select_view(-1);
 }
 
 function frame_size(scale) {
