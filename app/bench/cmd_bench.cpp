@@ -151,13 +151,11 @@ class BenchView {
     std::vector<double> ms;
     for (int i = -1; i < repeat_; ++i) {
       flush_cache();
-      const int from = clock_->mark();
+      const std::unique_ptr<StageMark> from = clock_();
       run();
-      const int to = clock_->mark();
-      clock_->wait(to);
-      if (i >= 0) ms.push_back(clock_->ms_between(from, to));
-      clock_->release(from);
-      clock_->release(to);
+      const std::unique_ptr<StageMark> to = clock_();
+      to->wait();
+      if (i >= 0) ms.push_back(to->ms_since(*from));
     }
     return summarize(std::move(ms));
   }
@@ -184,7 +182,7 @@ class BenchView {
   RenderedView rendered_;
   RenderedViewGrad grad_;
   torch::Tensor flush_;
-  std::unique_ptr<StageClock> clock_;
+  StageClock clock_;
   StageTimer stages_;
 };
 
