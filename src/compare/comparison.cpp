@@ -179,13 +179,15 @@ ComparisonPlan read_plan(const fs::path& root) {
     plan.seeds = own.at("seeds").get<std::vector<std::int64_t>>();
     plan.chunk = own.at("chunk").get<int>();
     plan.reading_s = own.at("reading_s").get<double>();
-    plan.has_repetition = own.at("noise").get<bool>();
-    plan.loading_ms = own.at("loading_ms").get<double>();
+    // Files of earlier versions lack some keys; their trainings had no --max_epochs.
+    plan.has_repetition = own.value("noise", false);
+    plan.loading_ms = own.value("loading_ms", 0.0);
     stored_config_from_json(plan.base, own.at("config"), path.string());
     plan.is_of_earlier_version = has_removed_options(own.at("config"));
-    plan.given = present_options(own.at("given"));
-    plan.photographs = own.at("photographs").get<std::size_t>();
-    plan.photographs.overlap = own.at("overlap").get<double>();
+    plan.given = own.contains("given") ? present_options(own.at("given")) : config_to_json(plan.base);
+    if (!own.contains("photographs")) plan.given.emplace("max_epochs", 0);
+    plan.photographs = own.value("photographs", std::size_t{0});
+    plan.photographs.overlap = own.value("overlap", plan.photographs.overlap);
   } catch (const nlohmann::json::exception& error) {
     input_error(path.string(), ": not a file of b3dgs compare: ", error.what());
   }

@@ -229,16 +229,18 @@ void RankLink::handle(const Message& message) {
 
 void RankLink::note_failure(int rank, const std::string& cause) {
   std::function<void()> call;
+  std::uint32_t id;
   {
     const std::lock_guard lock(mutex_);
     if (failure_ || refusal_) return;
     failure_.emplace(rank, size_, cause);
+    id = next_id_++;
     call = std::move(on_failure_);
     on_failure_ = nullptr;
   }
   changed_.notify_all();
   // Rank 0 waits for this farewell before it ends.
-  if (!has_lost_hub_) send({MessageKind::kBye, 0, {}});
+  if (!has_lost_hub_) send({MessageKind::kBye, id, {}});
   if (call) std::thread(std::move(call)).detach();  // this thread must go on if it hangs
 }
 
