@@ -1,11 +1,11 @@
 #include "reconstruct/colmap_program.h"
 
 #include <algorithm>
+#include <cctype>
 #include <cstdio>
 #include <cstdlib>
 #include <cstring>
 #include <filesystem>
-#include <regex>
 #include <system_error>
 #include <utility>
 
@@ -27,7 +27,12 @@ constexpr int kNewestInAllVersions = static_cast<int>(CameraModel::kThinPrismFis
 
 /// Whether the name of a camera model stands in the text, not as a part of another one.
 bool has_word(const std::string& text, const std::string& word) {
-  return std::regex_search(text, std::regex("\\b" + word + "\\b"));
+  const auto is_part = [](char c) { return c == '_' || std::isalnum(static_cast<unsigned char>(c)) != 0; };
+  for (std::size_t at = text.find(word); at != std::string::npos; at = text.find(word, at + 1)) {
+    const std::size_t end = at + word.size();
+    if ((at == 0 || !is_part(text[at - 1])) && (end == text.size() || !is_part(text[end]))) return true;
+  }
+  return false;
 }
 
 std::vector<std::string> lines_of(const std::vector<std::string>& command, ProgramLog& log) {
