@@ -225,6 +225,7 @@ struct ComparedOptions {
 
 ComparedOptions compare_options(const std::vector<ConfigurationHistory>& configurations) {
   std::vector<Json> all;
+  all.reserve(configurations.size());
   for (const ConfigurationHistory& own : configurations) all.push_back(config_to_json(own.config));
   const Json defaults = config_to_json(TrainConfig{});
   Json shared = defaults;

@@ -93,6 +93,7 @@ B3DGS_HD ShColor<Real> sh_color(int degree, Vec3<Real> offset, const float* sh0,
   for (int c = 0; c < 3; ++c) color[c] = basis[0] * sh0[c] + Real(0.5);
   const int n = (degree + 1) * (degree + 1);
   for (int k = 1; k < n; ++k) {
+    // NOLINTNEXTLINE(clang-analyzer-core.UndefinedBinaryOperatorResult): a degree is not negative
     for (int c = 0; c < 3; ++c) color[c] += basis[k] * shN[3 * (k - 1) + c];
   }
   ShColor<Real> result{{0, 0, 0}, 0};
