@@ -50,6 +50,18 @@ TEST(Exif, ATurnedFileLooksAsViewersShowTheOriginal) {
   }
 }
 
+TEST(Exif, AFileIsTurnedIfOtherMetadataComeFirst) {
+  const std::string xmp = "http://ns.adobe.com/xap/1.0/";
+  Bytes jpeg = jpeg_with_orientation(48, 32, 6, false);
+  Bytes segment{0xff, 0xe1, 0, static_cast<std::uint8_t>(2 + xmp.size() + 1)};
+  segment.insert(segment.end(), xmp.c_str(), xmp.c_str() + xmp.size() + 1);
+  jpeg.insert(jpeg.begin() + 2, segment.begin(), segment.end());
+  const auto turned = turned_upright(jpeg);
+  ASSERT_TRUE(turned);
+  EXPECT_EQ(exif_orientation(*turned), 1);
+  EXPECT_EQ(cv::imdecode(*turned, cv::IMREAD_COLOR | cv::IMREAD_IGNORE_ORIENTATION).size(), cv::Size(32, 48));
+}
+
 TEST(Exif, ATurnedFileKeepsTheOtherTagsAndTheColourProfile) {
   const auto turned = turned_upright(jpeg_with_orientation(48, 32, 6, false));
   ASSERT_TRUE(turned);

@@ -146,6 +146,18 @@ std::optional<Orientation> find_orientation(const Bytes& bytes) {
   return std::nullopt;
 }
 
+/// As EXIF 2.3 defines the values: where row 0 and column 0 of the stored image belong. OpenCV would turn it only if EXIF
+/// is the first of the application segments of its kind.
+cv::Mat upright(const cv::Mat& stored, int orientation) {
+  cv::Mat image = stored;
+  if (orientation >= 5) cv::transpose(image, image);
+  const bool flips_columns = orientation == 2 || orientation == 3 || orientation == 6 || orientation == 7;
+  const bool flips_rows = orientation == 3 || orientation == 4 || orientation == 7 || orientation == 8;
+  if (flips_columns) cv::flip(image, image, 1);
+  if (flips_rows) cv::flip(image, image, 0);
+  return image;
+}
+
 void append(Bytes& to, const Bytes& from, std::size_t begin, std::size_t end) {
   to.insert(to.end(), from.data() + begin, from.data() + end);
 }
@@ -204,10 +216,10 @@ std::optional<Bytes> turned_upright(const Bytes& jpeg) {
   constexpr int kQuality = 98;
   Bytes encoded;
   try {
-    const cv::Mat image = cv::imdecode(jpeg, cv::IMREAD_ANYCOLOR);  // turned as EXIF says
-    if (image.empty() || !cv::imencode(".jpg", image, encoded, {cv::IMWRITE_JPEG_QUALITY, kQuality})) {
-      return std::nullopt;
-    }
+    const cv::Mat stored = cv::imdecode(jpeg, cv::IMREAD_ANYCOLOR | cv::IMREAD_IGNORE_ORIENTATION);
+    if (stored.empty()) return std::nullopt;
+    const cv::Mat image = upright(stored, orientation->value);
+    if (!cv::imencode(".jpg", image, encoded, {cv::IMWRITE_JPEG_QUALITY, kQuality})) return std::nullopt;
   } catch (const cv::Exception&) {
     return std::nullopt;
   }
