@@ -48,7 +48,7 @@ enum class MessageKind : std::uint32_t {
   kFail,       // cause
   kBye,        // this rank has finished
   // from the hub to a rank
-  kRefused,  // reason
+  kRefused = 11,  // reason; ranks of other versions know it by this number
   kReply,    // to the request of the same id
   kFailure,  // rank, cause
   // both ways

@@ -55,7 +55,7 @@ class OutputWriter {
   /// written in the order of the calls.
   void write_checkpoint(const WrittenFile& file, const nlohmann::ordered_json& header,
                         const std::vector<std::pair<std::string, torch::Tensor>>& tensors, bool may_copy);
-  /// The same with tensors that are never whole in memory: read(take) passes the bytes of one, piece by piece. Each is
+  /// The same with tensors that are in memory one at a time: read(take) passes the bytes of one, in pieces. Each is
   /// read on the calling thread, in order, unless the file cannot be written.
   struct TensorPieces {
     TensorEntry entry;
