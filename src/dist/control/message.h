@@ -49,8 +49,8 @@ enum class MessageKind : std::uint32_t {
   kBye,        // this rank has finished
   // from the hub to a rank
   kRefused = 11,  // reason; ranks of other versions know it by this number
-  kReply,    // to the request of the same id
-  kFailure,  // rank, cause
+  kReply,         // to the request of the same id
+  kFailure,       // rank, cause
   // both ways
   kBeat,  // sign of life
 };

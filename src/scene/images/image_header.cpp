@@ -146,8 +146,8 @@ std::optional<Orientation> find_orientation(const Bytes& bytes) {
   return std::nullopt;
 }
 
-/// As EXIF 2.3 defines the values: where row 0 and column 0 of the stored image belong. OpenCV would turn it only if EXIF
-/// is the first of the application segments of its kind.
+/// As EXIF 2.3 defines the values: where row 0 and column 0 of the stored image belong. OpenCV would turn it only if
+/// EXIF is the first of the application segments of its kind.
 cv::Mat upright(const cv::Mat& stored, int orientation) {
   cv::Mat image = stored;
   if (orientation >= 5) cv::transpose(image, image);
