@@ -9,7 +9,6 @@
 #include "app/train_setup.h"
 #include "core/check.h"
 #include "core/files/atomic_file.h"
-#include "core/parallel.h"
 #include "core/text.h"
 #include "model/cameras/cameras_json.h"
 #include "scene/cameras/coordinate_frame.h"
@@ -311,10 +310,6 @@ fs::path image_folder(const LoadedModel& model, const std::string& set) {
 
 std::string image_name(std::size_t index) {
   return print_to_string("%05zu.png", index);
-}
-
-int writer_threads() {
-  return std::min(4, thread_count());
 }
 
 void write_view_names(const fs::path& folder, const std::vector<View>& views) {
