@@ -46,6 +46,12 @@ SceneOptions scene_options(const TrainConfig& config) {
 }
 
 void check_scene_options(const TrainConfig& config, const Scene& scene) {
+  for (const View& view : scene.train) {
+    if (!config.antialiasing || view.camera.is_pinhole()) continue;
+    const bool is_panorama = view.camera.lens.kind == LensKind::kEquirectangular;
+    input_error("--antialiasing: ", view.name, " is used in its lens, for which no filter sizes are known; remove ",
+                "--antialiasing", is_panorama ? "" : ", or undistort the photographs with --lenses undistort");
+  }
   if (!scene.options || config.source_path.empty()) return;
   const SceneOptions expected = scene_options(config);
   const SceneOptions& found = *scene.options;

@@ -15,8 +15,9 @@ namespace b3dgs {
 /// How the scene of these options is read. A scene that is read otherwise does not belong to the training.
 SceneOptions scene_options(const TrainConfig& config);
 
-/// @throws InputError if load_scene() has read the scene with other options than those of the config. Scenes that were
-/// made otherwise, and configs that name no scene, are not checked.
+/// @throws InputError if --antialiasing is given and a training view is no pinhole; or if load_scene() has read the
+/// scene with other options than those of the config, which is not checked for scenes that were made otherwise and for
+/// configs that name no scene
 void check_scene_options(const TrainConfig& config, const Scene& scene);
 
 /// --max_gaussians; without it, --gaussians_per_pixel X for every pixel of one training photograph (of their mean

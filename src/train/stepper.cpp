@@ -27,14 +27,7 @@ Stepper::Stepper(Training& training)
       optimizer_(training.rasterizer),
       row_editor_([this](auto sizes, const auto& options) { return training_.memory->allocate(sizes, options); }) {
   std::vector<CameraView> views;
-  for (const View& view : training.scene.train) {
-    if (config_.antialiasing && !view.camera.is_pinhole()) {
-      const bool is_panorama = view.camera.lens.kind == LensKind::kEquirectangular;
-      input_error("--antialiasing: ", view.name, " is used in its lens, for which no filter sizes are known; remove ",
-                  "--antialiasing", is_panorama ? "" : ", or undistort the photographs with --lenses undistort");
-    }
-    views.push_back(to_camera_view(view.camera));
-  }
+  for (const View& view : training.scene.train) views.push_back(to_camera_view(view.camera));
   largest_view_ = *std::max_element(views.begin(), views.end(), [](const CameraView& a, const CameraView& b) {
     return std::int64_t{a.width} * a.height < std::int64_t{b.width} * b.height;
   });

@@ -26,12 +26,14 @@ TEST(LensTraining, LearnsInStepsOfSeveralViews) {
   test::expect_improvement(test::panorama_scene(), config);
 }
 
-TEST(LensTraining, RefusesAntialiasing) {
+TEST(LensTraining, RefusesAntialiasingBeforePhotographsAreRead) {
   TrainConfig config = test::lens_config();
   config.antialiasing = true;
+  Scene scene = test::fisheye_scene();
+  for (View& view : scene.train) view.image.reset();
   const test::TempDir temp;
   EXPECT_TRUE(test::fails_with<InputError>({"--antialiasing", "--lenses undistort"},
-                                           [&] { test::train(config, test::fisheye_scene(), temp / "model"); }));
+                                           [&] { test::train(config, scene, temp / "model"); }));
 }
 
 }  // namespace
