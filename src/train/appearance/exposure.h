@@ -79,7 +79,8 @@ struct ExposureStepArgs {
 /// What is to be subtracted from element `k` of all transforms, from the sum of these elements.
 B3DGS_HD float mean_excess(const ExposureStepArgs& args, int k, double sum) {
   const double identity = k % 5 == 0 ? 1 : 0;  // elements 0, 5 and 10
-  return static_cast<float>(sum / static_cast<double>(args.adam.n / kExposureSize) - identity);
+  const std::int64_t n_transforms = args.adam.n / kExposureSize;
+  return static_cast<float>(sum / static_cast<double>(n_transforms) - identity);
 }
 
 namespace cuda {
