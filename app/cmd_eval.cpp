@@ -11,7 +11,6 @@
 #include "core/files/atomic_file.h"
 #include "core/files/own_files.h"
 #include "core/options/command_line.h"
-#include "core/parallel.h"
 #include "core/task_queue.h"
 #include "core/text.h"
 #include "model/model_folder.h"
@@ -119,7 +118,7 @@ struct SplitEvaluator {
       write_image(folder / "renders" / image_name(index), image);
       write_image(folder / "diff" / image_name(index), difference(*truth, image, view.valid.get()));
     };
-    TaskQueue tasks(thread_count(), kFramesAhead);
+    TaskQueue tasks(writer_threads(), kFramesAhead);
     const auto on_rendered = [&](std::size_t index, const View& view, const RenderedView& rendered,
                                  const std::optional<ImageQuality>&) {
       if (save_images) {

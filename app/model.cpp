@@ -9,6 +9,7 @@
 #include "app/train_setup.h"
 #include "core/check.h"
 #include "core/files/atomic_file.h"
+#include "core/parallel.h"
 #include "core/text.h"
 #include "model/cameras/cameras_json.h"
 #include "scene/cameras/coordinate_frame.h"
@@ -310,6 +311,11 @@ fs::path image_folder(const LoadedModel& model, const std::string& set) {
 
 std::string image_name(std::size_t index) {
   return print_to_string("%05zu.png", index);
+}
+
+int writer_threads() {
+  constexpr int kMost = 16;  // each holds an image: at 4K, with depth and opacity, 100 MB
+  return std::min(kMost, thread_count());
 }
 
 void write_view_names(const fs::path& folder, const std::vector<View>& views) {

@@ -113,7 +113,8 @@ std::filesystem::path image_folder(const LoadedModel& model, const std::string& 
 /// "00012.png"
 std::string image_name(std::size_t index);
 
-/// Images are written by thread_count() threads while the next ones are rendered; this many wait for one of them.
+/// Images are written while the next ones are rendered: threads that write them, and how many images wait for one.
+int writer_threads();
 inline constexpr std::size_t kFramesAhead = 2;
 
 /// Writes views.json to a folder of such images: an object from image name to the name of the view. @throws IoError

@@ -16,7 +16,6 @@
 #include "core/check.h"
 #include "core/files/own_files.h"
 #include "core/options/command_line.h"
-#include "core/parallel.h"
 #include "core/task_queue.h"
 #include "core/text.h"
 #include "scene/images/image.h"
@@ -125,7 +124,7 @@ class Output {
       : options_(options),
         folder_(output_folder(model, options, choice.set)),
         unit_(model.splats.frame.unit),
-        tasks_(options.video.empty() ? thread_count() : 1, kFramesAhead) {  // frames of a video keep their order
+        tasks_(options.video.empty() ? writer_threads() : 1, kFramesAhead) {  // frames of a video keep their order
     const bool is_in_model = options.output.empty() && !model.is_file();
     if (options.writes_images()) own_files_.emplace(is_in_model ? model.folder.root() : folder_);
     if (options.colors_depth() || options.depth_format == "png16") {
