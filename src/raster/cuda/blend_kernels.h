@@ -79,7 +79,7 @@ class ForwardScratch {
       segments.fronts = fronts_.resize(n_pixels, context);
       scratch.allocate(context, [&](ScratchArrays& arrays) {
         segments.tasks = arrays.take<SegmentTask>(n_tasks_max);
-        segments.is_done = arrays.take<std::int32_t>(n);
+        segments.is_done = arrays.take<std::int32_t>(kSegmentBlocks * n);
         segments.transmittance = arrays.take<float>(n_pixels);
         segments.color_depth = arrays.take<float4>(n_pixels);
         segments.last = arrays.take<std::int32_t>(n_pixels);

@@ -185,6 +185,8 @@ struct BucketParts {
 
 /// `segmented` cuts longer lists into segments of this many entries, a multiple of the bucket size.
 inline constexpr std::int32_t kSegmentEntries = 1024;
+/// Blocks that blend a segment, at most: halves of a tile.
+inline constexpr std::int32_t kSegmentBlocks = 2;
 
 /// Whether `segmented` cuts long lists; otherwise it is shared-memory. Lists begin longest first, so the longest ends
 /// after the others only if it has much of the work: more entries than a multiprocessor's share. A block alone takes
@@ -206,7 +208,7 @@ struct Segments {
   SegmentTask* tasks = nullptr;           // [n_tasks_max] the second segments of all lists, then the third, ...
   std::int32_t* n_tasks = nullptr;        // [1]
   std::int32_t* first_of_tile = nullptr;  // [n_tiles] index of the first segment, -1 if the list is not cut
-  std::int32_t* is_done = nullptr;        // [n] 1 as soon as the segment is blended
+  std::int32_t* is_done = nullptr;        // [n, kSegmentBlocks] 1 as soon as the block has blended the segment
   // All [n, pixels of a tile row by row]:
   SegmentFront* fronts = nullptr;
   float* transmittance = nullptr;  // of the segment alone; as in PixelState, negative if it finishes the pixel

@@ -97,14 +97,15 @@ __global__ void __launch_bounds__(kThreads) forward_dynamic_kernel(const BlendFo
   }
 }
 
-template <int kThreads>
-__global__ void __launch_bounds__(kThreads) forward_shared_memory_kernel(const BlendForwardCudaArgs args) {
-  __shared__ BatchPair<kThreads> batches;
+template <int kTilePixels>
+__global__ void __launch_bounds__(kStagedThreads) forward_shared_memory_kernel(const BlendForwardCudaArgs args) {
+  constexpr int kBlocks = kStagedBlocks<kTilePixels>;
+  __shared__ StagedSplats staged;
   const BlendForwardArgs& blend = args.blend;
-  const std::int32_t tile = args.tiles_by_length[blockIdx.x];
-  const TilePixel at = staged_pixel(blend.grid, tile);
+  const std::int32_t tile = args.tiles_by_length[blockIdx.x / kBlocks];
+  const TilePixel at = staged_pixel(blend.grid, tile, static_cast<int>(blockIdx.x) % kBlocks);
   PixelState<float> pixel{at.inside ? 1.0f : kClosedPixel, 0, 0, 0, 0};
-  const std::int32_t last = blend_staged(args, batches, tile, {0, list_length(blend.bins, tile)}, at, pixel);
+  const std::int32_t last = blend_staged(args, staged, tile, {0, list_length(blend.bins, tile)}, at, pixel);
   if (at.inside) store_pixel(blend, at, pixel, last);
 }
 
@@ -135,13 +136,15 @@ KernelResources forward_dynamic_resources(const TileShape& tile) {
 
 void launch_forward_shared_memory(const BlendForwardCudaArgs& args, const LaunchContext& context) {
   with_tile_pixels(args.blend.grid.tile, [&](auto pixels) {
-    forward_shared_memory_kernel<pixels.value><<<args.blend.grid.n_tiles(), pixels.value, 0, context.stream>>>(args);
+    const int blocks = args.blend.grid.n_tiles() * kStagedBlocks<pixels.value>;
+    forward_shared_memory_kernel<pixels.value><<<blocks, kStagedThreads, 0, context.stream>>>(args);
   });
   B3DGS_CUDA_CHECK_LAUNCH();
 }
 
 KernelResources forward_shared_memory_resources(const TileShape& tile) {
-  return tile_kernel_resources(tile, [](auto pixels) { return forward_shared_memory_kernel<pixels.value>; });
+  return tile_kernel_resources(
+      tile, [](auto pixels) { return forward_shared_memory_kernel<pixels.value>; }, kStagedThreads);
 }
 
 }  // namespace b3dgs::cuda

@@ -12,17 +12,19 @@
 //   blended again                                  |from T = 0.01 |          end_pixels
 //
 // Kernel 1, cut_lists: one block writes the list of tasks, the segments ordered by their number within their list.
-// Kernel 2, forward_segmented: a block per segment or short list, a thread per pixel. The first segments of all lists
+// Kernel 2, forward_segmented: a block per 128 pixels of a segment or short list, a thread per pixel. The first
+// segments of all lists
 //   run first, then the second ones, and so on. Segments behind finished pixels would be wasted work, so a block first
 //   multiplies the transmittances of the segments in front that are already done (a flag each, stored with release and
 //   loaded with acquire), and skips its segment if no pixel can still be visible. Which segments are skipped depends on
 //   timing. The image does not: a skipped segment is behind the end of all its pixels.
 // Kernel 3, join_segments: a block per tile, a thread per pixel. Combines the pixel's segments front to back, up to the
 //   one in which it finishes, and writes the pixel unless that segment has to be blended again.
-// Kernel 4, end_pixels: a block per task blends the segment again for the pixels that finish in it, and writes them.
+// Kernel 4, end_pixels: a block per 128 pixels of a task blends the segment again for the pixels that finish in it, and
+// writes them.
 //
-// Shared memory: two batches of staged splats in kernels 2 and 4 (staged_blend.cuh); counters in kernel 1.
-// Barriers: one per batch of splats, and one before a segment is marked as done.
+// Shared memory: staged splats in kernels 2 and 4 (staged_blend.cuh); counters in kernel 1.
+// Barriers: one per bucket of splats, and one before a segment is marked as done.
 // Saved for the backward pass: final transmittance, last splat, bucket parts relative to their segment, and the
 //   transmittance in front of each segment (Segments::fronts).
 
@@ -94,9 +96,8 @@ __global__ void __launch_bounds__(kCutThreads) cut_lists_kernel(const BlendForwa
     const std::int32_t count = n_segments(list_length(args.blend.bins, tile));
     if (count == 1) continue;
     const std::int32_t first = segments.first_of_tile[tile], rank = atomicAdd(next_rank + min(count, kLast), 1);
-    segments.is_done[first] = 0;
+    for (std::int32_t k = 0; k < kSegmentBlocks * count; ++k) segments.is_done[kSegmentBlocks * first + k] = 0;
     for (std::int32_t k = 1; k < count; ++k) {
-      segments.is_done[first + k] = 0;
       segments.tasks[k < kLast ? first_of_number[k] + rank : atomicAdd(first_of_number + kLast, 1)] = {tile, k};
     }
   }
@@ -109,12 +110,11 @@ __device__ __forceinline__ bool take_listed(const Segments& segments, std::int32
   return true;
 }
 
-/// The block's task. The first n_tiles blocks take the first segment (or the whole list) of each tile, the others take
-/// the listed tasks in order.
-__device__ __forceinline__ bool take_segment(const BlendForwardCudaArgs& args, SegmentTask& task) {
-  const auto block = static_cast<std::int32_t>(blockIdx.x), n_tiles = args.blend.grid.n_tiles();
-  if (block >= n_tiles) return take_listed(args.segments, block - n_tiles, task);
-  task = {args.tiles_by_length[block], 0};
+/// Task `number`: the first n_tiles are the first segment (or the whole list) of each tile, the others are listed.
+__device__ __forceinline__ bool take_segment(const BlendForwardCudaArgs& args, std::int32_t number, SegmentTask& task) {
+  const std::int32_t n_tiles = args.blend.grid.n_tiles();
+  if (number >= n_tiles) return take_listed(args.segments, number - n_tiles, task);
+  task = {args.tiles_by_length[number], 0};
   return true;
 }
 
@@ -133,9 +133,9 @@ struct ListSegment {
 
 /// Upper bound of the pixel's transmittance in front of this segment: the product over the segments that are done. It
 /// is computed in the order in which join_segments_kernel multiplies, so that it is a bound despite rounding. Must be
-/// called by all threads of the block, including those of pixels outside the image.
-template <int kThreads>
-__device__ __forceinline__ float transmittance_bound(const Segments& segments, const ListSegment& segment,
+/// called by all threads of the block, the tile's `block`, including those of pixels outside the image.
+template <int kTilePixels>
+__device__ __forceinline__ float transmittance_bound(const Segments& segments, const ListSegment& segment, int block,
                                                      std::int32_t pixel_index) {
   constexpr int kAtOnce = 4;  // loads in flight
   float bound = 1;
@@ -143,7 +143,8 @@ __device__ __forceinline__ float transmittance_bound(const Segments& segments, c
     const std::int32_t index = start + lane_id();
     bool is_done = false;
     if (index < segment.index) {
-      ::cuda::atomic_ref<std::int32_t, ::cuda::thread_scope_device> done(segments.is_done[index]);
+      ::cuda::atomic_ref<std::int32_t, ::cuda::thread_scope_device> done(
+          segments.is_done[kSegmentBlocks * index + block]);
       is_done = done.load(::cuda::memory_order_acquire) != 0;
     }
     unsigned ready = __ballot_sync(kFullWarp, is_done);
@@ -152,7 +153,7 @@ __device__ __forceinline__ float transmittance_bound(const Segments& segments, c
       float factor[kAtOnce];
 #pragma unroll
       for (int k = 0; k < kAtOnce; ++k) {
-        const std::int32_t from = (start + __ffs(ready) - 1) * kThreads + pixel_index;
+        const std::int32_t from = (start + __ffs(ready) - 1) * kTilePixels + pixel_index;
         factor[k] = ready != 0 ? __ldcg(segments.transmittance + from) : 1.0f;
         ready &= ready - 1;
       }
@@ -163,29 +164,31 @@ __device__ __forceinline__ float transmittance_bound(const Segments& segments, c
   return bound;
 }
 
-template <int kThreads>
-__global__ void __launch_bounds__(kThreads) forward_segmented_kernel(const BlendForwardCudaArgs args) {
-  __shared__ BatchPair<kThreads> batches;
+template <int kTilePixels>
+__global__ void __launch_bounds__(kStagedThreads) forward_segmented_kernel(const BlendForwardCudaArgs args) {
+  constexpr int kBlocks = kStagedBlocks<kTilePixels>;
+  __shared__ StagedSplats staged;
   const BlendForwardArgs& blend = args.blend;
   const Segments& segments = args.segments;
   SegmentTask task;
-  if (!take_segment(args, task)) return;
+  if (!take_segment(args, static_cast<std::int32_t>(blockIdx.x) / kBlocks, task)) return;
+  const int block = static_cast<int>(blockIdx.x) % kBlocks;
   const ListSegment segment(args, task);
-  const TilePixel at = staged_pixel(blend.grid, segment.tile);
-  const std::int32_t pixel_of_segment = segment.index * kThreads + at.index;
+  const TilePixel at = staged_pixel(blend.grid, segment.tile, block);
+  const std::int32_t pixel_of_segment = segment.index * kTilePixels + at.index;
   // Skip what cannot be visible.
   bool is_alive = at.inside, is_any_alive = true;
   if (segment.index > segment.first) {
     segments.fronts[pixel_of_segment] = {1};
     const float bound =
-        transmittance_bound<kThreads>(segments, segment, at.index);  // uses votes: all lanes must call it
+        transmittance_bound<kTilePixels>(segments, segment, block, at.index);  // uses votes: all lanes must call it
     is_alive = is_alive && !is_saturated(bound);
     is_any_alive = __syncthreads_or(is_alive) != 0;
   }
 
   // Blend as if the transmittance in front were 1. Pixels outside the image or already finished start as finished.
   PixelState<float> pixel{is_alive ? 1.0f : kClosedPixel, 0, 0, 0, 0};
-  const std::int32_t last = is_any_alive ? blend_staged(args, batches, segment.tile, segment.range, at, pixel) : -1;
+  const std::int32_t last = is_any_alive ? blend_staged(args, staged, segment.tile, segment.range, at, pixel) : -1;
   if (segment.first < 0) {
     if (at.inside) store_pixel(blend, at, pixel, last);
     return;
@@ -196,7 +199,8 @@ __global__ void __launch_bounds__(kThreads) forward_segmented_kernel(const Blend
   // Publish the segment for blocks that are behind it in the same list.
   __syncthreads();  // all threads have written
   if (threadIdx.x == 0) {
-    ::cuda::atomic_ref<std::int32_t, ::cuda::thread_scope_device> done(segments.is_done[segment.index]);
+    ::cuda::atomic_ref<std::int32_t, ::cuda::thread_scope_device> done(
+        segments.is_done[kSegmentBlocks * segment.index + block]);
     done.store(1, ::cuda::memory_order_release);
   }
 }
@@ -260,16 +264,17 @@ __global__ void __launch_bounds__(kThreads) join_segments_kernel(const BlendForw
 
 /// Blends segments again for the pixels that finish in them. Their bucket parts are then absolute instead of relative
 /// to the segment.
-template <int kThreads>
-__global__ void __launch_bounds__(kThreads) end_pixels_kernel(const BlendForwardCudaArgs args) {
-  __shared__ BatchPair<kThreads> batches;
+template <int kTilePixels>
+__global__ void __launch_bounds__(kStagedThreads) end_pixels_kernel(const BlendForwardCudaArgs args) {
+  constexpr int kBlocks = kStagedBlocks<kTilePixels>;
+  __shared__ StagedSplats staged;
   const Segments& segments = args.segments;
   SegmentTask task;
   // Only listed segments: the first of a list has transmittance 1 in front of it and is never blended again.
-  if (!take_listed(segments, static_cast<std::int32_t>(blockIdx.x), task)) return;
+  if (!take_listed(segments, static_cast<std::int32_t>(blockIdx.x) / kBlocks, task)) return;
   const ListSegment segment(args, task);
-  const TilePixel at = staged_pixel(args.blend.grid, segment.tile);
-  const std::int32_t pixel_of_segment = segment.index * kThreads + at.index;
+  const TilePixel at = staged_pixel(args.blend.grid, segment.tile, static_cast<int>(blockIdx.x) % kBlocks);
+  const std::int32_t pixel_of_segment = segment.index * kTilePixels + at.index;
   const SegmentFront front = segments.fronts[pixel_of_segment];
   const bool ends = front.is_to_blend_again();  // the pixel finishes in this segment
   if (__syncthreads_or(ends) == 0) return;
@@ -279,7 +284,7 @@ __global__ void __launch_bounds__(kThreads) end_pixels_kernel(const BlendForward
     const float4 color_depth = segments.color_depth[pixel_of_segment];
     pixel = {front.transmittance_to_blend_from(), color_depth.x, color_depth.y, color_depth.z, color_depth.w};
   }
-  const std::int32_t last = blend_staged(args, batches, segment.tile, segment.range, at, pixel);
+  const std::int32_t last = blend_staged(args, staged, segment.tile, segment.range, at, pixel);
   if (!ends) return;
   store_pixel(args.blend, at, pixel, last >= 0 ? last : segments.last[pixel_of_segment]);
   segments.fronts[pixel_of_segment] = {1};
@@ -296,19 +301,21 @@ void launch_forward_segmented(const BlendForwardCudaArgs& args, const LaunchCont
   cut_lists_kernel<<<1, kCutThreads, 0, context.stream>>>(args);
   B3DGS_CUDA_CHECK_LAUNCH();
   with_tile_pixels(args.blend.grid.tile, [&](auto pixels) {
-    constexpr int kThreads = pixels.value;
-    forward_segmented_kernel<kThreads><<<n_tiles + n_tasks_max, kThreads, 0, context.stream>>>(args);
+    constexpr int kTilePixels = pixels.value, kBlocks = kStagedBlocks<kTilePixels>;
+    static_assert(kBlocks <= kSegmentBlocks);
+    forward_segmented_kernel<kTilePixels><<<kBlocks*(n_tiles + n_tasks_max), kStagedThreads, 0, context.stream>>>(args);
     B3DGS_CUDA_CHECK_LAUNCH();
     if (n_tasks_max == 0) return;
-    join_segments_kernel<kThreads><<<n_tiles, kThreads, 0, context.stream>>>(args);
+    join_segments_kernel<kTilePixels><<<n_tiles, kTilePixels, 0, context.stream>>>(args);
     B3DGS_CUDA_CHECK_LAUNCH();
-    end_pixels_kernel<kThreads><<<n_tasks_max, kThreads, 0, context.stream>>>(args);
+    end_pixels_kernel<kTilePixels><<<kBlocks * n_tasks_max, kStagedThreads, 0, context.stream>>>(args);
     B3DGS_CUDA_CHECK_LAUNCH();
   });
 }
 
 KernelResources forward_segmented_resources(const TileShape& tile) {
-  return tile_kernel_resources(tile, [](auto pixels) { return forward_segmented_kernel<pixels.value>; });
+  return tile_kernel_resources(
+      tile, [](auto pixels) { return forward_segmented_kernel<pixels.value>; }, kStagedThreads);
 }
 
 }  // namespace b3dgs::cuda
