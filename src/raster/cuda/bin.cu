@@ -62,7 +62,8 @@ struct NumberListsArgs {
   std::int32_t* next_entries;     // [n_tiles], kCounterStride apart; out: the tile's offset
   std::int32_t* first_more_runs;  // [n_tiles] out: number of runs after the first of the lists in front
   std::int32_t* tiles_by_length;  // [n_tiles] out: longest first, roughly
-  ViewCounts* counts;             // out: all but the number of splats and first_invalid
+  const ViewCounts* counts;       // number of splats, first_invalid
+  ViewCounts* host_counts;        // out: these and all others
 };
 
 /// One block, four tiles per thread at a time.
@@ -144,11 +145,15 @@ __global__ void __launch_bounds__(kNumberThreads) number_lists_kernel(const Numb
   if (thread == 0) args.tile_offsets[args.n_tiles] = static_cast<std::int64_t>(places_before >> 32);
   __syncthreads();  // where each class begins, all offsets, and what threads have added up
   if (thread == 0) {
-    args.counts->n_pairs = static_cast<std::int64_t>(n_pairs);
-    args.counts->n_buckets = static_cast<std::int64_t>(places_before & 0xffffffffu);
-    args.counts->longest_list = longest;
-    args.counts->n_long_lists = n_long_lists;
-    args.counts->n_more_runs = more_runs_before;
+    ViewCounts& out = *args.host_counts;
+    out.n_splats = args.counts->n_splats;
+    out.first_invalid = args.counts->first_invalid;
+    out.n_buckets = static_cast<std::int64_t>(places_before & 0xffffffffu);
+    out.longest_list = longest;
+    out.n_long_lists = n_long_lists;
+    out.n_more_runs = more_runs_before;
+    __threadfence_system();
+    *static_cast<volatile std::int64_t*>(&out.n_pairs) = static_cast<std::int64_t>(n_pairs);  // the host polls it
   }
   for (std::int32_t tile = thread; tile < args.n_tiles; tile += kNumberThreads) {
     const auto length = static_cast<std::int32_t>(args.tile_offsets[tile + 1] - args.tile_offsets[tile]);
@@ -282,7 +287,7 @@ void list_seen(const ProjectOutputs& projected, std::int64_t n_rows, BinBuffers&
   });
 }
 
-void number_lists(const ProjectOutputs& projected, std::int32_t n_tiles, BinBuffers& buffers,
+void number_lists(const ProjectOutputs& projected, std::int32_t n_tiles, BinBuffers& buffers, ViewCounts* host_counts,
                   const LaunchContext& context) {
   const NumberListsArgs args{projected.list_growth,
                              n_tiles,
@@ -291,7 +296,8 @@ void number_lists(const ProjectOutputs& projected, std::int32_t n_tiles, BinBuff
                              buffers.next_entries.resize(kCounterStride * n_tiles, context),
                              buffers.first_more_runs.resize(n_tiles, context),
                              buffers.tiles_by_length.resize(n_tiles, context),
-                             projected.counts};
+                             projected.counts,
+                             host_counts};
   number_lists_kernel<<<1, kNumberThreads, 0, context.stream>>>(args);
   B3DGS_CUDA_CHECK_LAUNCH();
 }

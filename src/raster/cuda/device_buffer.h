@@ -155,6 +155,15 @@ class StreamMark {
   StreamMark& operator=(const StreamMark&) = delete;
   void record(cudaStream_t stream) { B3DGS_CUDA_CHECK(cudaEventRecord(event_, stream)); }
   void wait() { B3DGS_CUDA_CHECK(cudaEventSynchronize(event_)); }
+  bool is_reached() {
+    const cudaError_t status = cudaEventQuery(event_);
+    if (status == cudaErrorNotReady) {
+      cudaGetLastError();  // or the next launch would report it
+      return false;
+    }
+    B3DGS_CUDA_CHECK(status);
+    return true;
+  }
   /// Lets a stream wait.
   void hold(cudaStream_t stream) { B3DGS_CUDA_CHECK(cudaStreamWaitEvent(stream, event_)); }
 
@@ -162,10 +171,14 @@ class StreamMark {
   cudaEvent_t event_ = nullptr;
 };
 
-/// A stream for passes that run beside others.
+/// A stream for passes that run beside others, whose blocks start before theirs.
 class SideStream {
  public:
-  SideStream() { B3DGS_CUDA_CHECK(cudaStreamCreateWithFlags(&stream_, cudaStreamNonBlocking)); }
+  SideStream() {
+    int least = 0, greatest = 0;
+    B3DGS_CUDA_CHECK(cudaDeviceGetStreamPriorityRange(&least, &greatest));
+    B3DGS_CUDA_CHECK(cudaStreamCreateWithPriority(&stream_, cudaStreamNonBlocking, greatest));
+  }
   ~SideStream() { cudaStreamDestroy(stream_); }
   SideStream(const SideStream&) = delete;
   SideStream& operator=(const SideStream&) = delete;

@@ -42,6 +42,11 @@ void with_sh_degree(int degree, Body&& body) {
   B3DGS_CHECK(false, "SH degree is ", degree, ", expected ", kMin, " to ", kShDegreeMax);
 }
 
+/// Sets a task counter to 0.
+inline void reset_tasks(std::int32_t* next_task, const LaunchContext& context) {
+  B3DGS_CUDA_CHECK(cudaMemsetAsync(next_task, 0, sizeof(std::int32_t), context.stream));
+}
+
 /// Number of blocks that are resident at the same time on the whole device.
 template <class Kernel>
 int resident_blocks(Kernel kernel, int threads, const LaunchContext& context) {

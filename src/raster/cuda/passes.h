@@ -39,7 +39,9 @@ struct ProjectOutputs {
   // [tiles + 1], kCounterStride apart: length of each tile's list minus that of the tile before it, row by row. A splat
   // adds 1 where its span of tiles in a row begins, and subtracts 1 where it ends. Null: nothing is to be drawn.
   std::int32_t* list_growth = nullptr;
-  ViewCounts* counts = nullptr;  // [2] of the projection; of a ColorPass, with first_invalid alone
+  ViewCounts* counts =
+      nullptr;  // [1] n_splats and first_invalid; of a ColorPass, in pinned memory, first_invalid alone
+  SplatGradSum* sums = nullptr;  // [rows] 0 where there is a splat, for the backward blend; null: no backward pass
 };
 
 /// Arguments of a ColorPass.
@@ -147,9 +149,9 @@ struct BinnedView {
 /// Writes the rows that have a splat to buffers.seen, in their order.
 void list_seen(const ProjectOutputs& projected, std::int64_t n_rows, BinBuffers& buffers, const LaunchContext& context);
 
-/// First part of binning, which needs no counts on the host: where each tile's list begins, and the counts
-/// of lists.
-void number_lists(const ProjectOutputs& projected, std::int32_t n_tiles, BinBuffers& buffers,
+/// First part of binning, which needs no counts on the host: where each tile's list begins, and all counts, which it
+/// writes to pinned memory.
+void number_lists(const ProjectOutputs& projected, std::int32_t n_tiles, BinBuffers& buffers, ViewCounts* host_counts,
                   const LaunchContext& context);
 
 /// Second part of binning. Pairs are sorted in `scratch`; the result does not use it.
@@ -224,7 +226,7 @@ struct BlendForwardCudaArgs {
   const std::int32_t* tiles_by_length = nullptr;  // [n_tiles] a permutation; BinnedView
   bool cuts_lists = false;                        // cuts_lists(), for `segmented`
   BucketParts parts{};
-  std::int32_t* next_task = nullptr;  // [1] task counter, 0 at the start
+  std::int32_t* next_task = nullptr;  // [1] task counter, for kernels that set it to 0 first
   // Scratch of `combined`: for each tile: [quads, runs of 32 entries]
   std::uint32_t* quad_masks = nullptr;
   Segments segments{};
@@ -242,7 +244,7 @@ struct BlendBackwardCudaArgs {
   BlendBackwardArgs blend{};  // its pair_grads are not used
   Buckets buckets{};
   BucketParts parts{};
-  SplatGradSum* splat_grads = nullptr;  // [rows] in and out: added to, must be zero
+  SplatGradSum* splat_grads = nullptr;  // [rows] in and out: added to, must be zero where there is a splat
   // [n_pairs] by slot, must be zero. Null: gradients are added to splat_grads with atomics, in an order that changes
   // from run to run. Only the per-bucket kernel supports it.
   SplatGradSum* pair_grads = nullptr;

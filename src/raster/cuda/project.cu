@@ -42,6 +42,7 @@ __device__ __forceinline__ TileRows project_one(const ProjectCudaArgs& args, std
       words[2] = color;
     }
     args.out.extents[i] = projected.extent;
+    if (args.out.sums != nullptr) args.out.sums[i] = {};
   }
   args.out.radii[i] = is_seen ? projected.radius : 0;
   if (!is_valid) note_invalid(args.out.counts, i);
@@ -70,6 +71,7 @@ __device__ __forceinline__ TileRows project_second(const ProjectCudaArgs& args, 
   out[1] = reinterpret_cast<const float4*>(&splat.splat)[1];
   if constexpr (kShDegree != kNoColors) out[2] = words[2];
   args.out.extents[row] = splat.extent;
+  if (args.out.sums != nullptr) args.out.sums[row] = {};
   return tile_rows(args.grid, args.culling, splat.splat, splat.extent, splat.radius);
 }
 
@@ -100,7 +102,7 @@ __global__ void __launch_bounds__(kThreads)
 
 __global__ void __launch_bounds__(kThreads) reset_counts_kernel(const ProjectOutputs out, std::int32_t n_tiles) {
   const auto tile = static_cast<std::int32_t>(blockIdx.x * kThreads + threadIdx.x);
-  if (tile == 0) out.counts[0] = out.counts[1] = {0, -1};
+  if (tile == 0) *out.counts = {0, -1};
   if (tile <= n_tiles && out.list_growth != nullptr) out.list_growth[kCounterStride * tile] = 0;
 }
 

@@ -32,12 +32,9 @@ class CudaBackend final : public RasterizerBackend {
     check_render_args(gaussians, view, settings);
     check_kernels(settings);
     const LaunchContext context = context_();
-    const ProjectOutputs projected = project_gaussians(gaussians, view, settings, context, /*is_drawn=*/true);
-    if (settings.color_pass == nullptr) {
-      bin_view(projected, settings, "Gaussian", context);
-    } else {
-      bin_beside_colors(gaussians, projected, settings, context);
-    }
+    const ProjectOutputs projected = settings.color_pass == nullptr
+                                         ? project_and_bin(gaussians, view, settings, context)
+                                         : project_and_bin_beside_colors(gaussians, view, settings, context);
     if (settings.camera_gradient) list_seen(projected, n_rows_, bin_buffers_, context);
     draw(projected, settings, out, context);
     if (settings.color_pass != nullptr) colored_reader_.wait();
@@ -118,6 +115,7 @@ class CudaBackend final : public RasterizerBackend {
     check_kernels(settings);
     const LaunchContext context = context_();
     const ProjectOutputs projected = begin(n, view, settings, context, /*is_drawn=*/true);
+    has_zero_grads_ = false;
     load_rows({rows, state_.grid, settings.culling, projected}, context);
     bin_view(projected, settings, "the Gaussian of splat", context);
     draw(projected, settings, out, context);
@@ -137,6 +135,7 @@ class CudaBackend final : public RasterizerBackend {
     const LaunchContext context = context_();
     static_assert(sizeof(ScoreSums) <= sizeof(SplatGradSum), "fits into a splat's gradient");
     auto* const sums = reinterpret_cast<ScoreSums*>(splat_grads_.resize(n_rows_, context));
+    has_zero_grads_ = false;
     score_rows(error, sums, out.weight_sum != nullptr, context);
     join_second_splats(sums, context);
     add_scores({splats_.data(), state_.n_gaussians, nullptr, sums, out}, radii_.data(), context);
@@ -154,6 +153,7 @@ class CudaBackend final : public RasterizerBackend {
 
   void reblend_backward(BackwardKernel kernel, const ImageGradArrays& grad) override {
     state_.check_view("reblend_backward()");
+    has_zero_grads_ = false;  // of other rows, too
     blend_backward(kernel, grad, splat_grads_.data(), context_());
   }
 
@@ -191,16 +191,21 @@ class CudaBackend final : public RasterizerBackend {
     n_rows_ = n;
     state_.begin_view(view, make_tile_grid(view.width, view.height, settings.tile), settings);
     begin_stage(state_.stages, Stage::kProject);
-    return {splats_.resize(n, context), extents_.resize(n, context), radii_.resize(n, context),
+    return {splats_.resize(n, context),
+            extents_.resize(n, context),
+            radii_.resize(n, context),
             is_drawn ? list_growth_.resize(kCounterStride * (state_.grid.n_tiles() + 1), context) : nullptr,
-            counts_.resize(2, context)};
+            counts_.resize(1, context),
+            nullptr};
   }
 
   /// Without the colours if a ColorPass computes them: color_splats() must follow.
   ProjectOutputs project_gaussians(const GaussianArrays& gaussians, const CameraView& view,
                                    const RenderSettings& settings, const LaunchContext& context, bool is_drawn) {
     const std::int64_t n_rows = gaussians.n_gaussians * splats_per_gaussian(view.lens);
-    const ProjectOutputs projected = begin(n_rows, view, settings, context, is_drawn);
+    ProjectOutputs projected = begin(n_rows, view, settings, context, is_drawn);
+    has_zero_grads_ = is_drawn && settings.keep_for_backward;
+    if (has_zero_grads_) projected.sums = splat_grads_.resize(n_rows, context);
     cuda::project({gaussians, view, settings.sh_degree, settings.near_plane, settings.culling, state_.grid, projected,
                    settings.color_pass == nullptr, settings.antialiasing},
                   context);
@@ -218,11 +223,11 @@ class CudaBackend final : public RasterizerBackend {
   void bin_view(
       const ProjectOutputs& projected, const RenderSettings& settings, const char* widest, const LaunchContext& context,
       const std::function<void()>& meanwhile = [] {}) {
-    number_lists(projected, state_.grid.n_tiles(), bin_buffers_, context);
-    counts_reader_.copy(projected.counts, context);
+    number_lists(projected, state_.grid.n_tiles(), bin_buffers_, counts_reader_.begin(), context);
+    counts_reader_.mark(context);
     meanwhile();
     begin_stage(state_.stages, Stage::kBin);
-    const ViewCounts counts = counts_reader_.wait();
+    const ViewCounts counts = counts_reader_.poll();
     if (has_too_many_pairs(counts.n_pairs)) {
       throw NumericError(too_many_pairs(counts.n_pairs,
                                         widest_gaussian(projected, n_rows_, state_.grid, settings.culling, context),
@@ -235,23 +240,36 @@ class CudaBackend final : public RasterizerBackend {
                   context);
   }
 
-  /// Colours and lists do not depend on each other, and neither fills the device. Whether the colours are valid, the
-  /// host learns at the end of the pass.
-  void bin_beside_colors(const GaussianArrays& gaussians, const ProjectOutputs& projected,
-                         const RenderSettings& settings, const LaunchContext& context) {
+  ProjectOutputs project_and_bin(const GaussianArrays& gaussians, const CameraView& view,
+                                 const RenderSettings& settings, const LaunchContext& context) {
+    const ProjectOutputs projected = project_gaussians(gaussians, view, settings, context, /*is_drawn=*/true);
+    bin_view(projected, settings, "Gaussian", context);
+    return projected;
+  }
+
+  /// Colours and lists do not depend on each other, and neither fills the device. Lists, which take longer unless the
+  /// view has very many splats, follow the projection in its stream, so that they need not wait for a signal.
+  /// Whether the colours are valid, the host learns at the end of the pass.
+  ProjectOutputs project_and_bin_beside_colors(const GaussianArrays& gaussians, const CameraView& view,
+                                               const RenderSettings& settings, const LaunchContext& context) {
     const LaunchContext side = side_.fork(context);
+    ProjectOutputs projected;
     try {
+      projected = project_gaussians(gaussians, view, settings, side, /*is_drawn=*/true);
+      side_.join(context);
       bin_view(projected, settings, "Gaussian", side, [&] {
         ProjectOutputs colored = projected;
-        ++colored.counts;
-        color_splats(gaussians, state_.view, settings, colored, context);
-        colored_reader_.copy(colored.counts, context);
+        colored.counts = colored_reader_.begin();
+        color_splats(gaussians, view, settings, colored, context);
+        colored_reader_.mark(context);
       });
     } catch (...) {
       side_.join(context);
+      colored_reader_.forget();
       throw;
     }
     side_.join(context);
+    return projected;
   }
 
   /// From the lists to the images.
@@ -291,7 +309,6 @@ class CudaBackend final : public RasterizerBackend {
                                  state_.background, state_.rendered, transmittance_.data(), last_ids_.data()};
     BlendForwardCudaArgs args{blend, binned_.buckets, binned_.tiles_by_length, cuts_lists_, parts_};
     forward_scratch_.allocate(kernel, args, pass_scratch_, context);
-    B3DGS_CUDA_CHECK(cudaMemsetAsync(args.next_task, 0, sizeof(std::int32_t), context.stream));
     kForwardTable[static_cast<std::size_t>(kernel)].launch(args, context);
     stored_parts_ = parts_after(kernel, args);
   }
@@ -308,7 +325,7 @@ class CudaBackend final : public RasterizerBackend {
     args.buckets = binned_.buckets;
     args.parts = stored_parts_;
     args.splat_grads = sums;
-    zero(sums, n_rows_, context);
+    if (sums != splat_grads_.data() || !std::exchange(has_zero_grads_, false)) zero(sums, n_rows_, context);
     if (deterministic_ && binned_.bins.n_pairs > 0) {
       args.pair_grads = pair_grads_.resize(binned_.bins.n_pairs, context);
       zero(args.pair_grads, binned_.bins.n_pairs, context);
@@ -396,7 +413,8 @@ class CudaBackend final : public RasterizerBackend {
   std::size_t n_queued_ = 0;
   StreamMark counts_copied_;
 
-  std::int64_t n_rows_ = 0;  // of the last projection
+  std::int64_t n_rows_ = 0;      // of the last projection
+  bool has_zero_grads_ = false;  // splat_grads_, where there is a splat
   // Of the last forward pass:
   BackwardKernel backward_kernel_{};
   bool deterministic_ = false;

@@ -1,6 +1,7 @@
 // What the host reads of ViewCounts, and the errors that follow from it.
 #pragma once
 
+#include <atomic>
 #include <type_traits>
 #include <vector>
 
@@ -18,23 +19,46 @@ inline void check_valid(const ViewCounts& counts) {
   throw InvalidGaussianError(counts.first_invalid, detail::concat("Gaussian ", counts.first_invalid, kInvalidText));
 }
 
-/// Counts of a view, on their way to the host.
+/// Counts of a view, on their way to the host. In pinned memory: kernels write them there, since a copy would let the
+/// next kernel start several microseconds later.
 class CountsReader {
  public:
+  /// What kernels of this view may write. The view before must have been read.
+  ViewCounts* begin() {
+    *host_.get() = {0, -1, kUnwritten};
+    return host_.get();
+  }
+  /// Instead, copies counts in device memory.
   void copy(const ViewCounts* counts, const LaunchContext& context) {
     B3DGS_CUDA_CHECK(cudaMemcpyAsync(host_.get(), counts, sizeof(ViewCounts), cudaMemcpyDeviceToHost, context.stream));
-    copied_.record(context.stream);
+    mark(context);
   }
+  /// Everything queued so far writes the counts.
+  void mark(const LaunchContext& context) { written_.record(context.stream); }
   /// @throws InvalidGaussianError
   ViewCounts wait() {
-    copied_.wait();
+    written_.wait();
     check_valid(*host_.get());
     return *host_.get();
   }
+  /// The same of a kernel that writes n_pairs last, before it ends.
+  ViewCounts poll() {
+    const volatile std::int64_t& n_pairs = host_.get()->n_pairs;
+    for (int turn = 1; n_pairs == kUnwritten; ++turn) {
+      constexpr int kTurns = 1000;  // a query takes longer than a read, but finds errors of the device
+      if (turn % kTurns == 0 && written_.is_reached()) break;
+    }
+    std::atomic_thread_fence(std::memory_order_acquire);
+    check_valid(*host_.get());
+    return *host_.get();
+  }
+  /// Waits only.
+  void forget() { written_.wait(); }
 
  private:
+  static constexpr std::int64_t kUnwritten = -1;
   PinnedValue<ViewCounts> host_;
-  StreamMark copied_;
+  StreamMark written_;
 };
 
 /// For the error message about too many pairs. Waits for the device.

@@ -74,10 +74,10 @@ class PinnedCopy final : public HostCopy {
  public:
   explicit PinnedCopy(std::size_t bytes) : bytes_(bytes) {
     B3DGS_CUDA_CHECK(cudaMallocHost(&on_host_, bytes));
-    B3DGS_CUDA_CHECK(cudaEventCreateWithFlags(&copied_, cudaEventDisableTiming));
+    B3DGS_CUDA_CHECK(cudaEventCreateWithFlags(&written_, cudaEventDisableTiming));
   }
   ~PinnedCopy() override {
-    cudaEventDestroy(copied_);
+    cudaEventDestroy(written_);
     cudaFreeHost(on_host_);
   }
   PinnedCopy(const PinnedCopy&) = delete;
@@ -85,17 +85,19 @@ class PinnedCopy final : public HostCopy {
 
   void copy(const void* device) override {
     B3DGS_CUDA_CHECK(cudaMemcpyAsync(on_host_, device, bytes_, cudaMemcpyDeviceToHost, torch_stream()));
-    B3DGS_CUDA_CHECK(cudaEventRecord(copied_, torch_stream()));
+    mark();
   }
+  void* memory() override { return on_host_; }
+  void mark() override { B3DGS_CUDA_CHECK(cudaEventRecord(written_, torch_stream())); }
   const void* wait() const override {
-    B3DGS_CUDA_CHECK(cudaEventSynchronize(copied_));
+    B3DGS_CUDA_CHECK(cudaEventSynchronize(written_));
     return on_host_;
   }
 
  private:
   std::size_t bytes_;
   void* on_host_ = nullptr;
-  cudaEvent_t copied_ = nullptr;
+  cudaEvent_t written_ = nullptr;
 };
 
 }  // namespace

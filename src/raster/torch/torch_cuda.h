@@ -62,14 +62,18 @@ void for_rows(bool on_gpu, const Args& args, std::int64_t n) {
 /// throws OutOfMemoryError. The allocator object lives until the program ends.
 cuda::LaunchContext torch_launch_context();
 
-/// Reads what a GPU has computed without stalling it: values are copied to pinned memory, and read by the host while a
-/// later step is running.
+/// Reads what a GPU has computed without stalling it: values are brought to pinned memory, and read by the host while
+/// a later step is running.
 class HostCopy {
  public:
   virtual ~HostCopy() = default;
   /// Queues the copy of the values in device memory. Asynchronous.
   virtual void copy(const void* device) = 0;
-  /// The values of the last copy(), for which this waits.
+  /// Faster: where a kernel may write the values itself, before mark().
+  virtual void* memory() = 0;
+  /// Everything queued so far writes the values.
+  virtual void mark() = 0;
+  /// The values of the last copy() or mark(), for which this waits.
   virtual const void* wait() const = 0;
 };
 std::unique_ptr<HostCopy> make_host_copy(std::size_t bytes);

@@ -20,14 +20,13 @@ ImageLoss::ImageLoss(torch::Device device) : device_(device) {
   if (!kTorchHasCuda) {
     input_error("this build computes the loss on the CPU only, found device ", device.str(), "; use --device cpu");
   }
-  value_on_device_ = torch::empty({sizeof(LossValue)}, torch::TensorOptions(torch::kUInt8).device(device));
-  if (kTorchHasCuda) copied_value_ = make_host_copy(sizeof(LossValue));
+  if (kTorchHasCuda) host_value_ = make_host_copy(sizeof(LossValue));
 }
 
 ImageLoss::~ImageLoss() = default;
 
 LossValue ImageLoss::value() const {
-  LossValue value = copied_value_ ? *static_cast<const LossValue*>(copied_value_->wait()) : value_;
+  LossValue value = host_value_ ? *static_cast<const LossValue*>(host_value_->wait()) : value_;
   if (alpha_value_.defined()) value.loss += alpha_value_.item<double>();
   return value;
 }
@@ -78,9 +77,9 @@ void ImageLoss::compute(const torch::Tensor& rendered, const torch::Tensor& trut
   args.weights = weights;
   args.grad = grad_.data_ptr<float>();
   args.workspace = workspace_.data_ptr<float>();
-  if (kTorchHasCuda && copied_value_) {
-    cuda::compute_loss(args, reinterpret_cast<LossValue*>(value_on_device_.data_ptr()), torch_stream());
-    copied_value_->copy(value_on_device_.data_ptr());
+  if (kTorchHasCuda && host_value_) {
+    cuda::compute_loss(args, static_cast<LossValue*>(host_value_->memory()), torch_stream());
+    host_value_->mark();
   } else {
     value_ = cpu::compute_loss(args);
   }

@@ -70,8 +70,7 @@ class ImageLoss {
   torch::Device device_;
   torch::Tensor grad_, grad_room_, workspace_;
   LossValue value_;                                           // on a CPU
-  torch::Tensor value_on_device_;                             // on a GPU: [bytes of a LossValue] uint8
-  std::unique_ptr<HostCopy> copied_value_;                    // of it
+  std::unique_ptr<HostCopy> host_value_;                      // on a GPU: a LossValue
   torch::Tensor alpha_grad_, alpha_grad_room_, alpha_value_;  // undefined without add_alpha()
 };
 

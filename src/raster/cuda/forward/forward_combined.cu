@@ -331,6 +331,7 @@ void launch(const BlendForwardCudaArgs& args, const LaunchContext& context) {
     mark_quads_kernel<kTilePixels><<<blocks, kMarkWarps * kWarpSize, 0, context.stream>>>(args);
     B3DGS_CUDA_CHECK_LAUNCH();
   }
+  reset_tasks(args.next_task, context);
   const auto kernel = forward_combined_kernel<kTilePixels, kStored>;
   kernel<<<resident_blocks(kernel, kThreads, context), kThreads, 0, context.stream>>>(
       args, static_cast<std::int32_t>(n_tasks));

@@ -123,6 +123,7 @@ KernelResources forward_naive_resources(const TileShape& tile) {
 }
 
 void launch_forward_dynamic(const BlendForwardCudaArgs& args, const LaunchContext& context) {
+  reset_tasks(args.next_task, context);
   with_tile_pixels(args.blend.grid.tile, [&](auto pixels) {
     const auto kernel = forward_dynamic_kernel<pixels.value>;
     kernel<<<resident_blocks(kernel, pixels.value, context), pixels.value, 0, context.stream>>>(args);
