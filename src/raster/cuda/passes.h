@@ -39,8 +39,7 @@ struct ProjectOutputs {
   // [tiles + 1], kCounterStride apart: length of each tile's list minus that of the tile before it, row by row. A splat
   // adds 1 where its span of tiles in a row begins, and subtracts 1 where it ends. Null: nothing is to be drawn.
   std::int32_t* list_growth = nullptr;
-  ViewCounts* counts =
-      nullptr;  // [1] n_splats and first_invalid; of a ColorPass, in pinned memory, first_invalid alone
+  ViewCounts* counts = nullptr;  // [1] n_splats and first_invalid
   SplatGradSum* sums = nullptr;  // [rows] 0 where there is a splat, for the backward blend; null: no backward pass
 };
 
@@ -49,8 +48,8 @@ struct ColorCudaArgs {
   GaussianArrays gaussians{};
   Vec3f camera_center{};  // world space
   int sh_degree = 0;
-  // To be written: red, green, blue and clamped of each seen splat, and counts->first_invalid (note_invalid()).
-  ProjectOutputs projected{};
+  ProjectOutputs projected{};    // to be written: red, green, blue and clamped of each seen splat
+  ViewCounts* counts = nullptr;  // on the device, or in pinned memory; to be written: first_invalid (note_invalid())
 };
 
 /// Computes the splats' colours instead of project(). Lets training update SH coefficients of seen Gaussians in the

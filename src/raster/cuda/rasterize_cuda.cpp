@@ -72,7 +72,7 @@ class CudaBackend final : public RasterizerBackend {
     check_render_args(gaussians, view, settings);
     const LaunchContext context = context_();
     const ProjectOutputs projected = project_gaussians(gaussians, view, settings, context, /*is_drawn=*/false);
-    color_splats(gaussians, view, settings, projected, context);
+    color_splats(gaussians, view, settings, projected, projected.counts, context);
     counts_reader_.copy(projected.counts, context);
     list_seen(projected, n_rows_, bin_buffers_, context);
     const ViewCounts counts = counts_reader_.wait();
@@ -85,7 +85,7 @@ class CudaBackend final : public RasterizerBackend {
     check_render_args(gaussians, view, settings);
     const LaunchContext context = context_();
     const ProjectOutputs projected = project_gaussians(gaussians, view, settings, context, /*is_drawn=*/false);
-    color_splats(gaussians, view, settings, projected, context);
+    color_splats(gaussians, view, settings, projected, projected.counts, context);
     while (queued_counts_.size() <= index) queued_counts_.push_back(std::make_unique<PinnedValue<ViewCounts>>());
     B3DGS_CUDA_CHECK(cudaMemcpyAsync(queued_counts_[index]->get(), projected.counts, sizeof(ViewCounts),
                                      cudaMemcpyDeviceToHost, context.stream));
@@ -213,9 +213,9 @@ class CudaBackend final : public RasterizerBackend {
   }
 
   void color_splats(const GaussianArrays& gaussians, const CameraView& view, const RenderSettings& settings,
-                    const ProjectOutputs& projected, const LaunchContext& context) {
+                    const ProjectOutputs& projected, ViewCounts* counts, const LaunchContext& context) {
     if (settings.color_pass == nullptr || gaussians.n_gaussians == 0) return;
-    settings.color_pass->color({gaussians, view.center, settings.sh_degree, projected}, context);
+    settings.color_pass->color({gaussians, view.center, settings.sh_degree, projected, counts}, context);
     if (n_rows_ > gaussians.n_gaussians) copy_second_colors(projected, gaussians.n_gaussians, context);
   }
 
@@ -258,9 +258,7 @@ class CudaBackend final : public RasterizerBackend {
       projected = project_gaussians(gaussians, view, settings, side, /*is_drawn=*/true);
       side_.join(context);
       bin_view(projected, settings, "Gaussian", side, [&] {
-        ProjectOutputs colored = projected;
-        colored.counts = colored_reader_.begin();
-        color_splats(gaussians, view, settings, colored, context);
+        color_splats(gaussians, view, settings, projected, colored_reader_.begin(), context);
         colored_reader_.mark(context);
       });
     } catch (...) {

@@ -87,7 +87,7 @@ __device__ __noinline__ int load_first_gradient(const DeferredUpdate* update, fl
 template <int kActive, class Args>
 __device__ __forceinline__ void apply_updates(const Args& args, std::int64_t first_row, int n_rows, const int* rows,
                                               const int* n_applied, float* rests) {
-  constexpr int kAtOnce = 4;  // loads in flight
+  constexpr int kAtOnce = 8;  // loads in flight
   const int n_rest = rest_floats(args.rests.sh_degree_max), n_floats = n_rows * kActive;
   float* const params = args.rests.param + first_row * n_rest;
   float* const ms = args.rests.m + first_row * n_rest;
@@ -148,7 +148,7 @@ __device__ __forceinline__ void apply_block_updates(const Args& args) {
   if (kColors && is_listed) {
     const ColorCudaArgs& view = args.view;
     const float4 color = splat_color<kShDegree>(view.gaussians, view.camera_center, i, rests + own.place * kActive);
-    if (!is_usable_color(color.x, color.y, color.z)) note_invalid(view.projected.counts, i);
+    if (!is_usable_color(color.x, color.y, color.z)) note_invalid(view.counts, i);
     reinterpret_cast<float4*>(view.projected.splats + i)[2] = color;
   }
 }

@@ -2,7 +2,8 @@
 // except for the SH coefficients beyond degree 0, whose updates are deferred (deferred_sh.h).
 //
 // A step must read and write parameters and moments, 24 bytes per float; gradients in memory would add 8. Gaussians
-// that the view does not see are updated too, since their moments decay.
+// that the view does not see are updated too, since their moments decay. Gradients of rows of three floats go through
+// shared memory, so that a warp writes whole memory sectors. Barriers: one, after which parameters may be written.
 
 #include "raster/cuda/launch.cuh"
 #include "raster/cuda/project.cuh"
@@ -28,12 +29,36 @@ __device__ __forceinline__ void step_four(const AdamArgs& args, std::int64_t row
   v_at = v;
 }
 
+/// Steps the block's rows of three floats along `grads`, a float at a time.
+__device__ __forceinline__ void step_threes(const AdamArgs& args, std::int64_t first_row, std::int64_t n_rows,
+                                            const float* grads) {
+  float param[3], m[3], v[3];
+#pragma unroll
+  for (int j = 0; j < 3; ++j) {
+    const std::int64_t at = 3 * first_row + j * kThreads + threadIdx.x;
+    if (at >= 3 * n_rows) break;
+    param[j] = args.param[at];
+    m[j] = args.m[at];
+    v[j] = args.v[at];
+  }
+#pragma unroll
+  for (int j = 0; j < 3; ++j) {
+    const std::int64_t at = 3 * first_row + j * kThreads + threadIdx.x;
+    if (at >= 3 * n_rows) break;
+    step_one(args.size, grads[j * kThreads + threadIdx.x], param[j], m[j], v[j]);
+    args.param[at] = param[j];
+    args.m[at] = m[j];
+    args.v[at] = v[j];
+  }
+}
+
 template <int kShDegree, bool kAntialiasing, bool kRegularized, class Lens>
 __global__ void __launch_bounds__(kThreads) step_gaussians_kernel(const __grid_constant__ GaussianStepArgs args) {
-  const std::int64_t i = static_cast<std::int64_t>(blockIdx.x) * kThreads + threadIdx.x;
-  if (i >= args.backward.gaussians.n_gaussians) return;
+  __shared__ float mean_grads[3 * kThreads], scale_grads[3 * kThreads], sh0_grads[3 * kThreads];
+  const std::int64_t first_row = static_cast<std::int64_t>(blockIdx.x) * kThreads, i = first_row + threadIdx.x;
+  const std::int64_t n = args.backward.gaussians.n_gaussians;
   GaussianGrad grad{};
-  if (args.backward.radii[i] > 0) {
+  if (i < n && args.backward.radii[i] > 0) {
     grad = gaussian_grad<kShDegree, kAntialiasing, Lens>(args.backward, i);
     if (rest_floats(kShDegree) > 0) {
       float4* const update = reinterpret_cast<float4*>(args.updates + i);
@@ -46,13 +71,18 @@ __global__ void __launch_bounds__(kThreads) step_gaussians_kernel(const __grid_c
                          grad.log_scales);
     }
   }
-  const Vec3f sh0 = grad.sh0();
-  reinterpret_cast<float2*>(args.backward.grad.means2d)[i] = make_float2(grad.mean2d.x, grad.mean2d.y);
-  step_row<3>(args.adam[0], i, {grad.mean.x, grad.mean.y, grad.mean.z});
-  step_row<3>(args.adam[1], i, {grad.log_scales.x, grad.log_scales.y, grad.log_scales.z});
-  step_four(args.adam[2], i, grad.quat);
-  step_row<1>(args.adam[3], i, {grad.logit_opacity});
-  step_row<3>(args.adam[4], i, {sh0.x, sh0.y, sh0.z});
+  store3(mean_grads, threadIdx.x, grad.mean);
+  store3(scale_grads, threadIdx.x, grad.log_scales);
+  store3(sh0_grads, threadIdx.x, grad.sh0());
+  __syncthreads();  // gradients are complete, and parameters have been read
+  if (i < n) {
+    reinterpret_cast<float2*>(args.backward.grad.means2d)[i] = make_float2(grad.mean2d.x, grad.mean2d.y);
+    step_four(args.adam[2], i, grad.quat);
+    step_row<1>(args.adam[3], i, {grad.logit_opacity});
+  }
+  step_threes(args.adam[0], first_row, n, mean_grads);
+  step_threes(args.adam[1], first_row, n, scale_grads);
+  step_threes(args.adam[4], first_row, n, sh0_grads);
 }
 
 // The same for steps of several views (--batch).
