@@ -25,8 +25,11 @@ class CountsReader {
  public:
   /// What kernels of this view may write. The view before must have been read.
   ViewCounts* begin() {
-    *host_.get() = {0, -1, kUnwritten};
-    return host_.get();
+    ViewCounts* const counts = host_.get();
+    *counts = {};
+    counts->first_invalid = -1;
+    counts->n_pairs = kUnwritten;
+    return counts;
   }
   /// Instead, copies counts in device memory.
   void copy(const ViewCounts* counts, const LaunchContext& context) {
