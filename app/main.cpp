@@ -29,7 +29,6 @@ std::string option_tables() {
   for (const Command& command : kCommands) command.run(words);
   run_bench_step(words);
   run_bench_sweep(words);
-  run_bench_exchange(words);
   return text.str();
 }
 

@@ -237,11 +237,11 @@ void bench_kernels(const BenchRun& run, const BenchScene& scene, BenchFile& file
 
 /// A mistyped subcommand or built-in scene would be taken for a folder. @throws InputError
 void check_scene(const std::string& scene) {
-  static const std::vector<std::string> kNames{"street", "spread", "kernels", "step", "sweep", "exchange"};
+  static const std::vector<std::string> kNames{"street", "spread", "kernels", "step", "sweep"};
   if (std::find(kNames.begin(), kNames.end(), scene) != kNames.end() || std::filesystem::exists(scene)) return;
   const std::string nearest = nearest_name(scene, kNames);
   input_error("neither a scene nor a subcommand of bench: ", scene,
-              nearest.empty() ? " (expected a COLMAP or model folder, street, spread, step, sweep or exchange)"
+              nearest.empty() ? " (expected a COLMAP or model folder, street, spread, step or sweep)"
                               : "; did you mean " + nearest + "?");
 }
 
@@ -250,8 +250,7 @@ int run_bench_kernels(const std::vector<std::string>& words) {
   CommandLine line(
       "bench",
       "Time the kernels and the rendering passes on one view. `b3dgs bench step` times training steps by stage, `b3dgs "
-      "bench sweep` times the forward kernels for various numbers and distributions of Gaussians, `b3dgs bench "
-      "exchange` what several processes exchange.",
+      "bench sweep` the forward kernels for various numbers and distributions of Gaussians.",
       "b3dgs bench street");
   line.add(config, "Benchmark", {"scene"});
   if (!line.parse(words)) return 0;
@@ -359,7 +358,6 @@ int run_bench(const std::vector<std::string>& words) {
   const auto rest = [&] { return std::vector<std::string>(words.begin() + 1, words.end()); };
   if (what == "sweep") return run_bench_sweep(rest());
   if (what == "step") return run_bench_step(rest());
-  if (what == "exchange") return run_bench_exchange(rest());
   return run_bench_kernels(what == "kernels" ? rest() : words);
 }
 

@@ -124,11 +124,6 @@ JoinedRank join_ranks(const RankPlan& plan) {
   return {device, Communicator::connect(plan.place, device)};
 }
 
-std::string describe_transport(const Communicator& ranks) {
-  return detail::concat(ranks.device().is_cuda() ? "GPUs" : "CPU", ranks.shares_gpus() ? ", shared" : "", " (",
-                        name_of(ranks.transport()), ")");
-}
-
 MachineShare share_machine(Communicator& ranks) {
   const std::string machine = machine_name(), own = machine + '\n' + own_cores();
   MachineShare share{0, 0};

@@ -39,8 +39,7 @@ int run_synth(const std::vector<std::string>& words);
 int run_compare(const std::vector<std::string>& words);
 int run_report(const std::vector<std::string>& words);
 int run_bench(const std::vector<std::string>& words);
-int run_bench_sweep(const std::vector<std::string>& words);     // b3dgs bench sweep
-int run_bench_step(const std::vector<std::string>& words);      // b3dgs bench step
-int run_bench_exchange(const std::vector<std::string>& words);  // b3dgs bench exchange
+int run_bench_sweep(const std::vector<std::string>& words);  // b3dgs bench sweep
+int run_bench_step(const std::vector<std::string>& words);   // b3dgs bench step
 
 }  // namespace b3dgs

@@ -13,7 +13,6 @@
 #include "app/bench/bench_scenes.h"
 #include "core/check.h"
 #include "data_synth/synth_scene.h"
-#include "dist/tensor_group.h"
 #include "raster/kernels.h"
 #include "support/expect_error.h"
 #include "support/files.h"
@@ -349,32 +348,6 @@ TEST_F(BenchProgram, SweepTimesEveryNumberAndSkew) {
   const Outcome empty = run_b3dgs({"bench", "sweep", "--skew"});
   EXPECT_EQ(empty.exit_code, 2);
   EXPECT_NE(empty.err.find("--skew needs at least one value"), std::string::npos) << empty.err;
-}
-
-TEST_F(BenchProgram, ExchangesBetweenProcesses) {
-  const test::TempDir folder;
-  const std::string file = (folder.path() / "exchange.json").string();
-  const Outcome outcome = run_b3dgs(
-      {"bench", "exchange", "--ranks", "2", "--device", "cpu", "--mib", "0.001,0.1", "--repeat", "2", "--json", file});
-  ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
-  EXPECT_EQ(outcome.err, "");
-  const json results = json::parse(test::read_bytes(file));
-  EXPECT_EQ(results["ranks"], 2);
-  EXPECT_EQ(results["transport"], name_of(fastest_transport(torch::kCPU)));
-  ASSERT_EQ(results["rows"].size(), 5u);
-  EXPECT_EQ(results["rows"][0]["exchange"], "record");
-  for (const std::size_t row : {2, 4}) {
-    EXPECT_EQ(results["rows"][row]["exchange"], row == 2 ? "all-to-all" : "all-gather");
-    EXPECT_EQ(results["rows"][row]["received_bytes"], 104832) << "0.1 MiB in whole rows of 64 bytes";
-    EXPECT_GT(results["rows"][row]["median_ms"], 0);
-  }
-  EXPECT_EQ(std::count(outcome.out.begin(), outcome.out.end(), '\n'), 7) << "one rank prints: " << outcome.out;
-}
-
-TEST_F(BenchProgram, ExchangeNeedsRanks) {
-  const Outcome outcome = run_b3dgs({"bench", "exchange"});
-  EXPECT_EQ(outcome.exit_code, 2);
-  EXPECT_EQ(outcome.err, "error: bench exchange needs at least two ranks: add --ranks 2\n");
 }
 
 TEST_F(BenchProgram, TakesTheTileOptionOfTrain) {
