@@ -6,9 +6,7 @@
 #include <filesystem>
 #include <functional>
 #include <memory>
-#include <optional>
 #include <string>
-#include <type_traits>
 #include <utility>
 #include <vector>
 
@@ -24,23 +22,9 @@
 #include "train/device.h"
 #include "train/gaussians/gaussian_model.h"
 #include "train/timing/timers.h"
-#if B3DGS_TORCH_CUDA
-#include "raster/cuda/blend_kernels.h"
-#endif
 
 namespace b3dgs {
 namespace {
-
-template <class Kernel>
-std::optional<cuda::KernelResources> resources_of([[maybe_unused]] Kernel kernel,
-                                                  [[maybe_unused]] const TileShape& tile) {
-#if B3DGS_TORCH_CUDA
-  const auto row = static_cast<std::size_t>(kernel);
-  if constexpr (std::is_same_v<Kernel, ForwardKernel>) return cuda::kForwardTable[row].resources(tile);
-  if constexpr (std::is_same_v<Kernel, BackwardKernel>) return cuda::kBackwardTable[row].resources(tile);
-#endif
-  return std::nullopt;
-}
 
 std::vector<float> values_of(const torch::Tensor& tensor) {
   const torch::Tensor host = tensor.to(torch::kCPU).contiguous();
@@ -106,7 +90,6 @@ class BenchView {
     if (is_on_gpu()) {
       render(kernel.kernel, /*keep=*/true);
       measured.keeping = time_blend(kernel.kernel);
-      measured.resources = resources_of(kernel.kernel, settings_.tile);
     }
     for (const torch::Tensor& image : {rendered_.color, rendered_.depth, rendered_.alpha}) {
       image.fill_(NAN);  // shows where a kernel writes nothing
@@ -122,7 +105,7 @@ class BenchView {
     settings_.backward_kernel = kernel.kernel;
     render(ForwardKernel::kSharedMemory, /*keep=*/true);
     const Timing timing = time([&] { rasterizer_.reblend_backward(kernel.kernel, grad_); });
-    return {std::string(kernel.name), timing, {}, gradients(), resources_of(kernel.kernel, settings_.tile)};
+    return {std::string(kernel.name), timing, {}, gradients()};
   }
 
   /// Times of the passes of whole views, as in a training step.
@@ -160,16 +143,16 @@ class BenchView {
     return summarize(std::move(ms));
   }
 
-  std::vector<NamedArray> gradients() {
+  std::vector<ParameterGradient> gradients() {
     rasterizer_.backward(gaussians_, grad_, gradients_);
-    std::vector<NamedArray> arrays;
-    for (std::size_t i = 0; i < GaussianTensors::kNames.size(); ++i) {
-      arrays.push_back({GaussianTensors::kNames[i], values_of(*gradients_.all()[i])});
+    std::vector<ParameterGradient> all;
+    for (const torch::Tensor* const own : gradients_.all()) {
+      all.push_back({values_of(*own)});
       // For nearly spherical Gaussians, gradients of the rotation are only rounding errors, of about the size of those
       // in the gradients of the scales. Differences are therefore taken relative to the latter.
-      if (arrays.back().name == "quats") arrays.back().size = gradients_.log_scales.abs().max().item<double>();
+      if (own == &gradients_.quats) all.back().size = gradients_.log_scales.abs().max().item<double>();
     }
-    return arrays;
+    return all;
   }
 
   const torch::Device device_;

@@ -117,10 +117,6 @@ void launch_forward_naive(const BlendForwardCudaArgs& args, const LaunchContext&
   B3DGS_CUDA_CHECK_LAUNCH();
 }
 
-KernelResources forward_naive_resources(const TileShape& tile) {
-  return tile_kernel_resources(tile, [](auto pixels) { return forward_naive_kernel<pixels.value>; });
-}
-
 void launch_forward_dynamic(const BlendForwardCudaArgs& args, const LaunchContext& context) {
   with_tile_pixels(args.blend.grid.tile, [&](auto pixels) {
     const auto kernel = forward_dynamic_kernel<pixels.value>;
@@ -129,19 +125,11 @@ void launch_forward_dynamic(const BlendForwardCudaArgs& args, const LaunchContex
   B3DGS_CUDA_CHECK_LAUNCH();
 }
 
-KernelResources forward_dynamic_resources(const TileShape& tile) {
-  return tile_kernel_resources(tile, [](auto pixels) { return forward_dynamic_kernel<pixels.value>; });
-}
-
 void launch_forward_shared_memory(const BlendForwardCudaArgs& args, const LaunchContext& context) {
   with_tile_pixels(args.blend.grid.tile, [&](auto pixels) {
     forward_shared_memory_kernel<pixels.value><<<args.blend.grid.n_tiles(), pixels.value, 0, context.stream>>>(args);
   });
   B3DGS_CUDA_CHECK_LAUNCH();
-}
-
-KernelResources forward_shared_memory_resources(const TileShape& tile) {
-  return tile_kernel_resources(tile, [](auto pixels) { return forward_shared_memory_kernel<pixels.value>; });
 }
 
 }  // namespace b3dgs::cuda
