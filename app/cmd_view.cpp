@@ -17,9 +17,8 @@ namespace {
 constexpr const char* kFormerPort = "port";
 
 /// With photographs where the scene is there; else with the cameras of the model folder, if it has any.
-LoadedModel load(ModelOptions& options, StatusLine& status) {
-  names_single_file(options);
-  LoadedModel model = load_without_scene(options);
+LoadedModel load(const ModelOptions& options, StatusLine& status) {
+  LoadedModel model = load_model(options);
   if (model.is_file() && options.source_path.empty()) return model;
   model.config.eval = model.config.eval || model.is_file();
   const std::string why_not = add_scene_or_cameras(model, options, status);

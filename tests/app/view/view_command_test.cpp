@@ -71,7 +71,7 @@ TEST_F(ViewPrograms, AFrameIsWhatRenderWrites) {
   options.model_path = model();
   options.device = "cpu";
   StatusLine status = StatusLine::silent();
-  LoadedModel loaded = load_without_scene(options);
+  LoadedModel loaded = load_model(options);
   add_scene(loaded, status);
   ModelRenderer renderer(loaded, torch::kCPU);
   WatchedModel watched({renderer.gaussians, renderer.settings, loaded.iteration}, loaded.scene,
