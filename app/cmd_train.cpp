@@ -270,8 +270,6 @@ int train_alone(const CommandLine& line, const TrainCommandOptions& options, con
   }
 }
 
-constexpr const char* kFormerViewPort = "view_port";
-
 void check_view_options(const TrainCommandOptions& options, const RankPlan& plan) {
   if (options.view.empty()) return;
   parse_view_place(options.view);
@@ -289,10 +287,8 @@ int run_train(const std::vector<std::string>& words) {
   line.add(options, "Run");
   line.add(resolve_options().config, "Training", {"source_path"});
   add_former_options(line);
-  add_former_view_options(line, kFormerViewPort);
   line.set_notes(presets_help());
   if (!line.parse(join_view_place(words))) return 0;
-  take_former_view_options(line, kFormerViewPort, options.view);
   std::signal(SIGPIPE, SIG_IGN);
 
   const std::string device = resolve_options(given_options(line, options.config)).config.device;
