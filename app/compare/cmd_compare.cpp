@@ -237,7 +237,7 @@ bool train_all(ComparisonPlan& plan, const std::vector<ComparisonPlan>& replaced
   catch_stop_signals();
   for (const std::int64_t seed : plan.seeds) {
     if (!is_open(seed)) continue;
-    if (!InterleavedTraining(plan, seed, scene, status).run(reading_s, machine)) return false;
+    if (!train_in_turns(plan, seed, scene, reading_s, machine, status)) return false;
   }
   return true;
 }
