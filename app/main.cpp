@@ -7,7 +7,6 @@
 #include <vector>
 
 #include "app/tools/commands.h"
-#include "app/tools/run_program.h"
 #include "config/presets.h"
 
 namespace b3dgs {
