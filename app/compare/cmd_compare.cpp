@@ -115,13 +115,7 @@ ComparisonPlan make_plan(const CommandLine& line, const CompareOptions& options)
   GivenOptions& given = plan.given;
   given.update(given_options(line, options.config));
   if (!options.resume) given.emplace("eval", default_config().eval);
-  if (options.resume) given.emplace("lenses", plan.base.lenses);  // earlier versions had another default
   plan.base = resolve_options(given).config;
-  if (options.resume && !given.contains("preset") && plan.base.preset != planned_preset) {
-    // The comparison was started by a version with another default preset.
-    given["preset"] = planned_preset;
-    plan.base = resolve_options(given).config;
-  }
   plan.set_photographs(plan.photographs);  // of the comparison to resume
   plan.base.model_path = root;
   if (plan.base.source_path.empty()) {
