@@ -133,15 +133,11 @@ void require_scene_folder(const LoadedModel& model) {
 Scene scene_of_cameras(const LoadedModel& model) {
   std::vector<NamedCamera> cameras = read_cameras_json(model.folder.cameras());
   std::sort(cameras.begin(), cameras.end(), [](const NamedCamera& a, const NamedCamera& b) { return a.name < b.name; });
-  // Older models do not say which views were held out.
-  const bool has_split =
-      std::any_of(cameras.begin(), cameras.end(), [](const NamedCamera& camera) { return camera.held_out; });
   Scene scene;
   scene.source_path = model.config.source_path;
-  for (std::size_t i = 0; i < cameras.size(); ++i) {
-    const bool is_held_out = has_split ? cameras[i].held_out : i % kTestEvery == 0;
-    std::vector<View>& part = model.config.eval && is_held_out ? scene.test : scene.train;
-    part.push_back({cameras[i].name, "", cameras[i].camera, nullptr, nullptr});
+  for (const NamedCamera& named : cameras) {
+    std::vector<View>& part = named.held_out ? scene.test : scene.train;
+    part.push_back({named.name, "", named.camera, nullptr, nullptr});
   }
   return scene;
 }
