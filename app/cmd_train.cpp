@@ -140,9 +140,7 @@ int train(const CommandLine& line, const TrainCommandOptions& options, const std
   TrainPlan plan;
   const torch::Device device = choose_device(device_name_of_all);
   if (is_first) plan = make_plan(line, status, options, ranks.size(), device_name(device));
-  // Only one process trains into the model folder, which vanishes if nothing is written to it.
-  std::optional<EmptyFolderGuard> guard;
-  std::optional<FolderLock> lock;
+  std::optional<FolderLock> lock;  // only one process trains into the model folder
   if (is_first) {
     check_options(plan.config);
     if (const int threads = set_compute_threads(plan.config.threads); threads < plan.config.threads) {
@@ -150,7 +148,6 @@ int train(const CommandLine& line, const TrainCommandOptions& options, const std
                                  threads));
     }
     const ModelFolder folder(plan.config.model_path);
-    guard.emplace(folder.root());
     lock.emplace(folder.root());  // before photographs are read, so that a read-only folder fails early
     plan.is_replaced = guard_model(folder, plan);
     check_checkpoint(plan.checkpoint, plan.config);

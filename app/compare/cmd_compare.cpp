@@ -263,7 +263,6 @@ int run_compare(const std::vector<std::string>& words) {
   plan.base.device = device_name(device);
   // Errors are reported before photographs are read and before anything is written.
   for (const Configuration& configuration : plan.configurations()) check_options(configuration.config);
-  const EmptyFolderGuard guard(plan.root());
   const FolderLock lock(plan.root());
   guard_comparison(plan, options);
   set_compute_threads(plan.base.threads);
