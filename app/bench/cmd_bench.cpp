@@ -181,6 +181,7 @@ void time_passes(BenchView& view, BenchFile& file) {
   std::printf("\n%-16s %10s %23s\n", "pass", "median ms", "min .. max");
   for (const auto& [stage, name] : kPasses) {
     std::vector<double> ms;
+    ms.reserve(times.size());
     for (const StageTimes& step : times) ms.push_back(step.ms[static_cast<std::size_t>(stage)].value_or(0));
     const Timing timing = summarize(std::move(ms));
     print_timing(name, timing);

@@ -222,6 +222,7 @@ Orbit orbit_through(const std::vector<Camera>& cameras, const Vec3d& focus, cons
   orbit.first_axis = horizontal(first, up);
   const auto positions = horizontal_positions(cameras, focus, orbit.first_axis, up);
   std::vector<double> distances;
+  distances.reserve(positions.size());
   for (const auto& [x, y] : positions) distances.push_back(std::hypot(x, y));
   const double radius = median(distances);
   orbit.first_radius = orbit.second_radius = radius > 0 ? radius : 1;
