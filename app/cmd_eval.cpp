@@ -172,16 +172,13 @@ bool can_write_results(const LoadedModel& model, const EvalOptions& options, Sta
 }
 
 /// Evaluates a file of Gaussians, which does not say which views it was trained on. Writes no results files.
-void evaluate_file(const ModelOptions& model_options, const EvalOptions& options, const torch::Device& device,
+void evaluate_file(LoadedModel& model, const EvalOptions& options, const torch::Device& device,
                    const LpipsNetwork* lpips, StatusLine& status) {
-  const std::filesystem::path file = model_options.model_path;
   const std::string split = options.split == "auto" ? "all" : options.split;
-  const std::filesystem::path images = file.parent_path() / (file.stem().string() + "_" + split);
+  const std::filesystem::path images = model.file.parent_path() / (model.file.stem().string() + "_" + split);
   if (options.save_images) {
     require_writable(images / "views.json", "allow writing there, or evaluate a copy of the file");
   }
-  require_scene(file, model_options);
-  LoadedModel model = load_without_scene(model_options);
   model.config.eval = true;  // every 8th view is a test view, as in a training with --eval
   add_scene(model, status);
   const OwnFiles own_files(images);
@@ -190,7 +187,7 @@ void evaluate_file(const ModelOptions& model_options, const EvalOptions& options
     views.insert(views.end(), model.scene.test.begin(), model.scene.test.end());
     std::sort(views.begin(), views.end(), [](const View& a, const View& b) { return a.name < b.name; });
   }
-  std::cout << file.string() << ": " << format_count(model.splats.size()) << " Gaussians\n";
+  std::cout << model.file.string() << ": " << format_count(model.splats.size()) << " Gaussians\n";
   if (options.split == "auto") {
     std::cout << "a file does not say which views it was trained on: evaluating all; --split test for every 8th\n";
   }
@@ -214,11 +211,11 @@ int run_eval(const std::vector<std::string>& words) {
   const torch::Device device = choose_device(model_options.device);
   std::optional<LpipsNetwork> lpips;  // before the photographs: loading them takes longer
   if (!options.lpips.empty()) lpips.emplace(options.lpips, device);
-  if (names_single_file(model_options)) {
-    evaluate_file(model_options, options, device, lpips ? &*lpips : nullptr, status);
+  LoadedModel model = load_model(model_options, /*needs_views=*/true);
+  if (model.is_file()) {
+    evaluate_file(model, options, device, lpips ? &*lpips : nullptr, status);
     return 0;
   }
-  LoadedModel model = load_without_scene(model_options);
   const OwnFiles own_files(model.folder.root());
   const bool writes_results = can_write_results(model, options, status);
   add_scene(model, status);

@@ -129,6 +129,35 @@ SceneOptions scene_options_of_rank(const TrainConfig& config, int n_ranks_here) 
   return options;
 }
 
+/// Everything that can be refused before photographs are read. From then on, only this process trains into the model
+/// folder.
+std::unique_ptr<FolderLock> claim_folder(TrainPlan& plan, StatusLine& status) {
+  check_options(plan.config);
+  if (const int threads = set_compute_threads(plan.config.threads); threads < plan.config.threads) {
+    status.warn(detail::concat("--threads ", plan.config.threads, " are far more than this machine has cores: using ",
+                               threads));
+  }
+  const ModelFolder folder(plan.config.model_path);
+  auto lock = std::make_unique<FolderLock>(folder.root());  // so that a read-only folder fails early
+  plan.is_replaced = guard_model(folder, plan);
+  check_checkpoint(plan.checkpoint, plan.config);
+  return lock;
+}
+
+void resume(Trainer& trainer, const fs::path& checkpoint, bool is_first) {
+  const std::vector<std::string> changes = trainer.resume(checkpoint);
+  if (!is_first) return;
+  std::cout << "resuming " << checkpoint.string() << (changes.empty() ? "" : "; changed options:") << std::endl;
+  for (const std::string& change : changes) std::cout << "  " << change << std::endl;
+}
+
+void replace_model(const ModelFolder& folder, StatusLine& status) {
+  const fs::path aside = put_model_aside(folder);
+  if (aside.empty()) return;
+  status.warn("files of the model that is replaced were not written by b3dgs, or changed since; they are now in " +
+              aside.string());
+}
+
 /// @param device_name_of_all  --device, the same on all ranks
 int train(const CommandLine& line, const TrainCommandOptions& options, const std::string& device_name_of_all,
           Communicator& ranks, const MachineShare& machine = {}) {
@@ -140,21 +169,7 @@ int train(const CommandLine& line, const TrainCommandOptions& options, const std
   TrainPlan plan;
   const torch::Device device = choose_device(device_name_of_all);
   if (is_first) plan = make_plan(line, status, options, ranks.size(), device_name(device));
-  // Only one process trains into the model folder, which vanishes if nothing is written to it.
-  std::optional<EmptyFolderGuard> guard;
-  std::optional<FolderLock> lock;
-  if (is_first) {
-    check_options(plan.config);
-    if (const int threads = set_compute_threads(plan.config.threads); threads < plan.config.threads) {
-      status.warn(detail::concat("--threads ", plan.config.threads, " are far more than this machine has cores: using ",
-                                 threads));
-    }
-    const ModelFolder folder(plan.config.model_path);
-    guard.emplace(folder.root());
-    lock.emplace(folder.root());  // before photographs are read, so that a read-only folder fails early
-    plan.is_replaced = guard_model(folder, plan);
-    check_checkpoint(plan.checkpoint, plan.config);
-  }
+  const std::unique_ptr<FolderLock> lock = is_first ? claim_folder(plan, status) : nullptr;
   if (has_peers) share_plan(ranks, plan);
   if (!is_first) set_compute_threads(plan.config.threads);
   const TrainConfig& config = plan.config;
@@ -204,21 +219,9 @@ int train(const CommandLine& line, const TrainCommandOptions& options, const std
   const double reading_s = steady_seconds() - reading_start_s;
   status.clear();
   say("photographs " + trainer.describe_images());
-  if (!plan.checkpoint.empty()) {
-    const std::vector<std::string> changes = trainer.resume(plan.checkpoint);
-    if (is_first) {
-      std::cout << "resuming " << plan.checkpoint.string() << (changes.empty() ? "" : "; changed options:")
-                << std::endl;
-      for (const std::string& change : changes) std::cout << "  " << change << std::endl;
-    }
-  }
+  if (!plan.checkpoint.empty()) resume(trainer, plan.checkpoint, is_first);
   throw_if_stopped();  // before anything is replaced
-  if (plan.is_replaced) {
-    if (const fs::path aside = put_model_aside(folder); !aside.empty()) {
-      status.warn("files of the model that is replaced were not written by b3dgs, or changed since; they are now in " +
-                  aside.string());
-    }
-  }
+  if (plan.is_replaced) replace_model(folder, status);
   ranks.barrier("model folder");
 
   if (const auto forecast = trainer.forecast_memory()) say(describe_memory(*forecast));
@@ -270,8 +273,6 @@ int train_alone(const CommandLine& line, const TrainCommandOptions& options, con
   }
 }
 
-constexpr const char* kFormerViewPort = "view_port";
-
 void check_view_options(const TrainCommandOptions& options, const RankPlan& plan) {
   if (options.view.empty()) return;
   parse_view_place(options.view);
@@ -289,10 +290,8 @@ int run_train(const std::vector<std::string>& words) {
   line.add(options, "Run");
   line.add(resolve_options().config, "Training", {"source_path"});
   add_former_options(line);
-  add_former_view_options(line, kFormerViewPort);
   line.set_notes(presets_help());
   if (!line.parse(join_view_place(words))) return 0;
-  take_former_view_options(line, kFormerViewPort, options.view);
   std::signal(SIGPIPE, SIG_IGN);
 
   const std::string device = resolve_options(given_options(line, options.config)).config.device;

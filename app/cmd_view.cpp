@@ -14,12 +14,9 @@
 namespace b3dgs {
 namespace {
 
-constexpr const char* kFormerPort = "port";
-
 /// With photographs where the scene is there; else with the cameras of the model folder, if it has any.
-LoadedModel load(ModelOptions& options, StatusLine& status) {
-  names_single_file(options);
-  LoadedModel model = load_without_scene(options);
+LoadedModel load(const ModelOptions& options, StatusLine& status) {
+  LoadedModel model = load_model(options);
   if (model.is_file() && options.source_path.empty()) return model;
   model.config.eval = model.config.eval || model.is_file();
   const std::string why_not = add_scene_or_cameras(model, options, status);
@@ -37,9 +34,7 @@ int run_view(const std::vector<std::string>& words) {
   line.add(model_options, "Model", {"model_path"});
   line.add(page, "Page");
   line.set_help("model_path", "model folder, or a file of Gaussians");
-  add_former_view_options(line, kFormerPort);
   if (!line.parse(join_view_place(words))) return 0;
-  take_former_view_options(line, kFormerPort, page.value);
   const ViewServerOptions place = parse_view_place(page.value);
 
   StatusLine status = StatusLine::for_stderr(model_options.quiet);

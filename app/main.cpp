@@ -7,7 +7,6 @@
 #include <vector>
 
 #include "app/tools/commands.h"
-#include "app/tools/run_program.h"
 #include "config/presets.h"
 
 namespace b3dgs {
@@ -29,7 +28,6 @@ std::string option_tables() {
   for (const Command& command : kCommands) command.run(words);
   run_bench_step(words);
   run_bench_sweep(words);
-  run_bench_exchange(words);
   return text.str();
 }
 

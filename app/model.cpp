@@ -5,6 +5,7 @@
 #include <cmath>
 #include <map>
 #include <nlohmann/json.hpp>
+#include <optional>
 
 #include "app/train_setup.h"
 #include "core/check.h"
@@ -47,17 +48,13 @@ int choose_iteration(const ModelFolder& folder, int wanted) {
   input_error("iteration ", wanted, " was not saved: ", folder.root().string(), " (found ", list, ")");
 }
 
-/// Everything but the scene.
-LoadedModel load_gaussians(const ModelOptions& options) {
-  if (options.model_path.empty())
-    input_error("missing argument: MODEL_PATH (expected a model folder or a file of Gaussians)");
-  if (!fs::exists(options.model_path)) input_error("model folder not found: ", options.model_path);
-  if (!fs::is_directory(options.model_path)) {
-    input_error("not a directory: ", options.model_path, " (expected a model folder)");
-  }
+LoadedModel read_folder(const std::string& root, int iteration) {
+  if (root.empty()) input_error("missing argument: MODEL_PATH (expected a model folder or a file of Gaussians)");
+  if (!fs::exists(root)) input_error("model folder not found: ", root);
+  if (!fs::is_directory(root)) input_error("not a directory: ", root, " (expected a model folder)");
   LoadedModel model;
-  model.folder = ModelFolder(options.model_path);
-  model.iteration = choose_iteration(model.folder, options.iteration);
+  model.folder = ModelFolder(root);
+  model.iteration = choose_iteration(model.folder, iteration);
   if (!model.folder.has_config()) {
     const std::string file = model.folder.ply(model.iteration).string();
     input_error(model.folder.root().string(),
@@ -67,6 +64,47 @@ LoadedModel load_gaussians(const ModelOptions& options) {
   model.config = model.folder.read_config();
   model.splats = read_splat_ply(model.folder.ply(model.iteration));
   return model;
+}
+
+LoadedModel read_file(const fs::path& file) {
+  if (file.extension() == ".b3dgs") {
+    input_error(file.string(), ": a checkpoint, which only b3dgs train reads (expected a file of Gaussians); ",
+                "write its PLY with ", words_for_ply(file, read_checkpoint_header(file).value("iteration", 0)));
+  }
+  LoadedModel model;
+  model.file = file;
+  model.splats = read_splats(file);
+  model.config.lenses = "undistort";  // as most programs train
+  return model;
+}
+
+/// The iteration of a model folder whose PLY the file is; nothing if it is not one.
+std::optional<int> iteration_of(const ModelFolder& folder, const fs::path& file) {
+  if (!folder.has_config()) return std::nullopt;
+  for (const int iteration : folder.ply_iterations()) {
+    std::error_code error;
+    if (fs::equivalent(folder.ply(iteration), file, error)) return iteration;
+  }
+  return std::nullopt;
+}
+
+LoadedModel read_model(const ModelOptions& options, bool needs_views) {
+  const fs::path path = options.model_path;
+  const bool is_missing_file = !fs::exists(path) && find_splat_format(path) != nullptr;
+  if (!fs::is_regular_file(path) && !is_missing_file) return read_folder(options.model_path, options.iteration);
+  if (options.iteration >= 0) {
+    input_error("--iteration selects a PLY of a model folder, but a file is named already; leave out one of them");
+  }
+  if (options.source_path.empty()) {
+    const fs::path root = fs::absolute(path).parent_path().parent_path().parent_path();
+    if (const auto iteration = iteration_of(ModelFolder(root), path)) return read_folder(root.string(), *iteration);
+    if (needs_views) {
+      input_error("no cameras for ", path.string(),
+                  "; name a scene with -s (expected a model folder, or a scene beside the file; render also takes "
+                  "--cameras or --path turntable)");
+    }
+  }
+  return read_file(path);
 }
 
 bool views_are_as_trained(const ModelOptions& options) {
@@ -95,15 +133,11 @@ void require_scene_folder(const LoadedModel& model) {
 Scene scene_of_cameras(const LoadedModel& model) {
   std::vector<NamedCamera> cameras = read_cameras_json(model.folder.cameras());
   std::sort(cameras.begin(), cameras.end(), [](const NamedCamera& a, const NamedCamera& b) { return a.name < b.name; });
-  // Older models do not say which views were held out.
-  const bool has_split =
-      std::any_of(cameras.begin(), cameras.end(), [](const NamedCamera& camera) { return camera.held_out; });
   Scene scene;
   scene.source_path = model.config.source_path;
-  for (std::size_t i = 0; i < cameras.size(); ++i) {
-    const bool is_held_out = has_split ? cameras[i].held_out : i % kTestEvery == 0;
-    std::vector<View>& part = model.config.eval && is_held_out ? scene.test : scene.train;
-    part.push_back({cameras[i].name, "", cameras[i].camera, nullptr, nullptr});
+  for (const NamedCamera& named : cameras) {
+    std::vector<View>& part = named.held_out ? scene.test : scene.train;
+    part.push_back({named.name, "", named.camera, nullptr, nullptr});
   }
   return scene;
 }
@@ -182,33 +216,11 @@ SceneDifference compare_views(const std::vector<NamedCamera>& cameras, const Sce
 
 }  // namespace
 
-LoadedModel load_splat_file(const fs::path& file, const ModelOptions& options) {
-  if (file.extension() == ".b3dgs") {
-    input_error(file.string(), ": a checkpoint, which only b3dgs train reads (expected a file of Gaussians); ",
-                "write its PLY with ", words_for_ply(file, read_checkpoint_header(file).value("iteration", 0)));
-  }
-  LoadedModel model;
-  model.file = file;
-  model.splats = read_splats(file);
-  model.config.lenses = "undistort";  // as most programs train
+LoadedModel load_model(const ModelOptions& options, bool needs_views) {
+  LoadedModel model = read_model(options, needs_views);
   apply_options(model, options);
   use_frame_of_gaussians(model);
   return model;
-}
-
-LoadedModel load_without_scene(const ModelOptions& options) {
-  if (fs::is_regular_file(options.model_path)) return load_splat_file(options.model_path, options);
-  LoadedModel model = load_gaussians(options);
-  apply_options(model, options);
-  use_frame_of_gaussians(model);
-  return model;
-}
-
-void require_scene(const fs::path& file, const ModelOptions& options) {
-  if (!options.source_path.empty()) return;
-  input_error("no cameras for ", file.string(),
-              "; name a scene with -s (expected a model folder, or a scene beside the file; render also takes "
-              "--cameras or --path turntable)");
 }
 
 void add_scene(LoadedModel& model, StatusLine& status) {
@@ -235,29 +247,6 @@ void add_cameras(LoadedModel& model, const ModelOptions& options, StatusLine& st
     require_scene_folder(model);
     add_views(model, /*with_photographs=*/false, status);
   }
-}
-
-void refuse_iteration(const ModelOptions& options) {
-  if (options.iteration < 0) return;
-  input_error("--iteration selects a PLY of a model folder, but a file is named already; leave out one of them");
-}
-
-bool names_single_file(ModelOptions& options) {
-  const fs::path file = options.model_path;
-  if (!fs::is_regular_file(file)) return false;
-  refuse_iteration(options);
-  if (!options.source_path.empty()) return true;
-  const fs::path root = fs::absolute(file).parent_path().parent_path().parent_path();
-  const ModelFolder folder(root);
-  if (!folder.has_config()) return true;
-  for (const int iteration : folder.ply_iterations()) {
-    std::error_code error;
-    if (!fs::equivalent(folder.ply(iteration), file, error)) continue;
-    options.model_path = root.string();
-    options.iteration = iteration;
-    return false;
-  }
-  return true;
 }
 
 RenderSettings image_settings(const LoadedModel& model) {

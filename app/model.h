@@ -55,22 +55,10 @@ struct LoadedModel {
   bool is_file() const { return !file.empty(); }
 };
 
-/// Loads Gaussians from a file (model/formats/splat_formats.h), without views. @throws InputError
-LoadedModel load_splat_file(const std::filesystem::path& file, const ModelOptions& options);
-
-/// @throws InputError if --iteration was given, for a file
-void refuse_iteration(const ModelOptions& options);
-
-/// If `options.model_path` is the PLY of a model folder and no scene is named, names the folder and the iteration
-/// instead. Returns whether model_path is still a file. @throws InputError for --iteration of a file
-bool names_single_file(ModelOptions& options);
-
-/// The Gaussians and the config of a model folder or, if `options.model_path` is a file, of this file; without a scene.
-/// @throws InputError
-LoadedModel load_without_scene(const ModelOptions& options);
-
-/// @throws InputError unless the options name the scene whose views a file of Gaussians is to be given
-void require_scene(const std::filesystem::path& file, const ModelOptions& options);
+/// The Gaussians and the config of a model folder or of a file of Gaussians (model/formats/splat_formats.h); without a
+/// scene. The PLY of a model folder stands for its folder and iteration if no scene is named. @throws InputError, with
+/// `needs_views` also before a file is read if the options name no scene to take views from
+LoadedModel load_model(const ModelOptions& options, bool needs_views = false);
 
 /// Adds the scene that the config names, with photographs, and the poses that the model was trained with.
 /// @throws InputError

@@ -143,14 +143,4 @@ void drop_replaced_model(const ModelFolder& folder) {
   OwnFiles(folder.root()).remove(replaced_folder(folder));
 }
 
-EmptyFolderGuard::EmptyFolderGuard(const fs::path& folder) {
-  std::error_code error;
-  if (!fs::exists(folder, error)) folder_ = folder;
-}
-
-EmptyFolderGuard::~EmptyFolderGuard() {
-  std::error_code error;  // ignored: usually the folder is not empty
-  if (!folder_.empty()) fs::remove(folder_, error);
-}
-
 }  // namespace b3dgs

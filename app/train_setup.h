@@ -34,16 +34,4 @@ std::filesystem::path put_model_aside(const ModelFolder& folder);
 /// Removes what put_model_aside() has kept, once the new model is complete.
 void drop_replaced_model(const ModelFolder& folder);
 
-/// Removes a folder at the end of the scope if it did not exist before and is empty.
-class EmptyFolderGuard {
- public:
-  explicit EmptyFolderGuard(const std::filesystem::path& folder);
-  ~EmptyFolderGuard();
-  EmptyFolderGuard(const EmptyFolderGuard&) = delete;
-  EmptyFolderGuard& operator=(const EmptyFolderGuard&) = delete;
-
- private:
-  std::filesystem::path folder_;
-};
-
 }  // namespace b3dgs

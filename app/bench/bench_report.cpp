@@ -12,15 +12,15 @@
 namespace b3dgs {
 namespace {
 
-/// Relative differences of the gradients, by parameter.
-nlohmann::ordered_json gradient_differences(const Measurement& measurement, const Measurement& first) {
-  nlohmann::ordered_json differences = nlohmann::ordered_json::object();
+/// The largest relative difference of all gradients.
+double gradient_difference(const Measurement& measurement, const Measurement& first) {
+  double largest = 0;
   for (std::size_t i = 0; i < first.gradients.size(); ++i) {
-    const NamedArray& reference = first.gradients[i];
-    differences[reference.name] =
-        relative_difference(measurement.gradients.at(i).values, reference.values, reference.size);
+    const ParameterGradient& reference = first.gradients[i];
+    largest =
+        std::max(largest, relative_difference(measurement.gradients.at(i).values, reference.values, reference.size));
   }
-  return differences;
+  return largest;
 }
 
 }  // namespace
@@ -84,7 +84,6 @@ void ComparisonTable::print_header() const {
               first_->keeping ? "; training: median ms when the kernel also stores data for the backward pass" : "");
   std::printf("%-16s %10s %23s %9s", title_.c_str(), "median ms", "min .. max", "speedup");
   if (first_->keeping) std::printf(" %10s", "training");
-  if (first_->resources) std::printf(" %10s %12s %10s", "registers", "shared bytes", "occupancy");
   if (has_image) std::printf(" %11s", "image diff.");
   if (has_gradients) std::printf(" %11s", "grad. diff.");
   std::printf("\n");
@@ -104,26 +103,15 @@ void ComparisonTable::add(const Measurement& measurement) {
     std::printf(" %10.3f", measurement.keeping->median_ms);
     row["keeping"] = to_json(*measurement.keeping);
   }
-  if (measurement.resources) {
-    const cuda::KernelResources& r = *measurement.resources;
-    std::printf(" %10d %12d %8.1f %%", r.registers, r.shared_bytes, 100 * r.occupancy());
-    row.update({{"registers", r.registers},
-                {"shared_bytes", r.shared_bytes},
-                {"local_bytes", r.local_bytes},
-                {"threads", r.threads},
-                {"occupancy_percent", 100 * r.occupancy()}});
-  }
   if (!first_->image.empty()) {
     const double difference = largest_difference(measurement.image, first_->image);
     std::printf(" %11.1e", difference);
     row["image_difference"] = difference;
   }
   if (!first_->gradients.empty()) {
-    const nlohmann::ordered_json differences = gradient_differences(measurement, *first_);
-    const double largest = *std::max_element(differences.begin(), differences.end());
-    std::printf(" %11.1e", largest);
-    row["gradient_difference"] = largest;
-    row["gradient_difference_by_parameter"] = differences;
+    const double difference = gradient_difference(measurement, *first_);
+    std::printf(" %11.1e", difference);
+    row["gradient_difference"] = difference;
   }
   std::printf("\n");
   rows_.push_back(row);

@@ -8,8 +8,6 @@
 #include <utility>
 #include <vector>
 
-#include "raster/cuda/gpu_support.h"
-
 namespace b3dgs {
 
 struct Timing {
@@ -51,8 +49,7 @@ class BenchFile {
   nlohmann::ordered_json figures_ = nlohmann::ordered_json::object();
 };
 
-struct NamedArray {
-  std::string name;
+struct ParameterGradient {
   std::vector<float> values;
   double size = 0;  // lower limit of the magnitude in relative_difference()
 };
@@ -61,10 +58,9 @@ struct NamedArray {
 struct Measurement {
   std::string name;
   Timing timing;
-  std::vector<float> image;                          // compared by absolute difference
-  std::vector<NamedArray> gradients;                 // one per parameter, compared by relative_difference()
-  std::optional<cuda::KernelResources> resources{};  // of CUDA kernels
-  std::optional<Timing> keeping{};                   // forward kernels: when also storing data for the backward pass
+  std::vector<float> image;                  // compared by absolute difference
+  std::vector<ParameterGradient> gradients;  // compared by relative_difference()
+  std::optional<Timing> keeping{};           // forward kernels: when also storing data for the backward pass
 };
 
 /// A table of kernels for one pass, each compared with the first, of which the same must have been measured.

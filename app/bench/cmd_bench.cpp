@@ -6,9 +6,7 @@
 #include <filesystem>
 #include <functional>
 #include <memory>
-#include <optional>
 #include <string>
-#include <type_traits>
 #include <utility>
 #include <vector>
 
@@ -24,23 +22,9 @@
 #include "train/device.h"
 #include "train/gaussians/gaussian_model.h"
 #include "train/timing/timers.h"
-#if B3DGS_TORCH_CUDA
-#include "raster/cuda/blend_kernels.h"
-#endif
 
 namespace b3dgs {
 namespace {
-
-template <class Kernel>
-std::optional<cuda::KernelResources> resources_of([[maybe_unused]] Kernel kernel,
-                                                  [[maybe_unused]] const TileShape& tile) {
-#if B3DGS_TORCH_CUDA
-  const auto row = static_cast<std::size_t>(kernel);
-  if constexpr (std::is_same_v<Kernel, ForwardKernel>) return cuda::kForwardTable[row].resources(tile);
-  if constexpr (std::is_same_v<Kernel, BackwardKernel>) return cuda::kBackwardTable[row].resources(tile);
-#endif
-  return std::nullopt;
-}
 
 std::vector<float> values_of(const torch::Tensor& tensor) {
   const torch::Tensor host = tensor.to(torch::kCPU).contiguous();
@@ -106,7 +90,6 @@ class BenchView {
     if (is_on_gpu()) {
       render(kernel.kernel, /*keep=*/true);
       measured.keeping = time_blend(kernel.kernel);
-      measured.resources = resources_of(kernel.kernel, settings_.tile);
     }
     for (const torch::Tensor& image : {rendered_.color, rendered_.depth, rendered_.alpha}) {
       image.fill_(NAN);  // shows where a kernel writes nothing
@@ -122,7 +105,7 @@ class BenchView {
     settings_.backward_kernel = kernel.kernel;
     render(ForwardKernel::kSharedMemory, /*keep=*/true);
     const Timing timing = time([&] { rasterizer_.reblend_backward(kernel.kernel, grad_); });
-    return {std::string(kernel.name), timing, {}, gradients(), resources_of(kernel.kernel, settings_.tile)};
+    return {std::string(kernel.name), timing, {}, gradients()};
   }
 
   /// Times of the passes of whole views, as in a training step.
@@ -160,16 +143,16 @@ class BenchView {
     return summarize(std::move(ms));
   }
 
-  std::vector<NamedArray> gradients() {
+  std::vector<ParameterGradient> gradients() {
     rasterizer_.backward(gaussians_, grad_, gradients_);
-    std::vector<NamedArray> arrays;
-    for (std::size_t i = 0; i < GaussianTensors::kNames.size(); ++i) {
-      arrays.push_back({GaussianTensors::kNames[i], values_of(*gradients_.all()[i])});
+    std::vector<ParameterGradient> all;
+    for (const torch::Tensor* const own : gradients_.all()) {
+      all.push_back({values_of(*own)});
       // For nearly spherical Gaussians, gradients of the rotation are only rounding errors, of about the size of those
       // in the gradients of the scales. Differences are therefore taken relative to the latter.
-      if (arrays.back().name == "quats") arrays.back().size = gradients_.log_scales.abs().max().item<double>();
+      if (own == &gradients_.quats) all.back().size = gradients_.log_scales.abs().max().item<double>();
     }
-    return arrays;
+    return all;
   }
 
   const torch::Device device_;
@@ -198,6 +181,7 @@ void time_passes(BenchView& view, BenchFile& file) {
   std::printf("\n%-16s %10s %23s\n", "pass", "median ms", "min .. max");
   for (const auto& [stage, name] : kPasses) {
     std::vector<double> ms;
+    ms.reserve(times.size());
     for (const StageTimes& step : times) ms.push_back(step.ms[static_cast<std::size_t>(stage)].value_or(0));
     const Timing timing = summarize(std::move(ms));
     print_timing(name, timing);
@@ -237,11 +221,11 @@ void bench_kernels(const BenchRun& run, const BenchScene& scene, BenchFile& file
 
 /// A mistyped subcommand or built-in scene would be taken for a folder. @throws InputError
 void check_scene(const std::string& scene) {
-  static const std::vector<std::string> kNames{"street", "spread", "kernels", "step", "sweep", "exchange"};
+  static const std::vector<std::string> kNames{"street", "spread", "kernels", "step", "sweep"};
   if (std::find(kNames.begin(), kNames.end(), scene) != kNames.end() || std::filesystem::exists(scene)) return;
   const std::string nearest = nearest_name(scene, kNames);
   input_error("neither a scene nor a subcommand of bench: ", scene,
-              nearest.empty() ? " (expected a COLMAP or model folder, street, spread, step, sweep or exchange)"
+              nearest.empty() ? " (expected a COLMAP or model folder, street, spread, step or sweep)"
                               : "; did you mean " + nearest + "?");
 }
 
@@ -250,8 +234,7 @@ int run_bench_kernels(const std::vector<std::string>& words) {
   CommandLine line(
       "bench",
       "Time the kernels and the rendering passes on one view. `b3dgs bench step` times training steps by stage, `b3dgs "
-      "bench sweep` times the forward kernels for various numbers and distributions of Gaussians, `b3dgs bench "
-      "exchange` what several processes exchange.",
+      "bench sweep` the forward kernels for various numbers and distributions of Gaussians.",
       "b3dgs bench street");
   line.add(config, "Benchmark", {"scene"});
   if (!line.parse(words)) return 0;
@@ -359,7 +342,6 @@ int run_bench(const std::vector<std::string>& words) {
   const auto rest = [&] { return std::vector<std::string>(words.begin() + 1, words.end()); };
   if (what == "sweep") return run_bench_sweep(rest());
   if (what == "step") return run_bench_step(rest());
-  if (what == "exchange") return run_bench_exchange(rest());
   return run_bench_kernels(what == "kernels" ? rest() : words);
 }
 

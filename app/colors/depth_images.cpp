@@ -27,16 +27,16 @@ DepthRange range_of(std::vector<double>& depths) {
   return {near, std::max(at(1 - kPercentile), 1.001 * near)};
 }
 
-/// 256 colours, from far to near.
-cv::Mat turbo_table() {
-  cv::Mat ramp(256, 1, CV_8UC1);
-  for (int i = 0; i < 256; ++i) ramp.at<std::uint8_t>(i) = static_cast<std::uint8_t>(i);
-  cv::Mat colors;
-  cv::applyColorMap(ramp, colors, cv::COLORMAP_TURBO);
-  return colors;
-}
-
 }  // namespace
+
+Image8 colored(const cv::Mat& grey, int map) {
+  cv::Mat bgr;
+  cv::applyColorMap(grey, bgr, map);
+  Image8 image(grey.cols, grey.rows, 3);
+  cv::Mat rgb(grey.rows, grey.cols, CV_8UC3, image.pixels.data());
+  cv::cvtColor(bgr, rgb, cv::COLOR_BGR2RGB);
+  return image;
+}
 
 DepthRange visible_depth_range(const SplatCloud& splats, const std::vector<Camera>& cameras, double near_plane) {
   std::vector<double> depths;
@@ -67,21 +67,22 @@ DepthRange depth_range(const torch::Tensor& depth, const torch::Tensor& alpha) {
 }
 
 Image8 color_depth(const torch::Tensor& depth, const torch::Tensor& alpha, const DepthRange& range) {
-  static const cv::Mat table = turbo_table();
   const torch::Tensor depth_cpu = depth.cpu().contiguous(), alpha_cpu = alpha.cpu().contiguous();
   B3DGS_CHECK(depth_cpu.sizes() == alpha_cpu.sizes() && depth_cpu.dim() == 2, "depth and alpha are [H, W]");
-  Image8 image(static_cast<int>(depth_cpu.size(1)), static_cast<int>(depth_cpu.size(0)), 3);
+  cv::Mat nearness(static_cast<int>(depth_cpu.size(0)), static_cast<int>(depth_cpu.size(1)), CV_8UC1, cv::Scalar(0));
   const float* depths = depth_cpu.data_ptr<float>();
   const float* alphas = alpha_cpu.data_ptr<float>();
-  for (std::size_t i = 0; i < image.pixels.size() / 3; ++i) {
-    if (alphas[i] <= 0 || depths[i] <= 0) continue;
+  const auto is_seen = [&](std::size_t i) { return alphas[i] > 0 && depths[i] > 0; };
+  for (std::size_t i = 0; i < nearness.total(); ++i) {
+    if (!is_seen(i)) continue;
     const double inverse = alphas[i] / depths[i];
     const double share = (inverse - 1 / range.far) / (1 / range.near - 1 / range.far);
-    const cv::Vec3b bgr = table.at<cv::Vec3b>(static_cast<int>(std::lround(255 * std::clamp(share, 0.0, 1.0))));
-    for (int c = 0; c < 3; ++c) {
-      image.pixels[3 * i + static_cast<std::size_t>(c)] =
-          static_cast<std::uint8_t>(std::lround(bgr[2 - c] * std::clamp(alphas[i], 0.0f, 1.0f)));
-    }
+    nearness.data[i] = static_cast<std::uint8_t>(std::lround(255 * std::clamp(share, 0.0, 1.0)));
+  }
+  Image8 image = colored(nearness, cv::COLORMAP_TURBO);
+  for (std::size_t i = 0; i < image.pixels.size(); ++i) {
+    const float weight = is_seen(i / 3) ? std::clamp(alphas[i / 3], 0.0f, 1.0f) : 0;
+    image.pixels[i] = static_cast<std::uint8_t>(std::lround(image.pixels[i] * weight));
   }
   return image;
 }

@@ -6,6 +6,7 @@
 
 #include <cstdint>
 #include <filesystem>
+#include <opencv2/core/mat.hpp>
 #include <vector>
 
 #include "model/formats/splat_formats.h"
@@ -13,6 +14,9 @@
 #include "scene/images/image.h"
 
 namespace b3dgs {
+
+/// Grey values, 8 bits, in the colours of an OpenCV map (cv::COLORMAP_TURBO).
+Image8 colored(const cv::Mat& grey, int map);
 
 /// World units.
 struct DepthRange {

@@ -115,13 +115,7 @@ ComparisonPlan make_plan(const CommandLine& line, const CompareOptions& options)
   GivenOptions& given = plan.given;
   given.update(given_options(line, options.config));
   if (!options.resume) given.emplace("eval", default_config().eval);
-  if (options.resume) given.emplace("lenses", plan.base.lenses);  // earlier versions had another default
   plan.base = resolve_options(given).config;
-  if (options.resume && !given.contains("preset") && plan.base.preset != planned_preset) {
-    // The comparison was started by a version with another default preset.
-    given["preset"] = planned_preset;
-    plan.base = resolve_options(given).config;
-  }
   plan.set_photographs(plan.photographs);  // of the comparison to resume
   plan.base.model_path = root;
   if (plan.base.source_path.empty()) {
@@ -237,7 +231,7 @@ bool train_all(ComparisonPlan& plan, const std::vector<ComparisonPlan>& replaced
   catch_stop_signals();
   for (const std::int64_t seed : plan.seeds) {
     if (!is_open(seed)) continue;
-    if (!InterleavedTraining(plan, seed, scene, status).run(reading_s, machine)) return false;
+    if (!train_in_turns(plan, seed, scene, reading_s, machine, status)) return false;
   }
   return true;
 }
@@ -269,7 +263,6 @@ int run_compare(const std::vector<std::string>& words) {
   plan.base.device = device_name(device);
   // Errors are reported before photographs are read and before anything is written.
   for (const Configuration& configuration : plan.configurations()) check_options(configuration.config);
-  const EmptyFolderGuard guard(plan.root());
   const FolderLock lock(plan.root());
   guard_comparison(plan, options);
   set_compute_threads(plan.base.threads);

@@ -190,11 +190,10 @@ int run_export(const std::vector<std::string>& words) {
   if (model_options.model_path.empty())
     input_error("missing argument: MODEL_PATH; usage: b3dgs export MODEL OUTPUT.spz");
   check_output(model_options, options);
-  names_single_file(model_options);
 
   StatusLine status = StatusLine::for_stderr(model_options.quiet);
   const torch::Device device = choose_device(model_options.device);
-  LoadedModel model = load_without_scene(model_options);
+  LoadedModel model = load_model(model_options);
   if (model.splats.size() == 0) input_error(model_options.model_path, ": holds no Gaussians");
   std::string why_not = model.is_file() && model_options.source_path.empty()
                             ? "no scene is named (-s SCENE)"

@@ -69,10 +69,6 @@ void require_gpus(const RankOptions& options, int n, int n_gpus, bool may_share)
               n > 1 ? "processes on the CPU" : "the CPU", ": --ranks ", n, " --device cpu");
 }
 
-bool may_share(const RankOptions& options, const std::string& device_name) {
-  return options.ranks > 1 && device_name == "cuda";
-}
-
 std::string machine_name() {
   std::string boot_id;
   std::ifstream file("/proc/sys/kernel/random/boot_id");
@@ -124,11 +120,6 @@ JoinedRank join_ranks(const RankPlan& plan) {
   return {device, Communicator::connect(plan.place, device)};
 }
 
-std::string describe_transport(const Communicator& ranks) {
-  return detail::concat(ranks.device().is_cuda() ? "GPUs" : "CPU", ranks.shares_gpus() ? ", shared" : "", " (",
-                        name_of(ranks.transport()), ")");
-}
-
 MachineShare share_machine(Communicator& ranks) {
   const std::string machine = machine_name(), own = machine + '\n' + own_cores();
   MachineShare share{0, 0};
@@ -147,7 +138,7 @@ std::string RankOptions::as_words() const {
 }
 
 RankPlan plan_ranks(const RankOptions& options, const std::string& device_name) {
-  RankPlan plan{RankPlace{}, 0, device_name, may_share(options, device_name)};
+  RankPlan plan{RankPlace{}, 0, device_name, options.ranks > 1 && device_name == "cuda"};
   const bool has_gpus = !options.gpus.empty();
   if (options.ranks > 0 && has_gpus) {
     input_error("--ranks and --gpus exclude each other: --gpus starts one rank for each GPU; leave out one of them");
@@ -168,7 +159,7 @@ RankPlan plan_ranks(const RankOptions& options, const std::string& device_name) 
   if (n > 1) {
     const int n_here = !has_gpus && device_name == "cpu" ? 0 : count_gpus();
     if (has_gpus || device_name == "cuda" || n_here > 0) {
-      require_gpus(options, n, n_here, !has_gpus && plan.may_share_gpus);
+      require_gpus(options, n, n_here, plan.may_share_gpus);
     }
     plan.n_to_start = n;
   } else if (n_gpus == 1) {

@@ -1,4 +1,4 @@
-// What commands on several ranks have in common: which rank this process is, on which device, with how many threads.
+// `b3dgs train` on several ranks: which rank this process is, on which device, with how many threads.
 #pragma once
 
 #include <torch/types.h>
@@ -59,8 +59,5 @@ struct JoinedRank {
 /// Chooses the device as choose_rank_device() does, makes a GPU the current device of this thread, and joins the other
 /// ranks. @throws InputError as choose_rank_device() and Communicator::connect() do
 JoinedRank join_ranks(const RankPlan& plan);
-
-/// "GPUs (NCCL)", "CPU (Gloo)", "GPUs, shared (through rank 0)"
-std::string describe_transport(const Communicator& ranks);
 
 }  // namespace b3dgs

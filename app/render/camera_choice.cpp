@@ -15,7 +15,6 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr double kPi = 3.14159265358979323846;
 constexpr ImageSize kDefaultSize{1280, 720};
 constexpr double kDefaultFov = 50, kDefaultElevation = 15, kDefaultFisheyeFov = 180, kMaxPinholeFov = 170;  // degrees
 
@@ -29,7 +28,7 @@ bool is_path(const CameraOptions& options) {
 }
 
 double radians(double degrees) {
-  return degrees * kPi / 180;
+  return degrees * M_PI / 180;
 }
 
 /// The views that a path goes through or around, or that are rendered themselves.
@@ -105,7 +104,7 @@ Vec3d up_axis(const std::string& name, const std::vector<Camera>& keys) {
 /// "(1.5, 0, -2.25)", to 0.01.
 std::string vec_text(const Vec3d& v) {
   const auto rounded = [](double value) { return std::round(100 * value) / 100 + 0.0; };  // not -0
-  return print_to_string("(%.10g, %.10g, %.10g)", rounded(v.x), rounded(v.y), rounded(v.z));
+  return print_to_string("(%.10g, %.10g, %.10g)", rounded(v[0]), rounded(v[1]), rounded(v[2]));
 }
 
 /// The distance at which a ball of the Gaussians' size fits into the image.
@@ -125,8 +124,7 @@ Orbit choose_orbit(const CommandLine& line, const CameraOptions& options, const 
   Vec3d toward = focus + Vec3d{0, 0, -1};
   if (!keys.empty()) {
     placement = placement_of(keys, focus, up);
-    const std::array<double, 3> first = keys[0].center();
-    toward = {first[0], first[1], first[2]};
+    toward = Vec3d(keys[0].center().data());
   }
   if (options.distance > 0) placement.distance = options.distance / splats.frame.unit;
   if (line.was_given("elevation")) placement.elevation = radians(options.elevation);
@@ -178,20 +176,19 @@ CameraChoice choose_places(const CommandLine& line, const CameraOptions& options
   const Camera lens = orbit_lens(options, keys);
   const Orbit orbit = choose_orbit(line, options, keys, splats, lens);
   choice.cameras = cameras_on(orbit, lens, options.frames);
-  const double focus[]{orbit.focus.x, orbit.focus.y, orbit.focus.z};
-  const std::array<double, 3> world = splats.frame.to_world(focus);
+  const std::array<double, 3> world = splats.frame.to_world(orbit.focus.val);
   const double distance = splats.frame.unit * std::hypot(orbit.first_radius, orbit.height);
-  choice.notes.push_back("around " + vec_text({world[0], world[1], world[2]}) + ", up " + vec_text(orbit.up) +
+  choice.notes.push_back("around " + vec_text(Vec3d(world.data())) + ", up " + vec_text(orbit.up) +
                          print_to_string(", distance %.3g", distance));
   if (keys.empty()) return choice;
   const Coverage coverage = coverage_of(keys, orbit.focus, orbit.up, orbit.first_axis);
   if (orbit.swing > 0) {
     choice.notes.push_back(print_to_string("along an arc of %.0f degrees and back: the cameras do not go all around",
-                                           2 * orbit.swing * 180 / kPi));
+                                           2 * orbit.swing * 180 / M_PI));
   } else if (coverage.gap > kFullCircleGap) {
     choice.notes.push_back(
         print_to_string("the cameras leave a gap of %.0f degrees around this point; expect blur and holes there",
-                        coverage.gap * 180 / kPi));
+                        coverage.gap * 180 / M_PI));
   }
   return choice;
 }

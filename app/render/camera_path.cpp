@@ -11,33 +11,22 @@
 namespace b3dgs {
 namespace {
 
-constexpr double kPi = 3.14159265358979323846;
 constexpr std::int64_t kSamples = 200000;  // Gaussians that are examined
 constexpr double kParallel = 1e-3;         // determinant of the mean projection, below which axes are nearly parallel
 constexpr double kLongestEllipse = 2.5;    // ratio of the axes
 constexpr double kInside = 0.9;            // share of the cameras' arc that an orbit along it uses
-constexpr double kLeastSwing = kPi / 18;   // of that orbit to each side, rad
+constexpr double kLeastSwing = M_PI / 18;  // of that orbit to each side, rad
 
-Vec3d to_vec(const std::array<double, 3>& v) {
-  return {v[0], v[1], v[2]};
+Vec3d center_of(const Camera& camera) {
+  return Vec3d(camera.center().data());
 }
-double length(const Vec3d& v) {
-  return std::sqrt(dot(v, v));
-}
-Vec3d normalized(const Vec3d& v) {
-  return (1 / length(v)) * v;
+/// Of the camera, in world coordinates: 0 right, 1 down, 2 forward.
+Vec3d axis_of(const Camera& camera, std::size_t axis) {
+  return Vec3d(&camera.cam_from_world.rotation[3 * axis]);
 }
 /// Of a camera at `center`; `rotation` is row-major.
 Pose pose_at(const Vec3d& center, const std::array<double, 9>& rotation) {
-  Pose pose{rotation, {}};
-  for (std::size_t i = 0; i < 3; ++i) {
-    pose.translation[i] = -dot(Vec3d{rotation[3 * i], rotation[3 * i + 1], rotation[3 * i + 2]}, center);
-  }
-  return pose;
-}
-Vec3d forward_of(const Camera& camera) {
-  const std::array<double, 9>& r = camera.cam_from_world.rotation;
-  return {r[6], r[7], r[8]};
+  return {rotation, rotated(rotation, {-center[0], -center[1], -center[2]})};
 }
 
 using Quat = std::array<double, 4>;
@@ -83,10 +72,10 @@ double median(std::vector<double> values) {
 
 /// A unit vector perpendicular to `up`, as near to `wanted` as possible.
 Vec3d horizontal(const Vec3d& wanted, const Vec3d& up) {
-  const Vec3d across = wanted - dot(wanted, up) * up;
-  if (length(across) > 1e-6 * length(wanted)) return normalized(across);
-  const Vec3d other = std::abs(up.x) < 0.5 ? Vec3d{1, 0, 0} : Vec3d{0, 1, 0};
-  return normalized(other - dot(other, up) * up);
+  const Vec3d across = wanted - wanted.dot(up) * up;
+  if (cv::norm(across) > 1e-6 * cv::norm(wanted)) return cv::normalize(across);
+  const Vec3d other = std::abs(up[0]) < 0.5 ? Vec3d{1, 0, 0} : Vec3d{0, 1, 0};
+  return cv::normalize(other - other.dot(up) * up);
 }
 
 /// Positions relative to the focus along `axis` and up x axis.
@@ -94,8 +83,8 @@ std::vector<std::pair<double, double>> horizontal_positions(const std::vector<Ca
                                                             const Vec3d& axis, const Vec3d& up) {
   std::vector<std::pair<double, double>> positions;
   for (const Camera& camera : cameras) {
-    const Vec3d offset = to_vec(camera.center()) - focus;
-    positions.emplace_back(dot(offset, axis), dot(offset, cross(up, axis)));
+    const Vec3d offset = center_of(camera) - focus;
+    positions.emplace_back(offset.dot(axis), offset.dot(up.cross(axis)));
   }
   return positions;
 }
@@ -107,16 +96,16 @@ struct Ellipse {
 /// The ellipse a x^2 + b x y + c y^2 = 1 by least squares; radii of 0 if the positions do not determine one.
 Ellipse fit_ellipse(const std::vector<std::pair<double, double>>& positions, double scale) {
   cv::Matx33d m;  // of the normal equations
-  cv::Vec3d sum;
+  Vec3d sum;
   for (const auto& [x_world, y_world] : positions) {
     const double x = x_world / scale, y = y_world / scale;
-    const cv::Vec3d row(x * x, x * y, y * y);
+    const Vec3d row(x * x, x * y, y * y);
     m += row * row.t();
     sum += row;
   }
   const auto n = static_cast<double>(positions.size());
   if (!(std::abs(cv::determinant(m)) > 1e-6 * n * n * n)) return {};
-  const cv::Vec3d solution = m.solve(sum, cv::DECOMP_LU);
+  const Vec3d solution = m.solve(sum, cv::DECOMP_LU);
   const double a = solution[0], b = solution[1], c = solution[2];
   // The eigenvalues of [a, b/2; b/2, c] are 1 / radius^2.
   const double middle = 0.5 * (a + c), spread = std::hypot(0.5 * (a - c), 0.5 * b);
@@ -137,7 +126,7 @@ std::vector<Camera> interpolate_cameras(const std::vector<Camera>& keys, int fra
     const auto at = [&](int index) -> const Camera& {
       return keys[static_cast<std::size_t>(std::clamp(index, 0, last))];
     };
-    const auto center_at = [&](int index) { return to_vec(at(index).center()); };
+    const auto center_at = [&](int index) { return center_of(at(index)); };
 
     Camera camera = at(key).scaled_to(keys[0].width, keys[0].height);
     const Camera next = at(key + 1).scaled_to(keys[0].width, keys[0].height);
@@ -161,15 +150,12 @@ SplatBounds splat_bounds(const SplatCloud& splats) {
     std::vector<std::pair<double, double>> values;
     for (std::int64_t i = 0; i < splats.size(); i += stride) {
       const auto row = static_cast<std::size_t>(i);
-      const float* p = &splats.means[3 * row];
-      values.emplace_back(value_of(Vec3d{p[0], p[1], p[2]}), opacity_of(splats, row));
+      values.emplace_back(value_of(Vec3d(cv::Vec3f(&splats.means[3 * row]))), opacity_of(splats, row));
     }
     return weighted_median(values);
   };
-  bounds.center.x = median_of([](const Vec3d& p) { return p.x; });
-  bounds.center.y = median_of([](const Vec3d& p) { return p.y; });
-  bounds.center.z = median_of([](const Vec3d& p) { return p.z; });
-  bounds.radius = median_of([&](const Vec3d& p) { return length(p - bounds.center); });
+  for (int axis = 0; axis < 3; ++axis) bounds.center[axis] = median_of([&](const Vec3d& p) { return p[axis]; });
+  bounds.radius = median_of([&](const Vec3d& p) { return cv::norm(p - bounds.center); });
   if (!(bounds.radius > 0)) bounds.radius = 1;
   return bounds;
 }
@@ -178,41 +164,37 @@ Vec3d focus_of(const std::vector<Camera>& cameras, const Vec3d& fallback) {
   if (cameras.empty()) return fallback;
   // Sum of (I - d d^T) (p - c) = 0 over the axes c + s d, about the fallback so that coordinates stay small.
   cv::Matx33d a;
-  cv::Vec3d b;
+  Vec3d b;
   const double share = 1 / static_cast<double>(cameras.size());
   for (const Camera& camera : cameras) {
-    const Vec3d forward = forward_of(camera), center = to_vec(camera.center()) - fallback;
-    const cv::Vec3d d(forward.x, forward.y, forward.z), c(center.x, center.y, center.z);
+    const Vec3d d = axis_of(camera, 2), c = center_of(camera) - fallback;
     a += share * (cv::Matx33d::eye() - d * d.t());
     b += share * (c - c.dot(d) * d);
   }
   // Draws the point along the axes to the fallback, which is 0 here.
   if (cv::determinant(a) < kParallel) a += 0.01 * cv::Matx33d::eye();
-  const cv::Vec3d solution = a.solve(b, cv::DECOMP_LU);
-  const Vec3d focus = fallback + Vec3d{solution[0], solution[1], solution[2]};
+  const Vec3d focus = fallback + Vec3d(a.solve(b, cv::DECOMP_LU));
   const auto n_in_front = std::count_if(cameras.begin(), cameras.end(), [&](const Camera& camera) {
-    return dot(focus - to_vec(camera.center()), forward_of(camera)) > 0;
+    return (focus - center_of(camera)).dot(axis_of(camera, 2)) > 0;
   });
   return 2 * n_in_front >= static_cast<std::ptrdiff_t>(cameras.size()) ? focus : fallback;
 }
 
 Vec3d up_of(const std::vector<Camera>& cameras) {
-  Vec3d sum{};
-  for (const Camera& camera : cameras) {
-    const std::array<double, 9>& r = camera.cam_from_world.rotation;
-    sum = sum - Vec3d{r[3], r[4], r[5]};
-  }
+  Vec3d sum;
+  for (const Camera& camera : cameras) sum -= axis_of(camera, 1);
   const double least = 0.1 * static_cast<double>(cameras.size());
-  return !cameras.empty() && length(sum) > least ? normalized(sum) : Vec3d{0, -1, 0};
+  return !cameras.empty() && cv::norm(sum) > least ? cv::normalize(sum) : Vec3d{0, -1, 0};
 }
 
 CameraPlacement placement_of(const std::vector<Camera>& cameras, const Vec3d& focus, const Vec3d& up) {
   B3DGS_CHECK(!cameras.empty(), "no cameras");
   std::vector<double> distances, elevations;
   for (const Camera& camera : cameras) {
-    const Vec3d offset = to_vec(camera.center()) - focus;
-    distances.push_back(length(offset));
-    elevations.push_back(length(offset) > 0 ? std::asin(std::clamp(dot(offset, up) / length(offset), -1.0, 1.0)) : 0);
+    const Vec3d offset = center_of(camera) - focus;
+    const double distance = cv::norm(offset);
+    distances.push_back(distance);
+    elevations.push_back(distance > 0 ? std::asin(std::clamp(offset.dot(up) / distance, -1.0, 1.0)) : 0);
   }
   const double distance = median(distances);
   return {distance > 0 ? distance : 1, median(elevations)};
@@ -223,10 +205,10 @@ Coverage coverage_of(const std::vector<Camera>& cameras, const Vec3d& focus, con
   std::vector<double> angles;
   for (const auto& [x, y] : horizontal_positions(cameras, focus, axis, up)) angles.push_back(std::atan2(y, x));
   std::sort(angles.begin(), angles.end());
-  Coverage coverage{angles.front() + 2 * kPi - angles.back(), 0.5 * (angles.front() + angles.back())};
+  Coverage coverage{angles.front() + 2 * M_PI - angles.back(), 0.5 * (angles.front() + angles.back())};
   for (std::size_t i = 1; i < angles.size(); ++i) {
     const double gap = angles[i] - angles[i - 1];
-    if (gap > coverage.gap) coverage = {gap, 0.5 * (angles[i] + angles[i - 1]) + kPi};
+    if (gap > coverage.gap) coverage = {gap, 0.5 * (angles[i] + angles[i - 1]) + M_PI};
   }
   return coverage;
 }
@@ -236,24 +218,25 @@ Orbit orbit_through(const std::vector<Camera>& cameras, const Vec3d& focus, cons
   Orbit orbit;
   orbit.focus = focus;
   orbit.up = up;
-  const Vec3d first = to_vec(cameras[0].center()) - focus;
+  const Vec3d first = center_of(cameras[0]) - focus;
   orbit.first_axis = horizontal(first, up);
   const auto positions = horizontal_positions(cameras, focus, orbit.first_axis, up);
   std::vector<double> distances;
+  distances.reserve(positions.size());
   for (const auto& [x, y] : positions) distances.push_back(std::hypot(x, y));
   const double radius = median(distances);
   orbit.first_radius = orbit.second_radius = radius > 0 ? radius : 1;
   const auto share = 1 / static_cast<double>(cameras.size());
   double square = 0;
   for (const Camera& camera : cameras) {
-    const double height = dot(to_vec(camera.center()) - focus, up);
+    const double height = (center_of(camera) - focus).dot(up);
     orbit.height += share * height;
     square += share * height * height;
   }
   const Coverage coverage = coverage_of(cameras, focus, up, orbit.first_axis);
   if (coverage.gap > kFullCircleGap) {
     orbit.start = coverage.middle;
-    orbit.swing = std::max(kInside * 0.5 * (2 * kPi - coverage.gap), kLeastSwing);
+    orbit.swing = std::max(kInside * 0.5 * (2 * M_PI - coverage.gap), kLeastSwing);
     const double deviation = std::sqrt(std::max(0.0, square - orbit.height * orbit.height));
     orbit.height_swing = std::min(deviation, std::tan(kLeastSwing) * orbit.first_radius);
     return orbit;
@@ -261,11 +244,11 @@ Orbit orbit_through(const std::vector<Camera>& cameras, const Vec3d& focus, cons
   const Ellipse ellipse = fit_ellipse(positions, orbit.first_radius);
   if (!(ellipse.first_radius > 0) || ellipse.second_radius > kLongestEllipse * ellipse.first_radius) return orbit;
   const double c = std::cos(ellipse.angle), s = std::sin(ellipse.angle);
-  orbit.first_axis = c * orbit.first_axis + s * cross(up, orbit.first_axis);
+  orbit.first_axis = c * orbit.first_axis + s * up.cross(orbit.first_axis);
   orbit.first_radius = ellipse.first_radius;
   orbit.second_radius = ellipse.second_radius;
-  orbit.start = std::atan2(dot(first, cross(up, orbit.first_axis)) / orbit.second_radius,
-                           dot(first, orbit.first_axis) / orbit.first_radius);
+  orbit.start = std::atan2(first.dot(up.cross(orbit.first_axis)) / orbit.second_radius,
+                           first.dot(orbit.first_axis) / orbit.first_radius);
   return orbit;
 }
 
@@ -282,21 +265,21 @@ Orbit turntable(const Vec3d& focus, const Vec3d& up, double distance, double ele
 std::vector<Camera> cameras_on(const Orbit& orbit, const Camera& lens, int frames) {
   B3DGS_CHECK(frames > 0, "frames: ", frames);
   std::vector<Camera> cameras;
-  const Vec3d second_axis = cross(orbit.up, orbit.first_axis);
+  const Vec3d second_axis = orbit.up.cross(orbit.first_axis);
   for (int frame = 0; frame < frames; ++frame) {
-    const double turn = 2 * kPi * frame / frames;
+    const double turn = 2 * M_PI * frame / frames;
     const double angle = orbit.start + (orbit.swing > 0 ? orbit.swing * std::sin(turn) : turn);
     const double height = orbit.height + orbit.height_swing * std::cos(turn);
     const Vec3d offset = orbit.first_radius * std::cos(angle) * orbit.first_axis +
                          orbit.second_radius * std::sin(angle) * second_axis + height * orbit.up;
     const Vec3d center = orbit.focus + offset;
-    const Vec3d forward = normalized(-1.0 * offset);
-    const Vec3d right = normalized(cross(forward, orbit.up)), down = cross(forward, right);
+    const Vec3d forward = cv::normalize(-offset);
+    const Vec3d right = cv::normalize(forward.cross(orbit.up)), down = forward.cross(right);
     Camera camera = lens;
     camera.cx = 0.5 * lens.width;
     camera.cy = 0.5 * lens.height;
     camera.cam_from_world =
-        pose_at(center, {right.x, right.y, right.z, down.x, down.y, down.z, forward.x, forward.y, forward.z});
+        pose_at(center, {right[0], right[1], right[2], down[0], down[1], down[2], forward[0], forward[1], forward[2]});
     cameras.push_back(camera);
   }
   return cameras;

@@ -1,15 +1,16 @@
 // Camera paths of `b3dgs render`: through the views, and around what they looked at or the Gaussians of a file.
 #pragma once
 
+#include <cmath>
+#include <opencv2/core/matx.hpp>
 #include <vector>
 
-#include "core/vec.h"
 #include "model/formats/splat_formats.h"
 #include "scene/cameras/camera.h"
 
 namespace b3dgs {
 
-using Vec3d = Vec3<double>;
+using cv::Vec3d;
 
 /// `frames` cameras on a path through all key cameras, with the same number of frames between any two of them. Centres
 /// follow a Catmull-Rom spline, rotations are interpolated by slerp, focal lengths and principal points linearly. All
@@ -36,7 +37,7 @@ Vec3d up_of(const std::vector<Camera>& cameras);
 struct Coverage {
   double gap = 0, middle = 0;
 };
-inline constexpr double kFullCircleGap = 0.5 * 3.14159265358979323846;  // cameras with smaller gaps go all around
+inline constexpr double kFullCircleGap = 0.5 * M_PI;  // cameras with smaller gaps go all around
 
 Coverage coverage_of(const std::vector<Camera>& cameras, const Vec3d& focus, const Vec3d& up, const Vec3d& axis);
 

@@ -6,7 +6,6 @@
 #include <iostream>
 #include <memory>
 #include <optional>
-#include <utility>
 
 #include "app/colors/depth_images.h"
 #include "app/model.h"
@@ -64,33 +63,21 @@ void visit_fields(RenderOptions& c, Visitor&& field) {
   field(Option{"overwrite"}.common(), c.overwrite, Any{}, "replace an existing video; images are always replaced");
 }
 
-/// Interprets a file in place of the model folder like that of --ply. The PLY of a model folder selects that model's
-/// iteration.
-void take_file(ModelOptions& model, RenderOptions& options) {
-  if (!options.ply.empty() && !fs::is_regular_file(options.ply)) return;  // reading it reports the error
-  if (!options.ply.empty()) model.model_path = options.ply;
-  options.ply = names_single_file(model) ? std::exchange(model.model_path, "") : "";
-}
-
 /// @throws InputError if options contradict each other or cannot be done, before anything is loaded
 void check_options(const CommandLine& line, const ModelOptions& model, const RenderOptions& options) {
   if (!options.ply.empty() && !model.model_path.empty()) {
     input_error("-m and --ply both name a model; use one of them");
   }
-  if (!options.ply.empty()) refuse_iteration(model);
   if (!options.video.empty()) check_video_file(options.video, options.overwrite);
   for (const char* name : {"video_of", "fps", "crf"}) {
     if (line.was_given(name) && options.video.empty()) input_error("--", name, " is for --video");
   }
 }
 
-LoadedModel load(const ModelOptions& model, const RenderOptions& options, const CameraOptions& cameras,
-                 StatusLine& status) {
-  const bool is_file = !options.ply.empty();
-  if (is_file && needs_views(cameras)) require_scene(options.ply, model);
-  LoadedModel loaded = is_file ? load_splat_file(options.ply, model) : load_without_scene(model);
-  if (!is_file || !model.source_path.empty()) add_cameras(loaded, model, status);
-  return loaded;
+LoadedModel load(const ModelOptions& options, const CameraOptions& cameras, StatusLine& status) {
+  LoadedModel model = load_model(options, needs_views(cameras));
+  if (!model.is_file() || !options.source_path.empty()) add_cameras(model, options, status);
+  return model;
 }
 
 fs::path output_folder(const LoadedModel& model, const RenderOptions& options, const std::string& set) {
@@ -249,8 +236,8 @@ int run_render(const std::vector<std::string>& words) {
   const torch::Device device = choose_device(model_options.device);
   check_options(line, model_options, options);
   check_camera_options(line, camera_options);
-  take_file(model_options, options);
-  const LoadedModel model = load(model_options, options, camera_options, status);
+  if (!options.ply.empty()) model_options.model_path = options.ply;
+  const LoadedModel model = load(model_options, camera_options, status);
   const CameraChoice choice = choose_cameras(line, camera_options, model.scene, model.splats);
   if (choice.fps > 0 && !line.was_given("fps")) options.fps = choice.fps;
 

@@ -1,5 +1,5 @@
 // The subcommands. Each parses the words after its name, calls the libraries and reports: results to standard output,
-// progress and warnings to standard error. Errors are thrown; run_program.h turns them into a message and an exit code.
+// progress and warnings to standard error. Errors are thrown; run_program() turns them into a message and an exit code.
 #pragma once
 
 #include <string>
@@ -39,8 +39,16 @@ int run_synth(const std::vector<std::string>& words);
 int run_compare(const std::vector<std::string>& words);
 int run_report(const std::vector<std::string>& words);
 int run_bench(const std::vector<std::string>& words);
-int run_bench_sweep(const std::vector<std::string>& words);     // b3dgs bench sweep
-int run_bench_step(const std::vector<std::string>& words);      // b3dgs bench step
-int run_bench_exchange(const std::vector<std::string>& words);  // b3dgs bench exchange
+int run_bench_sweep(const std::vector<std::string>& words);  // b3dgs bench sweep
+int run_bench_step(const std::vector<std::string>& words);   // b3dgs bench step
+
+struct Command {
+  const char* name;
+  int (*run)(const std::vector<std::string>& words);
+};
+
+/// b3dgs-engine and b3dgs-tools: runs the command that the first word names, with the others. Returns the exit code of
+/// the program.
+int run_program(int argc, char** argv, const std::vector<Command>& commands);
 
 }  // namespace b3dgs

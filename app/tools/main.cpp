@@ -1,6 +1,5 @@
 // b3dgs-tools, which launcher.cpp starts for the commands that need no LibTorch.
 #include "app/tools/commands.h"
-#include "app/tools/run_program.h"
 
 int main(int argc, char** argv) {
   using namespace b3dgs;

@@ -1,4 +1,4 @@
-#include "app/tools/run_program.h"
+#include "app/tools/commands.h"
 
 #include <algorithm>
 #include <cstring>
@@ -6,7 +6,6 @@
 #include <iostream>
 #include <new>
 
-#include "app/tools/commands.h"
 #include "core/check.h"
 #include "core/options/command_line.h"
 #include "dist/control/message.h"

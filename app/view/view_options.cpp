@@ -11,7 +11,7 @@
 namespace b3dgs {
 namespace {
 
-constexpr const char *kAutoPort = "auto", *kFormerAddress = "view_address";
+constexpr const char* kAutoPort = "auto";
 
 /// A port, or an address in digits or `localhost` and a port; anything else after --view is the next argument.
 bool is_place(const std::string& word) {
@@ -55,23 +55,6 @@ ViewServerOptions parse_view_place(const std::string& place) {
   }
   options.port = number;
   return options;
-}
-
-void add_former_view_options(CommandLine& line, const std::string& port) {
-  for (const std::string& name : {port, std::string(kFormerAddress)}) {
-    OptionSpec spec = OptionSpec::of_type<std::string>();
-    spec.name = name;
-    spec.is_ignored = true;
-    line.add(spec);
-  }
-}
-
-void take_former_view_options(const CommandLine& line, const std::string& port, std::string& view) {
-  if (!line.was_given(port) && !line.was_given(kFormerAddress)) return;
-  const std::string number = line.given().value(port, "-1");
-  view = line.given().value(kFormerAddress, ViewServerOptions{}.address) + ":" + (number == "-1" ? kAutoPort : number);
-  std::cerr << "warning: --" << port << " and --" << kFormerAddress
-            << " are now --view PORT and --view ADDRESS:PORT: --view " << view << '\n';
 }
 
 std::vector<std::string> join_view_place(const std::vector<std::string>& words) {

@@ -6,7 +6,6 @@
 #include <vector>
 
 #include "app/status/status_line.h"
-#include "core/options/command_line.h"
 #include "view/view_server.h"
 
 namespace b3dgs {
@@ -17,12 +16,6 @@ std::unique_ptr<ViewServer> start_view_server(FrameSource& source, const ViewSer
 
 /// Of --view PLACE: "8080", "0.0.0.0:8080" or "auto". @throws InputError
 ViewServerOptions parse_view_place(const std::string& place);
-
-/// What --view ADDRESS:PORT has replaced: --view_address, and the option `port`. They are not listed in the help.
-void add_former_view_options(CommandLine& line, const std::string& port);
-
-/// Sets `view` to what they ask for, with a warning.
-void take_former_view_options(const CommandLine& line, const std::string& port, std::string& view);
 
 /// "--view 8080" as "--view=8080", and "--view" before anything else as "--view=auto".
 std::vector<std::string> join_view_place(const std::vector<std::string>& words);

@@ -12,6 +12,7 @@
 #include "core/text.h"
 #include "model/raster_input.h"
 #include "raster/kernels.h"
+#include "scene/cameras/coordinate_frame.h"
 #include "scene/images/image.h"
 #include "scene/view_image.h"
 #include "train/quality/metrics.h"
@@ -20,36 +21,6 @@ namespace b3dgs {
 namespace {
 
 constexpr double kFullError = 0.25;  // mean absolute difference of a pixel's channels that has the brightest colour
-constexpr std::size_t kSamples = 100000;  // points that are examined
-
-/// Half of the values lie within `spread` of `middle`.
-struct Middle {
-  double middle = 0, spread = 0;
-};
-
-Middle middle_of(std::vector<double> values) {
-  if (values.empty()) return {};
-  const auto median = [](std::vector<double>& v) {
-    const auto at = v.begin() + static_cast<std::ptrdiff_t>(v.size() / 2);
-    std::nth_element(v.begin(), at, v.end());
-    return *at;
-  };
-  Middle result;
-  result.middle = median(values);
-  for (double& value : values) value = std::abs(value - result.middle);
-  result.spread = median(values);
-  return result;
-}
-
-/// Grey values in the colours of an OpenCV map, as RGB.
-Image8 colored(cv::Mat& grey, int map) {
-  cv::Mat bgr;
-  cv::applyColorMap(grey, bgr, map);
-  Image8 image(grey.cols, grey.rows, 3);
-  cv::Mat rgb(grey.rows, grey.cols, CV_8UC3, image.pixels.data());
-  cv::cvtColor(bgr, rgb, cv::COLOR_BGR2RGB);
-  return image;
-}
 
 void paint_depth(const RenderedView& rendered, double unit, Frame& frame) {
   const torch::Tensor depth = host_copy(rendered.depth), alpha = host_copy(rendered.alpha);
@@ -109,18 +80,9 @@ ViewedScene viewed_scene(const Scene& scene, const std::vector<float>& points, c
       viewed.views.push_back({view.name, view.camera, views == &scene.test, view.image != nullptr});
     }
   }
-  const std::size_t n = points.size() / 3, stride = std::max<std::size_t>(1, n / kSamples);
-  double squares = 0;
-  for (std::size_t axis = 0; axis < 3; ++axis) {
-    std::vector<double> values;
-    for (std::size_t i = 0; i < n; i += stride) {
-      if (std::isfinite(points[3 * i + axis])) values.push_back(points[3 * i + axis]);
-    }
-    const Middle middle = middle_of(std::move(values));
-    viewed.center[axis] = middle.middle;
-    squares += middle.spread * middle.spread;
-  }
-  viewed.radius = squares > 0 ? std::sqrt(squares) : 1;
+  const CoordinateFrame around = choose_frame({}, {points.begin(), points.end()});
+  viewed.center = around.origin;
+  viewed.radius = 0.5 * kTypicalDepth * around.unit;  // the distance of the points, median
   return viewed;
 }
 

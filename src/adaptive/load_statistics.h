@@ -21,8 +21,7 @@ struct LoadStatistics {
 template <class Count>
 LoadStatistics load_statistics(const Count* values, std::int64_t n);
 
-/// Calls field(name, member) for each member of `load` except n, with its name in train.jsonl and compare.json. Load
-/// has the members of LoadStatistics, possibly with other types; readers of the log use this too.
+/// Calls field(name, member) for each member of LoadStatistics except n, with its name in train.jsonl and compare.json.
 template <class Load, class Field>
 void visit_load_figures(Load& load, Field&& field) {
   field("min", load.min);

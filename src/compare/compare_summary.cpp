@@ -194,9 +194,8 @@ const ConfigurationHistory& choose_ours(const std::vector<ConfigurationHistory>&
   return ours == configurations.end() ? configurations[1] : *ours;
 }
 
-Json to_json(const std::optional<Spread>& spread) {
-  if (!spread) return nullptr;
-  return {{"mean", spread->mean}, {"min", spread->min}, {"max", spread->max}, {"n", spread->n}};
+Json to_json(const Spread& spread) {
+  return {{"mean", spread.mean}, {"min", spread.min}, {"max", spread.max}, {"n", spread.n}};
 }
 
 const char* finding_key(Finding finding) {
@@ -204,22 +203,26 @@ const char* finding_key(Finding finding) {
 }
 
 /// The mean's 95 % interval is null with one seed.
-Json to_json(const std::optional<Effect>& effect) {
-  if (!effect) return nullptr;
-  Json json = to_json(std::optional<Spread>(*effect));
-  json["interval"] = effect->margin ? Json::array({effect->low(), effect->high()}) : Json(nullptr);
-  json["finding"] = finding_key(effect->finding);
+Json to_json(const Effect& effect) {
+  Json json = to_json(static_cast<const Spread&>(effect));
+  json["interval"] = effect.margin ? Json::array({effect.low(), effect.high()}) : Json(nullptr);
+  json["finding"] = finding_key(effect.finding);
   return json;
+}
+
+Json to_json(double value) {
+  return value;
+}
+
+template <class Value>
+Json to_json(const std::optional<Value>& value) {
+  return value ? to_json(*value) : Json(nullptr);
 }
 
 Json to_json(const KernelPartSummary& part) {
   return {{"names", part.kernels},
           {"iterations", to_json(part.iterations)},
           {"saved_against_baseline", to_json(part.saved)}};
-}
-
-Json to_json(const std::optional<double>& value) {
-  return value ? Json(*value) : Json(nullptr);
 }
 
 Json to_json(const RunToRunVariation& noise) {
@@ -230,9 +233,9 @@ Json to_json(const BalancingGain& gain, const std::optional<double>& noise) {
   return {{"name", gain.name},
           {"naive", gain.naive},
           {"unbalanced", gain.unbalanced},
-          {"saved_naive_to_unbalanced", to_json(std::optional(gain.to_unbalanced))},
-          {"saved_by_balancing", to_json(std::optional(gain.balancing))},
-          {"saved_whole", to_json(std::optional(gain.whole))},
+          {"saved_naive_to_unbalanced", to_json(gain.to_unbalanced)},
+          {"saved_by_balancing", to_json(gain.balancing)},
+          {"saved_whole", to_json(gain.whole)},
           {"machine_spread", to_json(noise)}};
 }
 
@@ -371,10 +374,10 @@ Json to_json(const ComparisonSummary& summary) {
     for (const QualityDifference& difference : own.quality) {
       quality.push_back({{"measure", difference.measure},
                          {"iteration", difference.iteration},
-                         {"baseline", to_json(std::optional(difference.baseline))},
-                         {"ours", to_json(std::optional(difference.ours))},
+                         {"baseline", to_json(difference.baseline)},
+                         {"ours", to_json(difference.ours)},
                          {"difference", difference.gained.mean},
-                         {"interval", to_json(std::optional(difference.gained))["interval"]},
+                         {"interval", to_json(difference.gained)["interval"]},
                          {"finding", finding_key(difference.gained.finding)},
                          {"machine_spread", to_json(difference.noise)},
                          {"tolerance", difference.gained.limit},

@@ -88,16 +88,19 @@ std::string used_text(const ComparedConfiguration& ours) {
          in_seeds(ours.balanced.iterations->n, static_cast<int>(ours.by_seed.size()));
 }
 
+/// What the fastest kernel without load balancing saves, and what both save together.
+std::string whole_saving(const BalancingGain& gain) {
+  return "; " + gain.unbalanced + " " + saving_text(gain.to_unbalanced, gain.naive) + "; in total " + gain.name + " " +
+         saving_text(gain.whole, gain.naive);
+}
+
 /// If a load-balanced kernel was used and its gain is known.
 std::string balancing_verdict(const ComparedConfiguration& ours, const BalancingGain& gain) {
   const bool is_naive_fastest = gain.unbalanced == gain.naive;
   std::string text = balancing_subject(gain.balancing, ours.name) +
                      saving_text(gain.balancing, gain.unbalanced + ", the fastest kernel without load balancing") +
                      used_text(ours);
-  if (!is_naive_fastest) {
-    text += "; " + gain.unbalanced + " " + saving_text(gain.to_unbalanced, gain.naive) + "; in total " + ours.name +
-            " " + saving_text(gain.whole, gain.naive);
-  }
+  if (!is_naive_fastest) text += whole_saving(gain);
   std::vector<std::pair<std::string, double>> times{{ours.name, gain.ours_s}};
   if (!is_naive_fastest) times.emplace_back(gain.unbalanced, gain.unbalanced_s);
   times.emplace_back(gain.naive, gain.naive_s);
@@ -266,8 +269,7 @@ std::string describe(const BalancingGain& gain) {
   if (gain.unbalanced == gain.naive) {
     return balancing + " (no kernel without load balancing is faster than " + gain.naive + ")";
   }
-  return balancing + "; " + gain.unbalanced + " " + saving_text(gain.to_unbalanced, gain.naive) + "; in total " +
-         gain.name + " " + saving_text(gain.whole, gain.naive);
+  return balancing + whole_saving(gain);
 }
 
 std::string describe_repetition(const ComparisonSummary& summary) {

@@ -183,7 +183,7 @@ ComparisonPlan read_plan(const fs::path& root) {
     plan.has_repetition = own.value("noise", false);
     plan.loading_ms = own.value("loading_ms", 0.0);
     stored_config_from_json(plan.base, own.at("config"), path.string());
-    plan.is_of_earlier_version = has_removed_options(own.at("config"));
+    plan.is_of_earlier_version = has_removed_options(own.at("config")) || !own.at("config").contains("lenses");
     plan.given = own.contains("given") ? present_options(own.at("given")) : config_to_json(plan.base);
     if (!own.contains("photographs")) plan.given.emplace("max_epochs", 0);
     plan.photographs = own.value("photographs", std::size_t{0});

@@ -7,6 +7,7 @@
 //   histograms: {title, x_label, item, panels: [{name, counts}]}: bin 0 is the value 0, bin k 2^(k-1) to 2^k - 1
 //   scatter:    {title, x_label, y_label, size_label, dots: [{name, color, x, y, low, high, size}]}: areas stand for
 //               sizes; the dashed line joins dots that no other one beats in both (less x, more y)
+// Each is a function that draws it (kKinds) and one that lists its values (kValues).
 const Charts = (() => {
   const kLeft = 58, kBottom = 38, kRight = 14;  // px around the plot
   const specs = new Map();  // of the elements that hold a chart: {kind, spec}

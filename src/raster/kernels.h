@@ -1,9 +1,9 @@
 // The tables of blending kernels, forward and backward. Plain C++: the command line, the kernel selector and their
 // tests need no CUDA.
 //
-// Adding a forward kernel: one row here, blend_forward_ID() in a source of cpu/forward, and launch_forward_ID() and
-// forward_ID_resources() in a source of cuda/forward. A backward kernel, of which the CPU has one, whose pool of tiles
-// balances it: one row, and launch_backward_ID() and backward_ID_resources() in a source of cuda/backward.
+// Adding a forward kernel: one row here, blend_forward_ID() in a source of cpu/forward, and launch_forward_ID() in one
+// of cuda/forward. A backward kernel, of which the CPU has one, whose pool of tiles balances it: one row, and
+// launch_backward_ID() in a source of cuda/backward.
 #pragma once
 
 #include <array>

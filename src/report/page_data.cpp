@@ -9,7 +9,6 @@
 #include <set>
 #include <utility>
 
-#include "adaptive/load_statistics.h"
 #include "config/option_layers.h"
 #include "core/check.h"
 #include "core/files/atomic_file.h"
@@ -29,19 +28,12 @@ Json to_json(const Value& value) {
 
 template <class Value>
 Json to_json(const std::optional<Value>& value) {
-  return value ? Json(*value) : Json(nullptr);
+  return value ? to_json(*value) : Json(nullptr);
 }
 
 Json to_json(const NamedTimes& times) {
   Json json = Json::object();
   for (const auto& [name, ms] : times) json[name] = ms;
-  return json;
-}
-
-Json to_json(const std::optional<LoadFigures>& load) {
-  if (!load) return nullptr;
-  Json json;
-  visit_load_figures(*load, [&](const char* name, const auto& value) { json[name] = value; });
   return json;
 }
 

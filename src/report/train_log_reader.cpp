@@ -7,7 +7,6 @@
 #include <type_traits>
 #include <utility>
 
-#include "adaptive/load_statistics.h"
 #include "core/json_text.h"
 
 namespace b3dgs {
@@ -55,7 +54,7 @@ bool read(const Json& json, std::vector<Entry>& to) {
   return true;
 }
 
-bool read(const Json& json, LoadFigures& to);
+bool read(const Json& json, LoadStatistics& to);
 
 template <class Value>
 bool read(const Json& json, std::optional<Value>& to) {
@@ -68,7 +67,7 @@ void read_member(const Json& json, const char* key, Value& to) {
   if (const auto found = json.find(key); found != json.end()) read(*found, to);
 }
 
-bool read(const Json& json, LoadFigures& to) {
+bool read(const Json& json, LoadStatistics& to) {
   if (json.is_object()) visit_load_figures(to, [&](const char* name, auto& value) { read_member(json, name, value); });
   return json.is_object();
 }
@@ -116,7 +115,7 @@ void add_event(const std::string& event, int iteration, const Json& json, TrainH
   } else if (event == "held") {
     history.holds.push_back({iteration, count("count"), text("reason")});
   } else if (event == "load_statistics") {
-    const auto load = [&](const char* key) { return get<std::optional<LoadFigures>>(json, key); };
+    const auto load = [&](const char* key) { return get<std::optional<LoadStatistics>>(json, key); };
     history.loads.push_back({iteration, load("tile_lists"), load("pixel_processed"), load("pixel_contributing")});
   } else if (event == "floaters") {
     history.floaters.push_back({iteration, count("unseen"), count("one_view"), count("close"), count("large")});

@@ -10,6 +10,8 @@
 #include <utility>
 #include <vector>
 
+#include "adaptive/load_statistics.h"
+
 namespace b3dgs {
 
 /// KernelCheckEvent::pass of the forward kernels.
@@ -80,15 +82,10 @@ struct CandidateTimes {
   NamedTimes times_ms;
 };
 
-/// Distribution of work: LoadStatistics (adaptive/load_statistics.h) as read back from the log.
-struct LoadFigures {
-  double min = 0, median = 0, p90 = 0, p99 = 0, max = 0, mean = 0, gini = 0;
-  std::vector<double> log2_bins;  // counts; bin 0: value 0, bin k: values in [2^(k-1), 2^k)
-};
-
+/// Distribution of work.
 struct LoadEvent {
   int iteration = 0;
-  std::optional<LoadFigures> tile_lists, pixel_processed, pixel_contributing;
+  std::optional<LoadStatistics> tile_lists, pixel_processed, pixel_contributing;
 };
 
 /// The limit on the number of Gaussians was reached: from here on it does not exceed `count`.

@@ -85,7 +85,7 @@ std::optional<Overfitting> find_overfitting(const TrainHistory& history) {
     if (point.test_psnr && *point.test_psnr > *best->test_psnr) best = &point;
   }
   if (last == nullptr || *best->test_psnr - *last->test_psnr <= kClear) return std::nullopt;
-  return Overfitting{best->iteration, *best->test_psnr, *best->test_psnr - *last->test_psnr};
+  return Overfitting{best->iteration, *best->test_psnr - *last->test_psnr};
 }
 
 nlohmann::ordered_json train_report_data(const ModelFolder& folder) {

@@ -30,8 +30,7 @@ std::string limit_text(const TrainHistory& history, std::int64_t limit);
 /// the training photographs alone.
 struct Overfitting {
   int iteration = 0;  // with the highest PSNR
-  double psnr = 0;    // dB, after it
-  double lost = 0;    // dB, until the last evaluation
+  double lost = 0;    // dB, from there until the last evaluation
 };
 
 /// Empty if PSNR at the last evaluation is at most 0.2 dB below the highest.

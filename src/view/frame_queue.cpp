@@ -8,18 +8,18 @@ namespace b3dgs {
 Frame FrameQueue::ask(const FrameRequest& request, std::chrono::milliseconds patience) {
   const auto mine = std::make_shared<Waiting>();
   mine->request = request;
+  std::future<Frame> frame = mine->frame.get_future();
   std::unique_lock<std::mutex> lock(mutex_);
   if (is_closed_) throw BusyError("the program is about to end");
   waiting_.push_back(mine);
   asked_.notify_one();
-  answered_.wait_for(lock, patience, [&] { return mine->is_done || mine->is_begun || is_closed_; });
+  begun_.wait_for(lock, patience, [&] { return mine->is_begun || is_closed_; });
   if (!mine->is_begun) {
     waiting_.erase(std::remove(waiting_.begin(), waiting_.end(), mine), waiting_.end());
     throw BusyError(is_closed_ ? "the program is about to end" : "no time for a frame; try again");
   }
-  answered_.wait(lock, [&] { return mine->is_done; });
-  if (mine->error) std::rethrow_exception(mine->error);
-  return std::move(mine->frame);
+  lock.unlock();
+  return frame.get();
 }
 
 bool FrameQueue::has_request() const {
@@ -35,16 +35,12 @@ bool FrameQueue::serve(const std::function<Frame(const FrameRequest&)>& render, 
   waiting_.pop_front();
   next->is_begun = true;
   lock.unlock();
-  answered_.notify_all();
+  begun_.notify_all();
   try {
-    next->frame = render(next->request);
+    next->frame.set_value(render(next->request));
   } catch (...) {
-    next->error = std::current_exception();
+    next->frame.set_exception(std::current_exception());
   }
-  lock.lock();
-  next->is_done = true;
-  lock.unlock();
-  answered_.notify_all();
   return true;
 }
 
@@ -54,7 +50,7 @@ void FrameQueue::close() {
     is_closed_ = true;
   }
   asked_.notify_all();
-  answered_.notify_all();
+  begun_.notify_all();
 }
 
 }  // namespace b3dgs

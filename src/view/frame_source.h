@@ -6,8 +6,8 @@
 #include <condition_variable>
 #include <cstdint>
 #include <deque>
-#include <exception>
 #include <functional>
+#include <future>
 #include <memory>
 #include <mutex>
 #include <optional>
@@ -130,13 +130,12 @@ class FrameQueue {
  private:
   struct Waiting {
     FrameRequest request;
-    Frame frame;
-    std::exception_ptr error;
-    bool is_begun = false, is_done = false;
+    std::promise<Frame> frame;
+    bool is_begun = false;
   };
 
   mutable std::mutex mutex_;
-  std::condition_variable asked_, answered_;
+  std::condition_variable asked_, begun_;
   std::deque<std::shared_ptr<Waiting>> waiting_;
   bool is_closed_ = false;
 };

@@ -15,7 +15,6 @@ using Json = nlohmann::ordered_json;
 
 constexpr int kMinSide = 16, kMaxSide = 16384;  // px
 constexpr double kMaxCoordinate = 1e9;          // world units
-constexpr double kPi = 3.14159265358979323846;
 
 Json parse_object(const std::string& body, const char* expected) {
   const Json json = Json::parse(body, nullptr, /*allow_exceptions=*/false);
@@ -133,7 +132,7 @@ Json cameras_json(const ViewedScene& scene) {
                      {"photograph", view.has_photograph},
                      {"width", camera.width},
                      {"height", camera.height},
-                     {"fov", 2 * std::atan(0.5 * camera.height / camera.fy) * 180 / kPi},
+                     {"fov", 2 * std::atan(0.5 * camera.height / camera.fy) * 180 / M_PI},
                      {"camera_to_world", opengl_from_pose(camera.cam_from_world)}});
   }
   return {{"title", scene.title},   {"training", scene.is_training}, {"center", scene.center},

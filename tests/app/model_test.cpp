@@ -26,13 +26,13 @@ using test::read_bytes;
 using test::run_b3dgs;
 
 LoadedModel load_model(const ModelOptions& options, StatusLine& status) {
-  LoadedModel model = load_without_scene(options);
+  LoadedModel model = load_model(options);
   add_scene(model, status);
   return model;
 }
 
 LoadedModel load_cameras(const ModelOptions& options, StatusLine& status) {
-  LoadedModel model = load_without_scene(options);
+  LoadedModel model = load_model(options);
   add_cameras(model, options, status);
   return model;
 }

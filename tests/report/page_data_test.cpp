@@ -32,7 +32,7 @@ TrainHistory eventful_history() {
   check.reason = "shared-memory takes longer";
   check.disabled = {"dynamic"};
   history.candidate_times = {{1, "forward", check.times_ms}};
-  history.loads = {{10, LoadFigures{0, 30, 400, 2000, 9000, 90, 0.75, {1, 2}}, {}, {}}};
+  history.loads = {{10, LoadStatistics{3, 0, 30, 400, 2000, 9000, 90, 0.75, {1, 2}}, {}, {}}};
   history.resumes = {{40, "naive", "per-pixel", {"kernel: combined -> naive"}}};
   return history;
 }

@@ -63,7 +63,7 @@ TEST(TrainLogReader, SeparatesEventsFromPoints) {
   ASSERT_TRUE(history.loads[0].tile_lists);
   EXPECT_EQ(history.loads[0].tile_lists->p99, 9);
   EXPECT_EQ(history.loads[0].tile_lists->gini, 0.25);
-  EXPECT_EQ(history.loads[0].tile_lists->log2_bins, (std::vector<double>{0, 1, 2}));
+  EXPECT_EQ(history.loads[0].tile_lists->log2_bins, (std::vector<std::int64_t>{0, 1, 2}));
   EXPECT_FALSE(history.loads[0].pixel_processed);
 }
 

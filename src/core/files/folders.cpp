@@ -58,6 +58,8 @@ bool is_at(int file, const fs::path& path) {
 }  // namespace
 
 FolderLock::FolderLock(const fs::path& folder, const char* kind) : path_(folder / ".b3dgs-lock") {
+  std::error_code error;  // ignored: create_folder() reports it
+  is_new_ = !fs::exists(folder, error);
   create_folder(folder);
   for (;;) {
     file_ = ::open(path_.c_str(), O_RDWR | O_CREAT | O_CLOEXEC, 0666);
@@ -83,6 +85,8 @@ FolderLock::FolderLock(const fs::path& folder, const char* kind) : path_(folder 
 FolderLock::~FolderLock() {
   ::unlink(path_.c_str());
   ::close(file_);
+  std::error_code error;  // ignored: usually the folder is not empty
+  if (is_new_) fs::remove(path_.parent_path(), error);
 }
 
 namespace {

@@ -13,7 +13,7 @@ class FolderLock {
  public:
   /// Creates the folder if it is missing, locks it, and removes temporary files that killed processes left in it. Does
   /// nothing else on a file system without locks. The record of the program's own files (own_files.h) is kept
-  /// meanwhile.
+  /// meanwhile. A folder that was created, and stays empty, is removed at the end.
   /// @throws InputError naming the process that holds the lock; IoError if the folder cannot be written to
   /// `kind` of folder, for the error.
   explicit FolderLock(const std::filesystem::path& folder, const char* kind = "model folder");
@@ -23,6 +23,7 @@ class FolderLock {
 
  private:
   std::filesystem::path path_;
+  bool is_new_ = false;  // the folder
   int file_ = -1;
   std::optional<OwnFiles> own_files_;
 };

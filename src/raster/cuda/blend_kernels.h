@@ -4,51 +4,32 @@
 
 #include <array>
 
-#include "raster/cuda/gpu_support.h"
 #include "raster/cuda/passes.h"
 #include "raster/kernels.h"
 #include "raster/math/tiling.h"
 
 namespace b3dgs::cuda {
 
-/// Resources are those of the kernel that runs longest, if a schedule launches several.
-#define B3DGS_ROW(kernel, id, name, is_balanced, summary)                                   \
-  void launch_forward_##id(const BlendForwardCudaArgs& args, const LaunchContext& context); \
-  KernelResources forward_##id##_resources(const TileShape& tile);
+#define B3DGS_ROW(kernel, id, name, is_balanced, summary) \
+  void launch_forward_##id(const BlendForwardCudaArgs& args, const LaunchContext& context);
 B3DGS_FORWARD_KERNELS(B3DGS_ROW)
 #undef B3DGS_ROW
 
-struct ForwardRow {
-  ForwardKernel kernel;
-  void (*launch)(const BlendForwardCudaArgs& args, const LaunchContext& context);
-  KernelResources (*resources)(const TileShape& tile);
-};
-
 /// Indexed by ForwardKernel.
-inline constexpr std::array kForwardTable{
-#define B3DGS_ROW(kernel, id, name, is_balanced, summary) \
-  ForwardRow{ForwardKernel::kernel, launch_forward_##id, forward_##id##_resources},
+inline constexpr std::array kForwardLaunches{
+#define B3DGS_ROW(kernel, id, name, is_balanced, summary) &launch_forward_##id,
     B3DGS_FORWARD_KERNELS(B3DGS_ROW)
 #undef B3DGS_ROW
 };
 
-/// Resources are those for gradients with respect to colour alone, as in training.
-#define B3DGS_ROW(kernel, id, name, summary)                                                  \
-  void launch_backward_##id(const BlendBackwardCudaArgs& args, const LaunchContext& context); \
-  KernelResources backward_##id##_resources(const TileShape& tile);
+#define B3DGS_ROW(kernel, id, name, summary) \
+  void launch_backward_##id(const BlendBackwardCudaArgs& args, const LaunchContext& context);
 B3DGS_BACKWARD_KERNELS(B3DGS_ROW)
 #undef B3DGS_ROW
 
-struct BackwardRow {
-  BackwardKernel kernel;
-  void (*launch)(const BlendBackwardCudaArgs& args, const LaunchContext& context);
-  KernelResources (*resources)(const TileShape& tile);
-};
-
 /// Indexed by BackwardKernel.
-inline constexpr std::array kBackwardTable{
-#define B3DGS_ROW(kernel, id, name, summary) \
-  BackwardRow{BackwardKernel::kernel, launch_backward_##id, backward_##id##_resources},
+inline constexpr std::array kBackwardLaunches{
+#define B3DGS_ROW(kernel, id, name, summary) &launch_backward_##id,
     B3DGS_BACKWARD_KERNELS(B3DGS_ROW)
 #undef B3DGS_ROW
 };

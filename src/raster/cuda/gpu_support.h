@@ -1,5 +1,4 @@
-// What reports say of a GPU and its kernels: whether this build has code for the GPU, and what limits how many threads
-// of a kernel run at the same time. Plain C++: reports and the tests of messages need no CUDA.
+// Whether this build has code for a GPU. Plain C++: the tests of messages need no CUDA.
 #pragma once
 
 #include <string>
@@ -31,20 +30,5 @@ inline void require_support(const GpuSupport& gpu) {
               ", this build has code for ", built_for, "; build with -DCMAKE_CUDA_ARCHITECTURES=", gpu.capability,
               ", or use --device cpu");
 }
-
-/// One kernel on the current device, for one tile shape.
-struct KernelResources {
-  int threads = 0;               // per block
-  int registers = 0;             // per thread
-  int shared_bytes = 0;          // static, per block
-  int local_bytes = 0;           // per thread: stack and spilled registers
-  int resident_threads = 0;      // per multiprocessor, by all limits
-  int resident_threads_max = 0;  // per multiprocessor, of any kernel
-
-  /// Theoretical occupancy, 0 to 1.
-  double occupancy() const {
-    return resident_threads_max > 0 ? static_cast<double>(resident_threads) / resident_threads_max : 0.0;
-  }
-};
 
 }  // namespace b3dgs::cuda

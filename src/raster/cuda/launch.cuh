@@ -1,9 +1,8 @@
-// Launch helpers: tile size or SH degree as a template argument; number of resident blocks; resources of a kernel.
+// Launch helpers: tile size or SH degree as a template argument; number of resident blocks.
 #pragma once
 
 #include "core/check.h"
 #include "raster/cuda/device_buffer.h"
-#include "raster/cuda/gpu_support.h"
 #include "raster/math/tiling.h"
 
 namespace b3dgs::cuda {
@@ -53,34 +52,6 @@ int resident_blocks(Kernel kernel, int threads, const LaunchContext& context) {
   int per_multiprocessor = 0;
   B3DGS_CUDA_CHECK(cudaOccupancyMaxActiveBlocksPerMultiprocessor(&per_multiprocessor, kernel, threads, 0));
   return per_multiprocessor * context.n_multiprocessors;
-}
-
-/// Resources of a __global__ function on the current device, in blocks of `threads` threads.
-template <class Kernel>
-KernelResources kernel_resources(Kernel kernel, int threads) {
-  cudaFuncAttributes attributes{};
-  B3DGS_CUDA_CHECK(cudaFuncGetAttributes(&attributes, kernel));
-  int device = 0, blocks = 0, threads_max = 0;
-  B3DGS_CUDA_CHECK(cudaGetDevice(&device));
-  B3DGS_CUDA_CHECK(cudaDeviceGetAttribute(&threads_max, cudaDevAttrMaxThreadsPerMultiProcessor, device));
-  B3DGS_CUDA_CHECK(cudaOccupancyMaxActiveBlocksPerMultiprocessor(&blocks, kernel, threads, 0));
-  return {threads,
-          attributes.numRegs,
-          static_cast<int>(attributes.sharedSizeBytes),
-          static_cast<int>(attributes.localSizeBytes),
-          blocks * threads,
-          threads_max};
-}
-
-/// Resources of the kernel that kernel_of(std::integral_constant<int, pixels>) returns for this tile, in blocks of
-/// `threads` threads; 0: a thread per pixel.
-template <class KernelOf>
-KernelResources tile_kernel_resources(const TileShape& tile, KernelOf&& kernel_of, int threads = 0) {
-  KernelResources resources;
-  with_tile_pixels(tile, [&](auto pixels) {
-    resources = kernel_resources(kernel_of(pixels), threads > 0 ? threads : pixels.value);
-  });
-  return resources;
 }
 
 }  // namespace b3dgs::cuda

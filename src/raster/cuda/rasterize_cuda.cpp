@@ -307,7 +307,7 @@ class CudaBackend final : public RasterizerBackend {
                                  state_.background, state_.rendered, transmittance_.data(), last_ids_.data()};
     BlendForwardCudaArgs args{blend, binned_.buckets, binned_.tiles_by_length, cuts_lists_, parts_};
     forward_scratch_.allocate(kernel, args, pass_scratch_, context);
-    kForwardTable[static_cast<std::size_t>(kernel)].launch(args, context);
+    kForwardLaunches[static_cast<std::size_t>(kernel)](args, context);
     stored_parts_ = parts_after(kernel, args);
   }
 
@@ -328,7 +328,7 @@ class CudaBackend final : public RasterizerBackend {
       args.pair_grads = pair_grads_.resize(binned_.bins.n_pairs, context);
       zero(args.pair_grads, binned_.bins.n_pairs, context);
     }
-    kBackwardTable[static_cast<std::size_t>(kernel)].launch(args, context);
+    kBackwardLaunches[static_cast<std::size_t>(kernel)](args, context);
     if (args.pair_grads != nullptr) {
       sum_splat_grads({n_rows_, binned_.bins.slot_offsets, args.pair_grads, sums}, context);
     }

@@ -39,8 +39,9 @@ TEST(RenderedDepth, IsTheSameInFilesOfNumbers) {
          (folder / format).string(), "--device", "cpu", "--quiet"});
   }
   ModelOptions options;
+  options.model_path = truth;
   options.device = "cpu";
-  const LoadedModel model = load_splat_file(truth, options);
+  const LoadedModel model = load_model(options);
   ModelRenderer renderer(model, torch::kCPU);
   const std::vector<NamedCamera> cameras = read_camera_file(flight).cameras;
   const double scale = nlohmann::json::parse(test::read_bytes(folder / "png16/depth.json")).at("scale");

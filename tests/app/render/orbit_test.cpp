@@ -16,17 +16,14 @@ const Vec3d kUp{0.6, 0, 0.8};
 const Vec3d kAcross{0.8, 0, -0.6};  // perpendicular to kUp, as is y
 
 double length(const Vec3d& v) {
-  return std::sqrt(dot(v, v));
+  return cv::norm(v);
 }
 Vec3d center_of(const Camera& camera) {
-  const std::array<double, 3> center = camera.center();
-  return {center[0], center[1], center[2]};
+  return Vec3d(camera.center().data());
 }
 Vec3d to_camera(const Camera& camera, const Vec3d& p) {
   const auto& [r, t] = camera.cam_from_world;
-  return Vec3d{r[0] * p.x + r[1] * p.y + r[2] * p.z, r[3] * p.x + r[4] * p.y + r[5] * p.z,
-               r[6] * p.x + r[7] * p.y + r[8] * p.z} +
-         Vec3d{t[0], t[1], t[2]};
+  return cv::Matx33d(r.data()) * p + Vec3d(t.data());
 }
 
 Camera some_lens() {
@@ -54,15 +51,15 @@ std::vector<Camera> cameras_at(const std::vector<double>& angles, double first_r
 void expect_all_look_at(const std::vector<Camera>& cameras, const Vec3d& point, const Vec3d& up) {
   for (const Camera& camera : cameras) {
     const Vec3d focus = to_camera(camera, point), above = to_camera(camera, point + 0.1 * up);
-    EXPECT_GT(focus.z, 0);
-    EXPECT_NEAR(camera.fx * focus.x / focus.z + camera.cx, 0.5 * camera.width, 1e-9);
-    EXPECT_NEAR(camera.fy * focus.y / focus.z + camera.cy, 0.5 * camera.height, 1e-9);
-    EXPECT_NEAR(above.x, 0, 1e-9) << "the horizon is level";
-    EXPECT_LT(above.y, 0) << "up is up";
+    EXPECT_GT(focus[2], 0);
+    EXPECT_NEAR(camera.fx * focus[0] / focus[2] + camera.cx, 0.5 * camera.width, 1e-9);
+    EXPECT_NEAR(camera.fy * focus[1] / focus[2] + camera.cy, 0.5 * camera.height, 1e-9);
+    EXPECT_NEAR(above[0], 0, 1e-9) << "the horizon is level";
+    EXPECT_LT(above[1], 0) << "up is up";
     const std::array<double, 9>& r = camera.cam_from_world.rotation;
-    const Vec3d rows[3] = {{r[0], r[1], r[2]}, {r[3], r[4], r[5]}, {r[6], r[7], r[8]}};
+    const Vec3d rows[3] = {Vec3d(&r[0]), Vec3d(&r[3]), Vec3d(&r[6])};
     for (int i = 0; i < 3; ++i) EXPECT_NEAR(length(rows[i]), 1, 1e-12);
-    EXPECT_NEAR(dot(cross(rows[0], rows[1]), rows[2]), 1, 1e-12);
+    EXPECT_NEAR(rows[0].cross(rows[1]).dot(rows[2]), 1, 1e-12);
   }
 }
 
@@ -71,11 +68,11 @@ TEST(Turntable, IsAClosedCircleAroundTheFocus) {
   const std::vector<Camera> cameras = cameras_on(orbit, some_lens(), 12);
   ASSERT_EQ(cameras.size(), 12u);
   expect_all_look_at(cameras, kFocus, kUp);
-  EXPECT_NEAR(dot(center_of(cameras[0]) - kFocus, Vec3d{0, 1, 0}), 4 * std::cos(0.3), 1e-9) << "starts there";
+  EXPECT_NEAR((center_of(cameras[0]) - kFocus).dot(Vec3d{0, 1, 0}), 4 * std::cos(0.3), 1e-9) << "starts there";
   for (std::size_t i = 0; i < cameras.size(); ++i) {
     const Vec3d offset = center_of(cameras[i]) - kFocus;
     EXPECT_NEAR(length(offset), 4, 1e-9);
-    EXPECT_NEAR(dot(offset, kUp), 4 * std::sin(0.3), 1e-9);
+    EXPECT_NEAR(offset.dot(kUp), 4 * std::sin(0.3), 1e-9);
     const Camera& next = cameras[(i + 1) % cameras.size()];  // the loop closes with a step as long as the others
     EXPECT_NEAR(length(center_of(next) - center_of(cameras[i])), 2 * 4 * std::cos(0.3) * std::sin(kPi / 12), 1e-9);
     EXPECT_EQ(cameras[i].width, 120);
@@ -91,8 +88,8 @@ TEST(OrbitThrough, FollowsTheEllipseOfTheCameras) {
   expect_all_look_at(cameras, kFocus, kUp);
   for (const Camera& camera : cameras) {
     const Vec3d offset = center_of(camera) - kFocus;
-    EXPECT_NEAR(std::hypot(dot(offset, kAcross) / 3, dot(offset, Vec3d{0, 1, 0}) / 2), 1, 1e-9);
-    EXPECT_NEAR(dot(offset, kUp), 1, 1e-9);
+    EXPECT_NEAR(std::hypot(offset.dot(kAcross) / 3, offset.dot(Vec3d{0, 1, 0}) / 2), 1, 1e-9);
+    EXPECT_NEAR(offset.dot(kUp), 1, 1e-9);
   }
   EXPECT_NEAR(length(center_of(cameras[0]) - center_of(keys[0])), 0, 1e-9) << "begins at the first camera";
   EXPECT_EQ(orbit.swing, 0);
@@ -110,7 +107,7 @@ TEST(OrbitThrough, GoesBackAndForthWhereCamerasCoverAnArc) {
   double least = 9, most = 0;
   for (std::size_t i = 0; i < cameras.size(); ++i) {
     const Vec3d offset = center_of(cameras[i]) - kFocus;
-    const double x = dot(offset, kAcross), y = dot(offset, cross(kUp, kAcross)), z = dot(offset, kUp);
+    const double x = offset.dot(kAcross), y = offset.dot(kUp.cross(kAcross)), z = offset.dot(kUp);
     EXPECT_NEAR(std::hypot(x, y), 3, 1e-9);
     EXPECT_NEAR(z, -1, 0.2 + 1e-9);
     const double angle = std::fmod(std::atan2(y, x) + 2 * kPi, 2 * kPi);
@@ -151,7 +148,7 @@ TEST(Focus, OfParallelAxesIsNearTheGaussians) {
   const Vec3d side = {0, 1, 0};  // the second camera stands beside the first one, 0.2 further
   const Camera& first = cameras[0];
   for (std::size_t i = 0; i < 3; ++i) {
-    cameras[1].cam_from_world.translation[i] -= 0.2 * first.cam_from_world.rotation[3 * i + 1] * side.y;
+    cameras[1].cam_from_world.translation[i] -= 0.2 * first.cam_from_world.rotation[3 * i + 1] * side[1];
   }
   const Vec3d focus = focus_of(cameras, kFocus + Vec3d{0, 0.1, 0} + 4.0 * kUp);
   EXPECT_NEAR(length(focus - kFocus - Vec3d{0, 0.1, 0}), 0, 0.05);
@@ -182,9 +179,9 @@ TEST(SplatBounds, IgnoreFarAndTransparentGaussians) {
   for (int i = 0; i < 20; ++i) add(1e6f, 1e6f, 1e6f, 3);
   for (int i = 0; i < 300; ++i) add(-50, -50, -50, -8);
   const SplatBounds bounds = splat_bounds(cloud);
-  EXPECT_NEAR(bounds.center.x, 7, 1);
-  EXPECT_NEAR(bounds.center.y, 0, 1);
-  EXPECT_NEAR(bounds.center.z, 1, 1e-6);
+  EXPECT_NEAR(bounds.center[0], 7, 1);
+  EXPECT_NEAR(bounds.center[1], 0, 1);
+  EXPECT_NEAR(bounds.center[2], 1, 1e-6);
   EXPECT_NEAR(bounds.radius, 2, 0.7);
   EXPECT_GT(splat_bounds(SplatCloud()).radius, 0);
 }

@@ -71,7 +71,7 @@ TEST_F(ViewPrograms, AFrameIsWhatRenderWrites) {
   options.model_path = model();
   options.device = "cpu";
   StatusLine status = StatusLine::silent();
-  LoadedModel loaded = load_without_scene(options);
+  LoadedModel loaded = load_model(options);
   add_scene(loaded, status);
   ModelRenderer renderer(loaded, torch::kCPU);
   WatchedModel watched({renderer.gaussians, renderer.settings, loaded.iteration}, loaded.scene,
@@ -158,11 +158,7 @@ TEST_F(ViewPrograms, OptionsThatDoNotGoTogether) {
   EXPECT_TRUE(fails_with<InputError>({"--view", "several ranks"}, [&] {
     run_train({scene(), "--view", "--ranks", "2", "--device", "cpu"});
   }));
-  EXPECT_TRUE(fails_with<InputError>({"--view 127.0.0.1:70000"}, [&] {
-    run_train({scene(), "--view", "--view_port", "70000"});
-  })) << "by its former name";
   EXPECT_TRUE(fails_with<InputError>({"--view 70000"}, [&] { run_train({scene(), "--view", "70000"}); }));
-  EXPECT_TRUE(fails_with<InputError>({"--view 127.0.0.1:70000"}, [&] { run_view({scene(), "--port", "70000"}); }));
   EXPECT_TRUE(fails_with<InputError>({"not found"}, [&] { run_view({(folder_.path() / "none").string()}); }));
 }
 
@@ -177,7 +173,7 @@ TEST(ViewOptions, APlaceMayFollowTheOption) {
 
 TEST(ViewOptions, APlaceIsAPortOrAnAddressAndAPort) {
   EXPECT_EQ(parse_view_place("auto").port, std::nullopt);
-  EXPECT_EQ(parse_view_place("::1:auto").address, "::1") << "as the former --view_address";
+  EXPECT_EQ(parse_view_place("::1:auto").address, "::1");
   EXPECT_EQ(parse_view_place("8080").port, 8080);
   EXPECT_EQ(parse_view_place("8080").address, ViewServerOptions{}.address);
   EXPECT_EQ(parse_view_place("0.0.0.0:0").port, 0);

@@ -410,9 +410,4 @@ void launch_backward_per_bucket(const BlendBackwardCudaArgs& args, const LaunchC
   B3DGS_CUDA_CHECK_LAUNCH();
 }
 
-KernelResources backward_per_bucket_resources(const TileShape& tile) {
-  return tile_kernel_resources(
-      tile, [](auto pixels) { return backward_per_bucket_kernel<pixels.value, false>; }, kThreads);
-}
-
 }  // namespace b3dgs::cuda

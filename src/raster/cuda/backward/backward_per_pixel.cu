@@ -81,8 +81,4 @@ void launch_backward_per_pixel(const BlendBackwardCudaArgs& args, const LaunchCo
   B3DGS_CUDA_CHECK_LAUNCH();
 }
 
-KernelResources backward_per_pixel_resources(const TileShape& tile) {
-  return tile_kernel_resources(tile, [](auto pixels) { return backward_per_pixel_kernel<pixels.value>; });
-}
-
 }  // namespace b3dgs::cuda

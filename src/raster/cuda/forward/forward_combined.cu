@@ -346,9 +346,4 @@ void launch_forward_combined(const BlendForwardCudaArgs& args, const LaunchConte
   });
 }
 
-KernelResources forward_combined_resources(const TileShape& tile) {
-  return tile_kernel_resources(
-      tile, [](auto pixels) { return forward_combined_kernel<pixels.value, StoredParts::kNone>; }, kThreads);
-}
-
 }  // namespace b3dgs::cuda

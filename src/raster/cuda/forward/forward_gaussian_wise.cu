@@ -59,9 +59,4 @@ void launch_forward_gaussian_wise(const BlendForwardCudaArgs& args, const Launch
   B3DGS_CUDA_CHECK_LAUNCH();
 }
 
-KernelResources forward_gaussian_wise_resources(const TileShape& tile) {
-  return tile_kernel_resources(
-      tile, [](auto pixels) { return forward_gaussian_wise_kernel<pixels.value, StoredParts::kNone>; });
-}
-
 }  // namespace b3dgs::cuda

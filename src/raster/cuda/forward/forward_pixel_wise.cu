@@ -118,10 +118,6 @@ void launch_forward_naive(const BlendForwardCudaArgs& args, const LaunchContext&
   B3DGS_CUDA_CHECK_LAUNCH();
 }
 
-KernelResources forward_naive_resources(const TileShape& tile) {
-  return tile_kernel_resources(tile, [](auto pixels) { return forward_naive_kernel<pixels.value>; });
-}
-
 void launch_forward_dynamic(const BlendForwardCudaArgs& args, const LaunchContext& context) {
   reset_tasks(args.next_task, context);
   with_tile_pixels(args.blend.grid.tile, [&](auto pixels) {
@@ -131,21 +127,12 @@ void launch_forward_dynamic(const BlendForwardCudaArgs& args, const LaunchContex
   B3DGS_CUDA_CHECK_LAUNCH();
 }
 
-KernelResources forward_dynamic_resources(const TileShape& tile) {
-  return tile_kernel_resources(tile, [](auto pixels) { return forward_dynamic_kernel<pixels.value>; });
-}
-
 void launch_forward_shared_memory(const BlendForwardCudaArgs& args, const LaunchContext& context) {
   with_tile_pixels(args.blend.grid.tile, [&](auto pixels) {
     const int blocks = args.blend.grid.n_tiles() * kStagedBlocks<pixels.value>;
     forward_shared_memory_kernel<pixels.value><<<blocks, kStagedThreads, 0, context.stream>>>(args);
   });
   B3DGS_CUDA_CHECK_LAUNCH();
-}
-
-KernelResources forward_shared_memory_resources(const TileShape& tile) {
-  return tile_kernel_resources(
-      tile, [](auto pixels) { return forward_shared_memory_kernel<pixels.value>; }, kStagedThreads);
 }
 
 }  // namespace b3dgs::cuda

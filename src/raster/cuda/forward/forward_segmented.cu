@@ -313,9 +313,4 @@ void launch_forward_segmented(const BlendForwardCudaArgs& args, const LaunchCont
   });
 }
 
-KernelResources forward_segmented_resources(const TileShape& tile) {
-  return tile_kernel_resources(
-      tile, [](auto pixels) { return forward_segmented_kernel<pixels.value>; }, kStagedThreads);
-}
-
 }  // namespace b3dgs::cuda
