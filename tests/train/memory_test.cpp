@@ -139,7 +139,7 @@ TEST(Memory, AResumedDeterministicTrainingIsHeldAtTheSameNumber) {
   fs::path checkpoint;
   {
     Trainer trainer(config, scene, ModelFolder(temp / "halves"), hooks);
-    trainer.run_until(held.front() - 1);
+    trainer.run(held.front() - 1);
     checkpoint = trainer.write_checkpoint();
   }
   EXPECT_EQ(read_checkpoint_header(checkpoint).value("held_at", std::int64_t{-1}), 0);
