@@ -41,19 +41,22 @@ Stepper::Stepper(Training& training)
 // --- Steps ---
 
 void Stepper::step() {
-  with_remedies(remedies_of_step(), [&] {
-    without_invalid_gaussians([&] {
-      before_ = {state_, state_.adam.steps};
-      try {
-        take_step();
-      } catch (const LossError&) {
-        throw;
-      } catch (...) {
-        roll_back();
-        throw;
-      }
-    });
-  });
+  MemoryRemedies remedies(remedies_of_step());
+  for (bool is_taken = false; !is_taken;) {
+    before_ = {state_, state_.adam.steps};
+    try {
+      take_step();
+      is_taken = true;
+    } catch (const LossError&) {
+      throw;
+    } catch (const InvalidGaussianError& error) {
+      roll_back();
+      remove_invalid_gaussians(error);
+    } catch (...) {
+      roll_back();
+      remedies.free_or_rethrow();
+    }
+  }
   state_.n_density_pending = state_.step_iterations;
 }
 

@@ -44,6 +44,23 @@ std::shared_ptr<MemorySource> make_memory_source([[maybe_unused]] torch::Device 
   return std::make_shared<MemorySource>();
 }
 
+void MemoryRemedies::free_or_rethrow() {
+  std::string reason;
+  try {
+    throw;
+  } catch (const OutOfMemoryError& error) {
+    reason = error.what();
+  } catch (const c10::OutOfMemoryError& error) {
+    reason = error.what_without_backtrace();
+  }
+  while (!remedies_.empty()) {
+    const MemoryRemedy next = std::move(remedies_.front());
+    remedies_.pop_front();
+    if (next()) return;
+  }
+  throw OutOfMemoryError(reason);
+}
+
 bool keeps_too_much(const MemoryUse& use) {
   constexpr std::int64_t kAlways = 256 << 20;
   return use.reserved - use.in_use > std::max(kAlways, use.in_use / 4);

@@ -6,9 +6,11 @@
 
 #include <algorithm>
 #include <cstdint>
+#include <deque>
 #include <functional>
 #include <memory>
 #include <optional>
+#include <utility>
 #include <vector>
 
 #include "config/view_ratios.h"
@@ -50,23 +52,29 @@ bool keeps_too_much(const MemoryUse& use);
 /// Tries to free memory; returns false if there was nothing to free.
 using MemoryRemedy = std::function<bool()>;
 
+/// What is done, one after the other, while work that can be repeated runs out of memory.
+class MemoryRemedies {
+ public:
+  explicit MemoryRemedies(std::vector<MemoryRemedy> remedies) : remedies_(remedies.begin(), remedies.end()) {}
+  /// For a catch block: frees memory with the next remedy that can. @throws OutOfMemoryError if none is left; the
+  /// current exception if it is none of memory
+  void free_or_rethrow();
+
+ private:
+  std::deque<MemoryRemedy> remedies_;  // not tried yet
+};
+
 /// Calls `work`, and while it runs out of memory, again after each remedy that could free some. `work` must be
 /// repeatable. @throws OutOfMemoryError if it still fails after the last remedy
 template <class Work>
-auto with_remedies(const std::vector<MemoryRemedy>& remedies, Work&& work) -> decltype(work()) {
-  auto next = remedies.begin();
-  while (true) {
-    std::string reason;
+auto with_remedies(std::vector<MemoryRemedy> remedies, Work&& work) -> decltype(work()) {
+  MemoryRemedies left(std::move(remedies));
+  for (;;) {
     try {
       return work();
-    } catch (const OutOfMemoryError& error) {
-      reason = error.what();
-    } catch (const c10::OutOfMemoryError& error) {
-      reason = error.what_without_backtrace();
+    } catch (...) {
+      left.free_or_rethrow();
     }
-    while (next != remedies.end() && !(*next)()) ++next;
-    if (next == remedies.end()) throw OutOfMemoryError(reason);
-    ++next;
   }
 }
 
