@@ -110,7 +110,8 @@ void Stepper::learn_view(const TrainView& view, bool is_filter_due) {
   RenderedView rendered;
   try {
     update_filters(is_filter_due);
-    rendered = optimizer_.forward(state_.gaussians, state_.adam, view.camera, settings);
+    settings = optimizer_.begin_view(state_.gaussians, state_.adam, settings);
+    rendered = training_.rasterizer.forward(state_.gaussians, view.camera, settings);
   } catch (const InvalidGaussianError&) {
     throw;
   } catch (const NumericError& error) {
@@ -133,7 +134,7 @@ void Stepper::learn_view(const TrainView& view, bool is_filter_due) {
   if (training_.device.is_cpu()) read_losses();
 
   const ViewStatistics statistics =
-      keeps_gradients() ? optimizer_.keep_view(grad, state_.gaussians, regularization())
+      keeps_gradients() ? optimizer_.keep_view(view.camera, settings, grad, state_.gaussians, regularization())
                         : optimizer_.step(adam_rates(config_, training_.scene.extent, iteration), grad,
                                           state_.gaussians, state_.adam, &training_.timer, regularization());
   if (settings.camera_gradient) training_.views.poses.add_gradient(view.index, iteration, statistics.camera_grad);

@@ -62,26 +62,16 @@ GaussianOptimizer::GaussianOptimizer(Rasterizer& rasterizer) : rasterizer_(raste
 #endif
 }
 
-std::vector<RenderSettings> GaussianOptimizer::begin_views([[maybe_unused]] GaussianTensors& gaussians,
-                                                           [[maybe_unused]] AdamState& state,
-                                                           std::vector<RenderSettings> settings) {
+RenderSettings GaussianOptimizer::begin_view([[maybe_unused]] GaussianTensors& gaussians,
+                                             [[maybe_unused]] AdamState& state, RenderSettings settings) {
 #if B3DGS_TORCH_CUDA
   if (!gaussians.means.is_cpu()) {
-    const RenderSettings& first = settings.front();
-    begin_stage(first.stages, Stage::kProject);
-    deferred_sh_->begin_view(rest_arrays(gaussians, state), first.sh_degree, torch_launch_context());
-    if (first.sh_degree == 0) return settings;
-    for (RenderSettings& each : settings) each.color_pass = deferred_sh_.get();
+    begin_stage(settings.stages, Stage::kProject);
+    deferred_sh_->begin_view(rest_arrays(gaussians, state), settings.sh_degree, torch_launch_context());
+    if (settings.sh_degree > 0) settings.color_pass = deferred_sh_.get();
   }
 #endif
   return settings;
-}
-
-RenderedView GaussianOptimizer::forward(GaussianTensors& gaussians, AdamState& state, const CameraView& view,
-                                        const RenderSettings& settings) {
-  view_ = view;
-  settings_ = settings;
-  return rasterizer_.forward(gaussians, view, begin_views(gaussians, state, {settings}).front());
 }
 
 ViewStatistics GaussianOptimizer::step(const AdamRates& rates, const RenderedViewGrad& view_grad,
@@ -126,18 +116,20 @@ void GaussianOptimizer::make_room(const GaussianTensors& gaussians, std::int64_t
   }
 }
 
-ViewStatistics GaussianOptimizer::keep_view(const RenderedViewGrad& view_grad, const GaussianTensors& gaussians,
+ViewStatistics GaussianOptimizer::keep_view(const CameraView& view, const RenderSettings& settings,
+                                            const RenderedViewGrad& view_grad, const GaussianTensors& gaussians,
                                             const RegularizationWeights& regularization) {
   const ViewStatistics statistics = rasterizer_.backward_to_splats(gaussians, view_grad, batch_.room());
-  batch_.add(view_, settings_, b3dgs::regularization_grad(regularization, rasterizer_.view_size().n_splats));
+  batch_.add(view, settings, b3dgs::regularization_grad(regularization, rasterizer_.view_size().n_splats));
   return statistics;
 }
 
 std::vector<ViewSplats> GaussianOptimizer::project_views(GaussianTensors& gaussians, AdamState& state,
                                                          const std::vector<CameraView>& views,
                                                          const std::vector<RenderSettings>& settings) {
-  if (views.empty()) return {};
-  return rasterizer_.project_views(gaussians, views, begin_views(gaussians, state, settings));
+  std::vector<RenderSettings> begun;
+  for (const RenderSettings& each : settings) begun.push_back(begin_view(gaussians, state, each));
+  return rasterizer_.project_views(gaussians, views, begun);
 }
 
 ViewStatistics GaussianOptimizer::keep_splats(const ViewSplats& own, const torch::Tensor& sums, const CameraView& view,

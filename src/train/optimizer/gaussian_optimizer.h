@@ -1,4 +1,4 @@
-// Forward pass, backward pass and Adam behind one interface, because a GPU fuses parts of them.
+// Backward pass and Adam behind one interface, because a GPU fuses parts of them.
 #pragma once
 
 #include <memory>
@@ -15,8 +15,9 @@ namespace cuda {
 class DeferredSh;
 }
 
-/// Adam steps, along the gradients of one view or of several. For a step along several views (--batch), each is
-/// rendered, followed by make_room_for_view() and keep_view(); then step_views(). On a GPU, updates of SH coefficients
+/// Adam steps, along the gradients of one view or of several. Each view begins with begin_view(), and is rendered with
+/// Rasterizer::forward(). A step along one view is step(). For a step along several (--batch), make_room_for_view() and
+/// keep_view() follow each view; then step_views(). On a GPU, updates of SH coefficients
 /// beyond degree 0 are deferred until a view sees the Gaussian (deferred_sh.h): call flush() before these coefficients
 /// or their moments are read, and before any tensor is replaced.
 class GaussianOptimizer {
@@ -24,24 +25,24 @@ class GaussianOptimizer {
   /// `rasterizer` must outlive this.
   explicit GaussianOptimizer(Rasterizer& rasterizer);
 
-  /// Rasterizer::forward() for a training step.
-  RenderedView forward(GaussianTensors& gaussians, AdamState& state, const CameraView& view,
-                       const RenderSettings& settings);
+  /// `settings` for rendering or projecting the next view so that deferred updates of its colours are applied.
+  RenderSettings begin_view(GaussianTensors& gaussians, AdamState& state, RenderSettings settings);
 
-  /// Gradients of that view and of the regularisation, and one step along them. `stages` (may be null) records the
-  /// optimizer stage, which on a GPU includes the projection's backward pass. Asynchronous on a GPU.
+  /// Gradients of the view that was just rendered and of the regularisation, and one step along them. `stages` (may be
+  /// null) records the optimizer stage, which on a GPU includes the projection's backward pass. Asynchronous on a GPU.
   ViewStatistics step(const AdamRates& rates, const RenderedViewGrad& view_grad, GaussianTensors& gaussians,
                       AdamState& state, StageRecorder* stages, const RegularizationWeights& regularization = {});
 
   /// Allocates what keep_view() needs for the view that was just rendered.
   void make_room_for_view(const GaussianTensors& gaussians);
   /// The backward pass of that view up to its splats, which are kept.
-  ViewStatistics keep_view(const RenderedViewGrad& view_grad, const GaussianTensors& gaussians,
-                           const RegularizationWeights& regularization = {});
+  ViewStatistics keep_view(const CameraView& view, const RenderSettings& settings, const RenderedViewGrad& view_grad,
+                           const GaussianTensors& gaussians, const RegularizationWeights& regularization = {});
 
   /// Of several ranks, each projects its Gaussians for every view of the step, another may render the view, and each
-  /// keeps the sums of its splats: project_views() instead of forward(), keep_splats() instead of keep_view().
-  /// `n_splats`: of the view, on all ranks. keep_splats() allocates; project_views() throws as forward() does.
+  /// keeps the sums of its splats: project_views() instead of Rasterizer::forward(), keep_splats() instead of
+  /// keep_view(). `n_splats`: of the view, on all ranks. keep_splats() allocates; project_views() throws as forward()
+  /// does.
   std::vector<ViewSplats> project_views(GaussianTensors& gaussians, AdamState& state,
                                         const std::vector<CameraView>& views,
                                         const std::vector<RenderSettings>& settings);
@@ -62,17 +63,12 @@ class GaussianOptimizer {
   void flush(GaussianTensors& gaussians, AdamState& state);
 
  private:
-  /// Settings with which views may be rendered or projected, once updates of their colours can be applied.
-  std::vector<RenderSettings> begin_views(GaussianTensors& gaussians, AdamState& state,
-                                          std::vector<RenderSettings> settings);
   void make_room(const GaussianTensors& gaussians, std::int64_t n_splats);
 
   Rasterizer& rasterizer_;
   GaussianTensors grads_;  // on the CPU
   ViewBatch batch_;
   SplatOwner owner_;
-  CameraView view_{};  // of the last forward()
-  RenderSettings settings_{};
   std::shared_ptr<cuda::DeferredSh> deferred_sh_;  // if this build has CUDA
 };
 
