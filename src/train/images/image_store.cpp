@@ -55,16 +55,11 @@ void add(ImagePlaces::Share& share, const ViewImage& image) {
 
 }  // namespace
 
-std::int64_t image_budget(double image_cache_gb, [[maybe_unused]] torch::Device device,
-                          [[maybe_unused]] double gpu_memory_gb) {
+std::int64_t image_budget(double image_cache_gb, torch::Device device, double gpu_memory_gb) {
   if (image_cache_gb >= 0) return static_cast<std::int64_t>(std::min(1e9 * image_cache_gb, 9e18));
-#if B3DGS_TORCH_CUDA
-  if (device.is_cuda()) {
-    const double free = static_cast<double>(cuda::free_device_bytes());
-    return static_cast<std::int64_t>((gpu_memory_gb > 0 ? std::min(free, 1e9 * gpu_memory_gb) : free) / 2);
-  }
-#endif
-  return 0;  // photographs are in host memory anyway
+  if (!kTorchHasCuda || device.is_cpu()) return 0;  // photographs are in host memory anyway
+  const auto free = static_cast<double>(device_memory_size().free);
+  return static_cast<std::int64_t>((gpu_memory_gb > 0 ? std::min(free, 1e9 * gpu_memory_gb) : free) / 2);
 }
 
 std::string describe(const ImagePlaces& places) {

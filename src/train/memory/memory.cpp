@@ -1,6 +1,5 @@
 #include "train/memory/memory.h"
 
-#include "raster/torch/torch_cuda.h"
 #include "train/density/row_edit.h"
 
 namespace b3dgs {
@@ -23,10 +22,7 @@ class GpuMemory final : public MemorySource {
     const std::int64_t all = std::max<std::int64_t>(0, reached - kForTheDriver);
     return limit_bytes_ > 0 ? std::min(all, limit_bytes_) : all;
   }
-  MemoryUse use() override {
-    const TorchMemoryUse now = torch_memory_use();
-    return {now.in_use, now.reserved, now.peak_reserved};
-  }
+  MemoryUse use() override { return torch_memory_use(); }
   void release_unused() override { release_unused_torch_memory(); }
 
  private:

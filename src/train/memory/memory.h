@@ -15,17 +15,11 @@
 
 #include "config/view_ratios.h"
 #include "core/check.h"
+#include "raster/torch/torch_cuda.h"
 #include "raster/view_memory.h"
 #include "train/checkpoint/train_state.h"
 
 namespace b3dgs {
-
-/// Memory use of this process, bytes.
-struct MemoryUse {
-  std::int64_t in_use = 0;         // by tensors and buffers
-  std::int64_t reserved = 0;       // in use or cached by the allocator
-  std::int64_t peak_reserved = 0;  // largest `reserved` so far
-};
 
 /// As on a CPU, where memory is neither limited nor measured.
 class MemorySource {

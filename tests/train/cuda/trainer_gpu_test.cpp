@@ -403,9 +403,9 @@ TEST(TrainerOnGpu, StepsAskForNoMemoryOnceSizesAreSteady) {
   config.position_lr_init = config.position_lr_final = config.scaling_lr = config.opacity_lr = config.rotation_lr = 0;
   Trainer trainer(config, scene, ModelFolder(temp / "model"), {});
   trainer.run(30);
-  const TorchMemoryUse before = torch_memory_use();
+  const MemoryUse before = torch_memory_use();
   trainer.run(90);
-  const TorchMemoryUse after = torch_memory_use();
+  const MemoryUse after = torch_memory_use();
   EXPECT_EQ(after.n_requests, before.n_requests);
   EXPECT_EQ(after.reserved, before.reserved);
   EXPECT_EQ(after.in_use, before.in_use);
