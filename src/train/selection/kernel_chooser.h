@@ -31,16 +31,11 @@ std::string gradient_fault(const torch::Tensor& sums, const torch::Tensor& refer
 /// The model and the views on which kernels are timed.
 struct BlendInput {
   Rasterizer& rasterizer;
-  const GaussianTensors& gaussians;
-  RenderSettings settings;        // of training steps
-  std::vector<CameraView> views;  // the next views of the training
-  // Renders a view and leaves it in `rasterizer`. Empty: rasterizer.forward(gaussians, view, settings).
-  std::function<RenderedView(const CameraView&, const RenderSettings&)> render{};
+  // Renders a view of the model and leaves it in `rasterizer`.
+  std::function<RenderedView(const CameraView&, const RenderSettings&)> render;
+  RenderSettings settings;               // of training steps
+  std::vector<CameraView> views;         // the next views of the training
   std::vector<MemoryRemedy> remedies{};  // with_remedies()
-
-  RenderedView forward(const CameraView& view) const {
-    return render ? render(view, settings) : rasterizer.forward(gaussians, view, settings);
-  }
 };
 
 class BlendPass {
