@@ -3,7 +3,6 @@
 
 #include <algorithm>
 #include <memory>
-#include <utility>
 #include <vector>
 
 #include "core/check.h"
@@ -224,20 +223,22 @@ RenderedView Rasterizer::forward_splats(const ViewSplats& splats, const CameraVi
 }
 
 torch::Tensor Rasterizer::backward_splats(const RenderedViewGrad& grad) {
-  impl_->backend().view_state().check_rows("backward_splats()");
+  const ViewState& view = impl_->backend().view_state();
+  view.check_rows("backward_splats()");
   const ImageGradArrays image = impl_->image_grad(grad);
   constexpr std::int64_t kColumns = sizeof(SplatGradSum) / sizeof(float);
-  const torch::Tensor sums = torch::empty({impl_->backend().n_rows(), kColumns}, impl_->rendered.color.options());
+  const torch::Tensor sums = torch::empty({view.n_rows, kColumns}, impl_->rendered.color.options());
   impl_->backend().backward_splats(image, rows_at<SplatGradSum>("sums", sums));
   return sums;
 }
 
 torch::Tensor Rasterizer::score_splats(const torch::Tensor& error) {
-  impl_->backend().view_state().check_rows("score_splats()");
+  const ViewState& view = impl_->backend().view_state();
+  view.check_rows("score_splats()");
   const float* const image = impl_->error_image(error);
   constexpr std::int64_t kColumns = sizeof(ScoreSums) / sizeof(std::int32_t);
   const torch::Tensor sums =
-      torch::empty({impl_->backend().n_rows(), kColumns}, impl_->rendered.color.options().dtype(torch::kInt32));
+      torch::empty({view.n_rows, kColumns}, impl_->rendered.color.options().dtype(torch::kInt32));
   impl_->backend().score_splats(image, rows_at<ScoreSums>("sums", sums));
   return sums;
 }
