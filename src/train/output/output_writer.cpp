@@ -2,7 +2,6 @@
 
 #include <algorithm>
 
-#include "core/files/own_files.h"
 #include "train/gaussians/gaussian_model.h"
 
 #if B3DGS_TORCH_CUDA
@@ -37,8 +36,8 @@ void append_rows(SplatPlyWriter& file, std::int64_t n, int sh_degree, const std:
     std::vector<float>* const columns[]{&rows.means, &rows.log_scales, &rows.quats, &rows.logit_opacities,
                                         &rows.sh0,   &rows.shN,        &filters};
     for (std::size_t i = 0; i < arrays.size(); ++i) {
-      const std::size_t row_bytes = arrays[i].bytes / static_cast<std::size_t>(n);
-      const char* const from = arrays[i].data + static_cast<std::size_t>(begin) * row_bytes;
+      const std::size_t row_bytes = arrays[i].size() / static_cast<std::size_t>(n);
+      const char* const from = arrays[i].data() + static_cast<std::size_t>(begin) * row_bytes;
       read(from, static_cast<std::size_t>(n_rows) * row_bytes, [&](const void* piece, std::size_t bytes) {
         const auto* values = static_cast<const float*>(piece);
         columns[i]->insert(columns[i]->end(), values, values + bytes / sizeof(float));
@@ -51,7 +50,7 @@ void append_rows(SplatPlyWriter& file, std::int64_t n, int sh_degree, const std:
 
 Bytes bytes_of(const torch::Tensor& tensor) {
   B3DGS_CHECK(tensor.is_contiguous(), "only contiguous tensors can be written");
-  return {static_cast<const char*>(tensor.data_ptr()), static_cast<std::size_t>(tensor.nbytes())};
+  return {static_cast<const char*>(tensor.data_ptr()), tensor.nbytes()};
 }
 
 }  // namespace
@@ -137,10 +136,8 @@ void OutputWriter::write_from_device(const WrittenFile& file, const Content& con
   const ReadPieces read = [this](const char* array, std::size_t bytes, const TakePiece& take) {
     reader_->read(array, bytes, take);
   };
-  std::vector<cuda::DeviceBytes> originals;
-  for (const Bytes& array : arrays) originals.push_back({array.data, array.bytes});
   std::shared_ptr<cuda::DeviceSnapshot> snapshot;
-  if (may_copy) snapshot = cuda::DeviceSnapshot::make(originals, stream);
+  if (may_copy) snapshot = cuda::DeviceSnapshot::make(arrays, stream);
   if (snapshot == nullptr) {
     wait();  // until the background thread no longer uses the reader
     reader_->follow(stream);
@@ -149,11 +146,7 @@ void OutputWriter::write_from_device(const WrittenFile& file, const Content& con
   }
   reader_->follow(stream);
   add({file, [content, snapshot, read]() mutable {
-         std::vector<Bytes> copies;
-         for (const cuda::DeviceBytes& copy : snapshot->arrays()) {
-           copies.push_back({static_cast<const char*>(copy.data), copy.bytes});
-         }
-         content.fill(copies, read);
+         content.fill(snapshot->arrays(), read);
          snapshot.reset();  // frees GPU memory before waiting for the disk
          content.commit();
        }});
@@ -172,7 +165,7 @@ void OutputWriter::write_checkpoint(const WrittenFile& file, const nlohmann::ord
     const auto out = std::make_shared<CheckpointFileWriter>(file.path, header, entries);
     const auto fill = [out](const std::vector<Bytes>& arrays, const ReadPieces& read) {
       for (const Bytes& array : arrays) {
-        read(array.data, array.bytes, [&](const void* piece, std::size_t bytes) { out->append(piece, bytes); });
+        read(array.data(), array.size(), [&](const void* piece, std::size_t bytes) { out->append(piece, bytes); });
       }
       out->finish();
     };

@@ -7,7 +7,6 @@
 #pragma once
 
 #include <condition_variable>
-#include <cstdint>
 #include <deque>
 #include <exception>
 #include <filesystem>
@@ -16,6 +15,7 @@
 #include <mutex>
 #include <nlohmann/json.hpp>
 #include <string>
+#include <string_view>
 #include <thread>
 #include <utility>
 #include <vector>
@@ -40,10 +40,7 @@ struct WrittenFile {
 
 class OutputWriter {
  public:
-  struct Bytes {
-    const char* data = nullptr;
-    std::size_t bytes = 0;
-  };
+  using Bytes = std::string_view;  // of a tensor, in the memory of its device
 
   explicit OutputWriter(torch::Device device);
   /// Waits until all files are written.
