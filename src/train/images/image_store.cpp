@@ -97,11 +97,6 @@ ImageStore::~ImageStore() = default;
 ImageStore::ImageStore(const std::vector<View>& views, torch::Device device, std::int64_t budget_bytes,
                        const ProgressFn& progress)
     : device_(device) {
-#if !B3DGS_TORCH_CUDA
-  if (!device.is_cpu()) {
-    input_error("this build keeps photographs on the CPU only, found device ", device.str(), "; use --device cpu");
-  }
-#endif
   std::map<const Image8*, torch::Tensor> masks;
   std::int64_t used = 0;
   for (const View& view : views) {

@@ -27,12 +27,11 @@ void check_images(torch::Device device, const torch::Tensor& rendered, const tor
 }  // namespace
 
 ImageLoss::ImageLoss(torch::Device device) : device_(device) {
-  if (device.is_cpu()) return;
-  if (!kTorchHasCuda) {
-    input_error("this build computes the loss on the CPU only, found device ", device.str(), "; use --device cpu");
+  if constexpr (kTorchHasCuda) {
+    if (device.is_cpu()) return;
+    value_on_device_ = torch::empty({sizeof(LossValue)}, torch::TensorOptions(torch::kUInt8).device(device));
+    copied_value_.emplace(sizeof(LossValue));
   }
-  value_on_device_ = torch::empty({sizeof(LossValue)}, torch::TensorOptions(torch::kUInt8).device(device));
-  if constexpr (kTorchHasCuda) copied_value_.emplace(sizeof(LossValue));
 }
 
 LossValue ImageLoss::value() const {

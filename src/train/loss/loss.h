@@ -42,7 +42,6 @@ std::int64_t count_valid(const std::uint8_t* valid, std::int64_t n_pixels);
 /// The loss on tensors. Reuses its buffers from step to step.
 class ImageLoss {
  public:
-  /// @throws InputError if this build has no loss for the device.
   explicit ImageLoss(torch::Device device);
 
   /// Loss and gradient of `rendered` [H, W, 3] float against `truth` [H, W, 3] uint8. `valid` is [H, W] uint8 with
