@@ -1,6 +1,7 @@
 #include "train/output/output_writer.h"
 
 #include <algorithm>
+#include <limits>
 
 #include "train/gaussians/gaussian_model.h"
 
@@ -61,53 +62,23 @@ struct OutputWriter::Content {
   std::function<void()> commit;
 };
 
-OutputWriter::OutputWriter(torch::Device device) : device_(device) {}
-
-OutputWriter::~OutputWriter() {
-  {
-    const std::lock_guard lock(mutex_);
-    is_ending_ = true;
-    changed_.notify_all();
-  }
-  if (thread_.joinable()) thread_.join();
-}
-
-void OutputWriter::run() {
-  std::unique_lock lock(mutex_);
-  for (;;) {
-    changed_.wait(lock, [&] { return is_ending_ || !jobs_.empty(); });
-    if (jobs_.empty()) return;
-    {
-      Job job = std::move(jobs_.front());
-      lock.unlock();
-      const std::exception_ptr own = perform(job);
-      job.work = {};  // frees its memory before it counts as done
-      lock.lock();
-      if (own && !fault_) fault_ = own;
-      done_.push_back(std::move(job.file));
+void OutputWriter::add(WrittenFile file, std::function<void()> work) {
+  if (queue_ == nullptr) queue_ = std::make_unique<TaskQueue>(/*threads=*/1, std::numeric_limits<std::size_t>::max());
+  queue_->push([this, file = std::move(file), work = std::move(work)]() mutable {
+    std::exception_ptr fault;
+    try {
+      work();
+    } catch (const IoError& error) {
+      file.error = error.what();
+    } catch (...) {
+      file.error = file.path.string() + ": could not be written";
+      fault = std::current_exception();
     }
-    jobs_.pop_front();
-    changed_.notify_all();
-  }
-}
-
-std::exception_ptr OutputWriter::perform(Job& job) {
-  try {
-    job.work();
-  } catch (const IoError& error) {
-    job.file.error = error.what();
-  } catch (...) {
-    job.file.error = job.file.path.string() + ": could not be written";
-    return std::current_exception();
-  }
-  return nullptr;
-}
-
-void OutputWriter::add(Job job) {
-  const std::lock_guard lock(mutex_);
-  if (!thread_.joinable()) thread_ = std::thread([this] { run(); });
-  jobs_.push_back(std::move(job));
-  changed_.notify_all();
+    work = {};  // frees its memory before it counts as done
+    const std::lock_guard lock(mutex_);
+    if (fault && !fault_) fault_ = fault;
+    done_.push_back(std::move(file));
+  });
 }
 
 void OutputWriter::write(WrittenFile file, const std::function<Content()>& open,
@@ -120,7 +91,7 @@ void OutputWriter::write(WrittenFile file, const std::function<Content()>& open,
     if (device_.is_cuda()) return write_from_device(file, content, arrays, may_copy);
 #endif
     content.fill(arrays, read_host);
-    add({file, content.commit});
+    add(std::move(file), content.commit);
   } catch (const IoError& error) {
     file.error = error.what();
     const std::lock_guard lock(mutex_);
@@ -142,14 +113,14 @@ void OutputWriter::write_from_device(const WrittenFile& file, const Content& con
     wait();  // until the background thread no longer uses the reader
     reader_->follow(stream);
     content.fill(arrays, read);
-    return add({file, content.commit});
+    return add(file, content.commit);
   }
   reader_->follow(stream);
-  add({file, [content, snapshot, read]() mutable {
-         content.fill(snapshot->arrays(), read);
-         snapshot.reset();  // frees GPU memory before waiting for the disk
-         content.commit();
-       }});
+  add(file, [content, snapshot, read]() mutable {
+    content.fill(snapshot->arrays(), read);
+    snapshot.reset();  // frees GPU memory before waiting for the disk
+    content.commit();
+  });
 }
 #endif
 
@@ -206,16 +177,6 @@ void OutputWriter::write_ply(const WrittenFile& file, const GaussianTensors& gau
     return {fill, [out] { out->commit(); }};
   };
   write(file, open, tensors, may_copy);
-}
-
-bool OutputWriter::is_busy() const {
-  const std::lock_guard lock(mutex_);
-  return !jobs_.empty();
-}
-
-void OutputWriter::wait() {
-  std::unique_lock lock(mutex_);
-  changed_.wait(lock, [&] { return jobs_.empty(); });
 }
 
 std::vector<WrittenFile> OutputWriter::take() {
