@@ -54,18 +54,11 @@ void Stepper::step() {
       remove_invalid_gaussians(error);
     } catch (...) {
       roll_back();
+      if (!training_.is_consistent) throw;  // the Gaussians have changed
       remedies.free_or_rethrow();
     }
   }
   state_.n_density_pending = state_.step_iterations;
-}
-
-std::vector<MemoryRemedy> Stepper::remedies_of_step() {
-  std::vector<MemoryRemedy> remedies = training_.remedies();
-  for (MemoryRemedy& remedy : remedies) {
-    remedy = [this, any = std::move(remedy)] { return training_.is_consistent && any(); };
-  }
-  return remedies;
 }
 
 void Stepper::take_step() {
@@ -351,9 +344,8 @@ std::optional<std::int64_t> Stepper::room_for_gaussians() {
   const std::optional<std::int64_t> limit = training_.memory->limit();
   if (!limit) return std::nullopt;
   const std::int64_t counted = state_bytes(state_) + training_.rasterizer.memory_bytes() + optimizer_.kept_bytes();
-  const CountLimits limits{*limit,
-                           std::max<std::int64_t>(0, training_.memory->use().in_use - counted) + memory_of_images()};
-  return largest_count(limits, memory_of_gaussian());
+  const std::int64_t others = std::max<std::int64_t>(0, training_.memory->use().in_use - counted);
+  return largest_count(*limit, others + memory_of_images(), memory_of_gaussian());
 }
 
 void Stepper::reserve_rows(const RowEdit& edit, std::int64_t limit) {

@@ -332,7 +332,7 @@ std::optional<MemoryForecast> Trainer::forecast_memory() {
   forecast.pairs = static_cast<std::int64_t>(n * each.view);
   forecast.photographs = std::max<std::int64_t>(0, training_->memory->use().in_use - state_bytes(training_->state));
   forecast.images = stepper_->memory_of_images();
-  forecast.largest_count = largest_count({*limit, forecast.photographs + forecast.images}, each);
+  forecast.largest_count = largest_count(*limit, forecast.photographs + forecast.images, each);
   return forecast;
 }
 

@@ -1,5 +1,6 @@
 #include "train/memory/memory.h"
 
+#include "core/check.h"
 #include "train/density/row_edit.h"
 
 namespace b3dgs {
@@ -113,9 +114,9 @@ GaussianMemory gaussian_memory(const TrainState& state, const ViewMemory& view, 
   return memory;
 }
 
-std::int64_t largest_count(const CountLimits& limits, const GaussianMemory& gaussian) {
+std::int64_t largest_count(std::int64_t limit, std::int64_t other, const GaussianMemory& gaussian) {
   constexpr double kUsable = 1 - 1.0 / 16;
-  const double left = kUsable * static_cast<double>(limits.limit) - static_cast<double>(limits.other);
+  const double left = kUsable * static_cast<double>(limit) - static_cast<double>(other);
   return static_cast<std::int64_t>(std::clamp(left / gaussian.all(), 1.0, 9e18));
 }
 

@@ -14,7 +14,6 @@
 #include <vector>
 
 #include "config/view_ratios.h"
-#include "core/check.h"
 #include "raster/torch/torch_cuda.h"
 #include "raster/view_memory.h"
 #include "train/checkpoint/train_state.h"
@@ -92,14 +91,9 @@ struct GaussianMemory {
 GaussianMemory gaussian_memory(const TrainState& state, const ViewMemory& view, const ViewRatios& ratios,
                                int n_kept_views = 0);
 
-/// Available memory, bytes.
-struct CountLimits {
-  std::int64_t limit = 0;  // MemorySource::limit()
-  std::int64_t other = 0;  // in use, independent of the number of Gaussians
-};
-
-/// The largest number of Gaussians that fits, with a reserve of 1/16 of the limit; at least 1.
-std::int64_t largest_count(const CountLimits& limits, const GaussianMemory& gaussian);
+/// The largest number of Gaussians that fits, with a reserve of 1/16 of the limit; at least 1. `limit`:
+/// MemorySource::limit(). `other`: bytes in use, independent of the number of Gaussians.
+std::int64_t largest_count(std::int64_t limit, std::int64_t other, const GaussianMemory& gaussian);
 
 /// The smaller of two limits on the number of Gaussians; 0 = no limit.
 std::int64_t smaller_limit(std::int64_t a, std::int64_t b);
