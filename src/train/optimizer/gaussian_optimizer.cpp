@@ -204,13 +204,12 @@ void GaussianOptimizer::step_views(const AdamRates& rates, GaussianTensors& gaus
     args.n_deferred = deferred_sh_->n_deferred();
     cuda::step_batch(args, torch_launch_context());
     deferred_sh_->defer_step(args.adam.back().size, args.rule);
-    batch_.clear();
-    end_stage(stages);
-    return;
   }
 #endif
-  cpu::batch_gradients(grad_args, make_gradients(gaussians, grads_));
-  adam_step(scaled, grads_, gaussians, state, n_views);
+  if (gaussians.means.is_cpu()) {
+    cpu::batch_gradients(grad_args, make_gradients(gaussians, grads_));
+    adam_step(scaled, grads_, gaussians, state, n_views);
+  }
   batch_.clear();
   end_stage(stages);
 }
