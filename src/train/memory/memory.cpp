@@ -5,7 +5,6 @@
 
 namespace b3dgs {
 
-#if B3DGS_TORCH_CUDA
 namespace {
 
 class GpuMemory final : public MemorySource {
@@ -31,13 +30,11 @@ class GpuMemory final : public MemorySource {
 };
 
 }  // namespace
-#endif
 
-std::shared_ptr<MemorySource> make_memory_source([[maybe_unused]] torch::Device device,
-                                                 [[maybe_unused]] double limit_gb) {
-#if B3DGS_TORCH_CUDA
-  if (device.is_cuda()) return std::make_shared<GpuMemory>(limit_gb);
-#endif
+std::shared_ptr<MemorySource> make_memory_source(torch::Device device, double limit_gb) {
+  if constexpr (kTorchHasCuda) {
+    if (device.is_cuda()) return std::make_shared<GpuMemory>(limit_gb);
+  }
   return std::make_shared<MemorySource>();
 }
 
