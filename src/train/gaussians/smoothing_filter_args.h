@@ -59,8 +59,8 @@ B3DGS_HD void write_finest_pixel(const SmoothingFilterArgs& args, std::int64_t i
 
 /// Turns the finest pixel into the filter. Where no view contains the Gaussian, the largest of all takes its place.
 B3DGS_HD void write_filter_size(const SmoothingFilterArgs& args, std::int64_t i) {
-  const float finest = args.filters[i];
-  args.filters[i] = std::sqrt(kFilterVariance) * (finest > 0 ? finest : *args.largest);
+  const float finest = args.filters[i], largest = *args.largest;
+  args.filters[i] = std::sqrt(kFilterVariance) * (finest > 0 ? finest : largest);
 }
 
 namespace cuda {
