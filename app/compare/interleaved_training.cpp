@@ -107,7 +107,7 @@ class InterleavedTraining {
       for (std::size_t i = 0; i < turns_.size(); ++i) {
         Turn& turn = turns_[(first + i) % turns_.size()];
         if (turn.result.iteration == turn.iterations()) continue;  // shorter than others, and done
-        turn.result = turn.trainer->run_until(std::min(until, turn.iterations()));
+        turn.result = turn.trainer->run(std::min(until, turn.iterations()));
         if (stop_signal() != 0) return false;
       }
     }

@@ -36,6 +36,11 @@ void TaskQueue::finish() {
   if (error_) std::rethrow_exception(error_);
 }
 
+bool TaskQueue::is_busy() const {
+  const std::lock_guard lock(mutex_);
+  return n_running_ > 0 || !waiting_.empty();
+}
+
 void TaskQueue::run() {
   std::unique_lock lock(mutex_);
   for (;;) {

@@ -29,11 +29,14 @@ class TaskQueue {
   /// Waits until all tasks have ended. @throws as push()
   void finish();
 
+  /// Whether a task waits or has not ended.
+  bool is_busy() const;
+
  private:
   void run();
 
   const std::size_t capacity_;
-  std::mutex mutex_;
+  mutable std::mutex mutex_;
   std::condition_variable changed_;
   std::deque<std::function<void()>> waiting_;
   std::size_t n_running_ = 0;

@@ -144,6 +144,9 @@ class RasterizerBackend {
   virtual BinnedSplats bins() const = 0;
   const TileGrid& grid() const { return state_.grid; }
   std::int64_t n_splats() const { return state_.n_splats; }
+  const ViewState& view_state() const { return state_; }
+  /// There is no last forward() from here on.
+  void forget_view() { state_.forget_view(); }
 
   /// GPU memory of all buffers, which are kept from view to view (view_memory.h forecasts it); 0 on the CPU.
   virtual std::int64_t memory_bytes() { return 0; }

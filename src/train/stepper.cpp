@@ -41,28 +41,24 @@ Stepper::Stepper(Training& training)
 // --- Steps ---
 
 void Stepper::step() {
-  with_remedies(remedies_of_step(), [&] {
-    without_invalid_gaussians([&] {
-      before_ = {state_, state_.adam.steps};
-      try {
-        take_step();
-      } catch (const LossError&) {
-        throw;
-      } catch (...) {
-        roll_back();
-        throw;
-      }
-    });
-  });
-  state_.n_density_pending = state_.step_iterations;
-}
-
-std::vector<MemoryRemedy> Stepper::remedies_of_step() {
-  std::vector<MemoryRemedy> remedies = training_.remedies();
-  for (MemoryRemedy& remedy : remedies) {
-    remedy = [this, any = std::move(remedy)] { return training_.is_consistent && any(); };
+  MemoryRemedies remedies(remedies_of_step());
+  for (bool is_taken = false; !is_taken;) {
+    before_ = {state_, state_.adam.steps};
+    try {
+      take_step();
+      is_taken = true;
+    } catch (const LossError&) {
+      throw;
+    } catch (const InvalidGaussianError& error) {
+      roll_back();
+      remove_invalid_gaussians(error);
+    } catch (...) {
+      roll_back();
+      if (!training_.is_consistent) throw;  // the Gaussians have changed
+      remedies.free_or_rethrow();
+    }
   }
-  return remedies;
+  state_.n_density_pending = state_.step_iterations;
 }
 
 void Stepper::take_step() {
@@ -107,7 +103,8 @@ void Stepper::learn_view(const TrainView& view, bool is_filter_due) {
   RenderedView rendered;
   try {
     update_filters(is_filter_due);
-    rendered = optimizer_.forward(state_.gaussians, state_.adam, view.camera, settings);
+    settings = optimizer_.begin_view(state_.gaussians, state_.adam, settings);
+    rendered = training_.rasterizer.forward(state_.gaussians, view.camera, settings);
   } catch (const InvalidGaussianError&) {
     throw;
   } catch (const NumericError& error) {
@@ -130,7 +127,7 @@ void Stepper::learn_view(const TrainView& view, bool is_filter_due) {
   if (training_.device.is_cpu()) read_losses();
 
   const ViewStatistics statistics =
-      keeps_gradients() ? optimizer_.keep_view(grad, state_.gaussians, regularization())
+      keeps_gradients() ? optimizer_.keep_view(view.camera, settings, grad, state_.gaussians, regularization())
                         : optimizer_.step(adam_rates(config_, training_.scene.extent, iteration), grad,
                                           state_.gaussians, state_.adam, &training_.timer, regularization());
   if (settings.camera_gradient) training_.views.poses.add_gradient(view.index, iteration, statistics.camera_grad);
@@ -347,9 +344,8 @@ std::optional<std::int64_t> Stepper::room_for_gaussians() {
   const std::optional<std::int64_t> limit = training_.memory->limit();
   if (!limit) return std::nullopt;
   const std::int64_t counted = state_bytes(state_) + training_.rasterizer.memory_bytes() + optimizer_.kept_bytes();
-  const CountLimits limits{*limit,
-                           std::max<std::int64_t>(0, training_.memory->use().in_use - counted) + memory_of_images()};
-  return largest_count(limits, memory_of_gaussian());
+  const std::int64_t others = std::max<std::int64_t>(0, training_.memory->use().in_use - counted);
+  return largest_count(*limit, others + memory_of_images(), memory_of_gaussian());
 }
 
 void Stepper::reserve_rows(const RowEdit& edit, std::int64_t limit) {

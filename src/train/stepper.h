@@ -154,9 +154,8 @@ class Stepper {
   };
 
   virtual void take_step();
-  /// What frees memory for a step that has run out of it, before the step is taken again: none once it has changed the
-  /// Gaussians.
-  virtual std::vector<MemoryRemedy> remedies_of_step();
+  /// What frees memory for a step that has run out of it, before the step is taken again.
+  virtual std::vector<MemoryRemedy> remedies_of_step() { return training_.remedies(); }
   /// Begins a step up to iteration `last`. Returns whether filters for anti-aliasing are due.
   bool begin_step(int last);
   /// Renders the view of the current iteration and compares it with its photograph. Keeps the gradients of its splats,

@@ -164,16 +164,13 @@ std::vector<std::string> Trainer::resume(const std::filesystem::path& checkpoint
   return changed_options_;
 }
 
-TrainResult Trainer::run() {
-  return run_until(training_->config.iterations);
-}
-
-TrainResult Trainer::run_until(int iteration) {
+TrainResult Trainer::run(std::optional<int> until) {
   const TrainState& state = training_->state;
   const TrainConfig& config = training_->config;
-  B3DGS_CHECK(iteration <= config.iterations, "iteration ", iteration, " of ", config.iterations);
+  const int last = until.value_or(config.iterations);
+  B3DGS_CHECK(last <= config.iterations, "iteration ", last, " of ", config.iterations);
   begin();
-  while (state.iteration < iteration && !result_.interrupted) {
+  while (state.iteration < last && !result_.interrupted) {
     try {
       run_iteration();
     } catch (const LossError&) {
@@ -285,7 +282,7 @@ void Trainer::show_model() {
 }
 
 Evaluation Trainer::evaluate(const std::vector<View>& views, const RenderedFn& on_rendered) {
-  B3DGS_CHECK(has_begun_, "evaluate() before run_until()");
+  B3DGS_CHECK(has_begun_, "evaluate() before run()");
   Evaluation evaluation;
   stepper_->on_first([&] {
     evaluation = evaluate_here(with_refined_poses(views, training_->scene.train, training_->state.poses), on_rendered);
@@ -294,7 +291,7 @@ Evaluation Trainer::evaluate(const std::vector<View>& views, const RenderedFn& o
 }
 
 std::filesystem::path Trainer::write_checkpoint() {
-  B3DGS_CHECK(has_begun_, "write_checkpoint() before run_until()");
+  B3DGS_CHECK(has_begun_, "write_checkpoint() before run()");
   TrainRecorder& recorder = training_->recorder;
   // Files that are still being written are those of a training that goes on.
   recorder.wait_for_files();
@@ -335,7 +332,7 @@ std::optional<MemoryForecast> Trainer::forecast_memory() {
   forecast.pairs = static_cast<std::int64_t>(n * each.view);
   forecast.photographs = std::max<std::int64_t>(0, training_->memory->use().in_use - state_bytes(training_->state));
   forecast.images = stepper_->memory_of_images();
-  forecast.largest_count = largest_count({*limit, forecast.photographs + forecast.images}, each);
+  forecast.largest_count = largest_count(*limit, forecast.photographs + forecast.images, each);
   return forecast;
 }
 

@@ -59,22 +59,20 @@ class Trainer {
   /// finite, the model may be damaged: no checkpoint is written, and the error names the last one before.
   /// @throws InputError if the folder holds the model of another training, or a photograph cannot be read; IoError if
   /// the last files cannot be written; NumericError with iteration and view; OutOfMemoryError
-  TrainResult run();
-
-  /// Like run(), but returns after `iteration` (at most config.iterations); call it again to continue. The result is
+  /// With `until` (at most config.iterations), returns after that iteration; call it again to continue. The result is
   /// the same as that of a single run(). The device has finished when this returns, so that trainers can take turns
   /// without affecting each other's times.
-  TrainResult run_until(int iteration);
+  TrainResult run(std::optional<int> until = std::nullopt);
 
   /// Last iteration done.
   int iteration() const;
 
   /// Renders `views` with the current model and computes their PSNR and SSIM; training views with their refined poses.
-  /// Call run_until() first. Of several processes, all call this together, except in TrainHooks::on_result; the result
+  /// Call run() first. Of several processes, all call this together, except in TrainHooks::on_result; the result
   /// is in the first one.
   Evaluation evaluate(const std::vector<View>& views, const RenderedFn& on_rendered = {});
 
-  /// Writes a checkpoint of the current state and waits for it. Call run_until() first. @throws IoError
+  /// Writes a checkpoint of the current state and waits for it. Call run() first. @throws IoError
   std::filesystem::path write_checkpoint();
 
   /// The same, and writes the PLY of this iteration, for viewers, unless there is one. A PLY that cannot be written

@@ -94,15 +94,14 @@ void Trainer::begin() {
 }
 
 BlendInput Trainer::kernel_check_input() {
-  const TrainConfig& config = training_->config;
-  BlendInput input{training_->rasterizer,
-                   stepper_->flushed_state().gaussians,
-                   evaluation_settings(config, training_->state.sh_degree),
-                   {}};
-  input.render = [this](const CameraView& view, const RenderSettings& settings) {
+  const auto render = [this](const CameraView& view, const RenderSettings& settings) {
     return stepper_->render(view, settings);
   };
-  input.remedies = training_->remedies();
+  BlendInput input{training_->rasterizer,
+                   render,
+                   evaluation_settings(training_->config, training_->state.sh_degree),
+                   {},
+                   training_->remedies()};
   for (const std::int32_t view : training_->views.upcoming(training_->state.view_order, KernelChooser::kViews)) {
     input.views.push_back(training_->views.images.stored_view(view).camera);
   }

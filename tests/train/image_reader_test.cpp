@@ -160,7 +160,7 @@ TEST(ImageReader, ThrowsOnlyForTheImageThatCannotBeRead) {
   for (const View& view : scene.train) images.push_back(view.image);
   fs::remove(disk.image_file(scene.train[1]));
   ImageBuffers memory(images);
-  ImageReader reader({images, memory.pointers(), 3, {}});
+  ImageReader reader({images, memory.allocate(), 3, {}});
   reader.expect({0, 1, 2});
   reader.wait(0);
   reader.wait(2);

@@ -65,7 +65,13 @@ class KernelChooserTest : public testing::Test {
     ASSERT_GE(cameras.size(), 5u);
     cameras.resize(5);
   }
-  BlendInput input() { return {rasterizer, gaussians, {}, cameras}; }
+  BlendInput input() { return input_of(gaussians); }
+  BlendInput input_of(const GaussianTensors& model) {
+    const auto render = [this, model](const CameraView& view, const RenderSettings& settings) {
+      return rasterizer.forward(model, view, settings);
+    };
+    return {rasterizer, render, {}, cameras};
+  }
   KernelChooser chooser(double in_use_ms, double other_ms) {
     return KernelChooser(config, torch::kCPU, {std::make_unique<InventedTimer>(in_use_ms, other_ms)});
   }
@@ -206,7 +212,7 @@ TEST_F(KernelChooserTest, DecidesNothingOnViewsThatCannotBeRendered) {
   GaussianTensors broken = gaussians;
   broken.log_scales = torch::full_like(gaussians.log_scales, std::numeric_limits<float>::quiet_NaN());
   KernelChooser own = chooser(2.0, 1.0);
-  const KernelDecision decision = own.check(at(1), {rasterizer, broken, {}, cameras}).front().decision;
+  const KernelDecision decision = own.check(at(1), input_of(broken)).front().decision;
   EXPECT_EQ(decision.after, "segmented");
   EXPECT_TRUE(decision.times_ms.empty());
   own.check(at(1000, 1e6), input());

@@ -139,7 +139,7 @@ TEST(Memory, AResumedDeterministicTrainingIsHeldAtTheSameNumber) {
   fs::path checkpoint;
   {
     Trainer trainer(config, scene, ModelFolder(temp / "halves"), hooks);
-    trainer.run_until(held.front() - 1);
+    trainer.run(held.front() - 1);
     checkpoint = trainer.write_checkpoint();
   }
   EXPECT_EQ(read_checkpoint_header(checkpoint).value("held_at", std::int64_t{-1}), 0);
@@ -259,8 +259,8 @@ TEST(MemoryPlan, CountsTheBytesOfAGaussian) {
   EXPECT_EQ(gaussian_memory(state, {208, 100}, ratios, 4).all(), memory.all() + 1.25 * (4 * (4 + 48) + 12))
       << "splats and indices of 4 views, and a copy of the statistics";
   // 15 of 16 parts of 3.2 GB, less 100 MB.
-  EXPECT_EQ(largest_count({3200000000, 100000000}, memory), 2900000000 / 1343);
-  EXPECT_EQ(largest_count({1000, 5000}, memory), 1) << "0 would mean no limit";
+  EXPECT_EQ(largest_count(3200000000, 100000000, memory), 2900000000 / 1343);
+  EXPECT_EQ(largest_count(1000, 5000, memory), 1) << "0 would mean no limit";
   EXPECT_EQ(smaller_limit(0, 5), 5);
   EXPECT_EQ(smaller_limit(7, 0), 7);
   EXPECT_EQ(smaller_limit(7, 5), 5);

@@ -97,8 +97,8 @@ TEST(TrainingTime, HoldsTheSteps) {
   hooks.clock_s = [&] { return running != nullptr ? running->iteration() : 0.0; };  // a step takes a second
   Trainer trainer(test::eventful_config(), scene, ModelFolder(temp.path()), hooks);
   running = &trainer;
-  const TrainResult before = trainer.run_until(1);
-  const TrainResult after = trainer.run_until(19);  // nothing is measured or saved until then
+  const TrainResult before = trainer.run(1);
+  const TrainResult after = trainer.run(19);  // nothing is measured or saved until then
   EXPECT_EQ(before.train_s, 1);
   EXPECT_EQ(after.train_s, 19);
   EXPECT_EQ(after.output_s, 0);

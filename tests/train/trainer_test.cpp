@@ -62,7 +62,7 @@ TEST(Trainer, RunInPiecesEqualsOneRunBitForBit) {
   Trainer a(config, scene, folders[0], {}), b(config, scene, folders[1], {});
   for (const int until : {0, 1, 8, 8, 10, 17, 20}) {
     for (Trainer* trainer : {&a, &b}) {
-      const TrainResult result = trainer->run_until(until);
+      const TrainResult result = trainer->run(until);
       EXPECT_EQ(result.iteration, until);
       EXPECT_EQ(trainer->iteration(), until);
     }
@@ -73,10 +73,10 @@ TEST(Trainer, RunInPiecesEqualsOneRunBitForBit) {
     EXPECT_EQ(folder.ply_iterations(), (std::vector<int>{8, 20}));
     EXPECT_EQ(folder.checkpoint_iterations(), (std::vector<int>{8, 20}));
   }
-  const TrainResult result = a.run_until(20);
+  const TrainResult result = a.run(20);
   ASSERT_EQ(result.evaluations.size(), 2u);
   EXPECT_EQ(a.evaluate(scene.test).mean.psnr, result.evaluations.back().second.mean.psnr);
-  EXPECT_THROW(a.run_until(21), LogicError);
+  EXPECT_THROW(a.run(21), LogicError);
 }
 
 TEST(Trainer, ResumesFromACheckpointWrittenOnRequest) {
@@ -88,7 +88,7 @@ TEST(Trainer, ResumesFromACheckpointWrittenOnRequest) {
   {
     Trainer trainer(config, scene, folder, {});
     EXPECT_THROW(trainer.write_checkpoint(), LogicError) << "there is nothing yet";
-    trainer.run_until(11);
+    trainer.run(11);
     checkpoint = trainer.write_checkpoint();
   }
   EXPECT_EQ(checkpoint, folder.checkpoint(11));

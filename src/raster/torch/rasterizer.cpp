@@ -3,7 +3,6 @@
 
 #include <algorithm>
 #include <memory>
-#include <utility>
 #include <vector>
 
 #include "core/check.h"
@@ -24,13 +23,6 @@ std::unique_ptr<RasterizerBackend> make_backend(torch::Device device) {
 #endif
   (void)device;
   return cpu::make_rasterizer();
-}
-
-/// Replaces `tensor` unless it is contiguous and has this shape, type and device.
-void ensure(torch::Tensor& tensor, torch::IntArrayRef sizes, const torch::TensorOptions& options) {
-  const bool fits = tensor.defined() && tensor.sizes() == sizes && tensor.is_contiguous() &&
-                    tensor.dtype() == options.dtype() && tensor.device() == options.device();
-  if (!fits) tensor = torch::empty(sizes, options);
 }
 
 /// A tensor on memory of the backend.
@@ -61,10 +53,7 @@ struct Rasterizer::Impl {
   RenderedView rendered;
   torch::Tensor color_storage, depth_storage, alpha_storage, means2d_storage;
   ViewStatistics statistics;
-  std::int64_t n_gaussians = -1;  // of the last forward(); -1: none
-  std::int64_t n_rows = -1;       // of the last forward_splats(); -1: none
-  bool camera_gradient = false;   // of its settings
-  double seen_share = 0;          // largest share of the Gaussians that a view of project_views() has seen
+  double seen_share = 0;  // largest share of the Gaussians that a view of project_views() has seen
 
   /// Made when it is first used, so that a GPU is not initialised before.
   RasterizerBackend& backend() {
@@ -79,12 +68,11 @@ struct Rasterizer::Impl {
   }
 
   /// Images for a view, whose rendering must follow.
-  ImageArrays begin_view(const CameraView& view, const RenderSettings& settings, const torch::TensorOptions& options) {
+  ImageArrays begin_view(const CameraView& view, const torch::TensorOptions& options) {
+    backend().forget_view();
     place_tensor(rendered.color, color_storage, {view.height, view.width, 3}, options);
     place_tensor(rendered.depth, depth_storage, {view.height, view.width}, options);
     place_tensor(rendered.alpha, alpha_storage, {view.height, view.width}, options);
-    n_gaussians = n_rows = -1;
-    camera_gradient = settings.camera_gradient;
     return {rendered.color.data_ptr<float>(), rendered.depth.data_ptr<float>(), rendered.alpha.data_ptr<float>()};
   }
 
@@ -119,7 +107,7 @@ struct Rasterizer::Impl {
   /// After the backward pass.
   const ViewStatistics& finish_statistics() {
     statistics.camera_grad = torch::Tensor();
-    if (camera_gradient) {
+    if (backend().view_state().has_camera_gradient) {
       statistics.camera_grad =
           tensor_of(backend().camera_gradient(), {kCameraGradients}, rendered.color.options(), torch::kFloat64);
     }
@@ -145,9 +133,7 @@ Rasterizer& Rasterizer::operator=(Rasterizer&&) noexcept = default;
 RenderedView Rasterizer::forward(const GaussianTensors& gaussians, const CameraView& view,
                                  const RenderSettings& settings) {
   const GaussianArrays arrays = arrays_of(gaussians, impl_->device);
-  const ImageArrays out = impl_->begin_view(view, settings, gaussians.means.options());
-  impl_->backend().forward(arrays, view, settings, out);
-  impl_->n_gaussians = arrays.n_gaussians;
+  impl_->backend().forward(arrays, view, settings, impl_->begin_view(view, gaussians.means.options()));
   return impl_->rendered;
 }
 
@@ -155,16 +141,8 @@ ViewStatistics Rasterizer::backward(const GaussianTensors& gaussians, const Rend
                                     GaussianTensors& grads) {
   const GaussianArrays arrays = arrays_of(gaussians, impl_->device);
   const ImageGradArrays image = impl_->image_grad(grad);
-  const auto options = gaussians.means.options();
-  const auto parameters = gaussians.all();
-  const auto gradients = grads.all();
-  for (std::size_t i = 0; i < parameters.size(); ++i) ensure(*gradients[i], parameters[i]->sizes(), options);
   const ViewStatistics& statistics = impl_->make_statistics(arrays.n_gaussians);
-  impl_->backend().backward(
-      arrays, image,
-      {grads.means.data_ptr<float>(), grads.log_scales.data_ptr<float>(), grads.quats.data_ptr<float>(),
-       grads.logit_opacities.data_ptr<float>(), grads.sh0.data_ptr<float>(), grads.shN.data_ptr<float>(),
-       statistics.means2d_grad.data_ptr<float>()});
+  impl_->backend().backward(arrays, image, make_gradients(gaussians, grads, statistics.means2d_grad.data_ptr<float>()));
   return impl_->finish_statistics();
 }
 
@@ -192,7 +170,6 @@ ViewStatistics Rasterizer::backward_to_splats(const GaussianTensors& gaussians, 
 ViewSplats Rasterizer::project(const GaussianTensors& gaussians, const CameraView& view,
                                const RenderSettings& settings) {
   const GaussianArrays arrays = arrays_of(gaussians, impl_->device);
-  impl_->n_gaussians = impl_->n_rows = -1;
   ViewSplats out;
   impl_->backend().project(arrays, view, settings, [&](std::int64_t n) {
     out = allocate_splats(gaussians, n);
@@ -214,7 +191,6 @@ std::vector<ViewSplats> Rasterizer::project_views(const GaussianTensors& gaussia
     return all;
   }
   const GaussianArrays arrays = arrays_of(gaussians, impl_->device);
-  impl_->n_gaussians = impl_->n_rows = -1;
   constexpr double kSeenMargin = 1.1;
   const auto n = static_cast<double>(arrays.n_gaussians);
   const std::int64_t capacity =
@@ -242,27 +218,27 @@ RenderedView Rasterizer::forward_splats(const ViewSplats& splats, const CameraVi
                                         const RenderSettings& settings) {
   TensorCheck check(impl_->device);
   const SplatRows rows = rows_of(splats, check);
-  const ImageArrays out = impl_->begin_view(view, settings, splats.splats.options());
-  impl_->backend().forward_splats(rows, view, settings, out);
-  impl_->n_rows = rows.n_splats;
+  impl_->backend().forward_splats(rows, view, settings, impl_->begin_view(view, splats.splats.options()));
   return impl_->rendered;
 }
 
 torch::Tensor Rasterizer::backward_splats(const RenderedViewGrad& grad) {
-  B3DGS_CHECK(impl_->n_rows >= 0, "backward_splats() before any forward_splats()");
+  const ViewState& view = impl_->backend().view_state();
+  view.check_rows("backward_splats()");
   const ImageGradArrays image = impl_->image_grad(grad);
   constexpr std::int64_t kColumns = sizeof(SplatGradSum) / sizeof(float);
-  const torch::Tensor sums = torch::empty({impl_->n_rows, kColumns}, impl_->rendered.color.options());
+  const torch::Tensor sums = torch::empty({view.n_rows, kColumns}, impl_->rendered.color.options());
   impl_->backend().backward_splats(image, rows_at<SplatGradSum>("sums", sums));
   return sums;
 }
 
 torch::Tensor Rasterizer::score_splats(const torch::Tensor& error) {
-  B3DGS_CHECK(impl_->n_rows >= 0, "score_splats() before any forward_splats()");
+  const ViewState& view = impl_->backend().view_state();
+  view.check_rows("score_splats()");
   const float* const image = impl_->error_image(error);
   constexpr std::int64_t kColumns = sizeof(ScoreSums) / sizeof(std::int32_t);
   const torch::Tensor sums =
-      torch::empty({impl_->n_rows, kColumns}, impl_->rendered.color.options().dtype(torch::kInt32));
+      torch::empty({view.n_rows, kColumns}, impl_->rendered.color.options().dtype(torch::kInt32));
   impl_->backend().score_splats(image, rows_at<ScoreSums>("sums", sums));
   return sums;
 }
@@ -293,10 +269,11 @@ void Rasterizer::release_memory() {
 }
 
 void Rasterizer::score(const torch::Tensor& error, const GaussianScores& scores) {
-  B3DGS_CHECK(impl_->n_gaussians >= 0 && impl_->rendered.alpha.defined(), "score() before any forward()");
+  const ViewState& view = impl_->backend().view_state();
+  view.check_gaussians("score()");
   const float* const image = impl_->error_image(error);
   TensorCheck check(impl_->device);
-  check.bind("N", impl_->n_gaussians);
+  check.bind("N", view.n_gaussians);
   impl_->backend().score(image, arrays_of(scores, check));
 }
 

@@ -5,7 +5,6 @@
 
 #include <initializer_list>
 #include <string>
-#include <utility>
 #include <vector>
 
 #include "core/check.h"
@@ -29,7 +28,8 @@ class TensorCheck {
   /// Defines a dimension.
   void bind(const std::string& name, std::int64_t size) { bound_.push_back({name, size, "the caller"}); }
 
-  /// Checks that `tensor` is of type `type` (float or int32), contiguous, on the device, and has these dimensions.
+  /// Checks that `tensor` is of type `type` (float, int32 or uint8), contiguous, on the device, and has these
+  /// dimensions.
   /// @throws LogicError such as "quats is [99, 4], expected [N, 4]; N is 100 from means"
   void dims(const std::string& what, const torch::Tensor& tensor, std::initializer_list<Dim> wanted,
             torch::ScalarType type = torch::kFloat32) {
@@ -53,7 +53,9 @@ class TensorCheck {
     B3DGS_CHECK(fits, what, " is ", tensor.sizes(), ", expected [", expected, "]", origins);
     B3DGS_CHECK(tensor.device() == device_, what, " is on ", tensor.device().str(), ", expected ", device_.str());
     B3DGS_CHECK(tensor.scalar_type() == type, what, " is ", tensor.scalar_type(), ", expected ",
-                type == torch::kInt32 ? "int32" : "float");
+                type == torch::kInt32   ? "int32"
+                : type == torch::kUInt8 ? "uint8"
+                                        : "float");
     B3DGS_CHECK(tensor.is_contiguous(), what, " is not contiguous");
   }
 
@@ -76,8 +78,9 @@ class TensorCheck {
 
 // From checked tensors to the rasterizer's argument structs. @throws LogicError naming a tensor that does not fit
 
-inline float* data_or_null(const torch::Tensor& tensor) {
-  return tensor.defined() ? tensor.data_ptr<float>() : nullptr;
+template <class Value = float>
+Value* data_or_null(const torch::Tensor& tensor) {
+  return tensor.defined() ? tensor.data_ptr<Value>() : nullptr;
 }
 
 inline GaussianArrays arrays_of(const GaussianTensors& g, torch::Device device) {
@@ -94,6 +97,25 @@ inline GaussianArrays arrays_of(const GaussianTensors& g, torch::Device device) 
           g.quats.data_ptr<float>(), g.logit_opacities.data_ptr<float>(),
           g.sh0.data_ptr<float>(),   g.shN.data_ptr<float>(),
           data_or_null(g.filters)};
+}
+
+/// Makes `grads` like `gaussians`, with undefined contents: tensors that are not are replaced.
+inline GaussianGradArrays make_gradients(const GaussianTensors& gaussians, GaussianTensors& grads,
+                                         float* means2d = nullptr) {
+  for (std::size_t i = 0; i < grads.all().size(); ++i) {
+    const torch::Tensor& parameter = *gaussians.all()[i];
+    torch::Tensor& grad = *grads.all()[i];
+    const bool fits = grad.defined() && grad.sizes() == parameter.sizes() && grad.is_contiguous() &&
+                      grad.dtype() == parameter.dtype() && grad.device() == parameter.device();
+    if (!fits) grad = torch::empty_like(parameter);
+  }
+  return {grads.means.data_ptr<float>(),
+          grads.log_scales.data_ptr<float>(),
+          grads.quats.data_ptr<float>(),
+          grads.logit_opacities.data_ptr<float>(),
+          grads.sh0.data_ptr<float>(),
+          grads.shN.data_ptr<float>(),
+          means2d};
 }
 
 /// `check` must know "N".

@@ -14,14 +14,14 @@
 #include <algorithm>
 #include <cstdlib>
 
-#include "core/cuda_check.h"
+#include "core/cuda_handles.h"
 #include "raster/cuda/device_buffer.h"
 
 namespace b3dgs {
 
 namespace allocator = c10::cuda::CUDACachingAllocator;
 
-TorchMemoryUse torch_memory_use() {
+MemoryUse torch_memory_use() {
   constexpr std::size_t kAll = 0;  // index of the statistics over all pools
   const auto stats = allocator::getDeviceStats(c10::cuda::current_device());
   const auto& reserved = stats.reserved_bytes[kAll];
@@ -70,40 +70,32 @@ class TorchMemory final : public cuda::DeviceMemory {
   void free(void* memory, cudaStream_t) noexcept override { allocator::raw_delete(memory); }
 };
 
-class PinnedCopy final : public HostCopy {
- public:
-  explicit PinnedCopy(std::size_t bytes) : bytes_(bytes) {
-    B3DGS_CUDA_CHECK(cudaMallocHost(&on_host_, bytes));
-    B3DGS_CUDA_CHECK(cudaEventCreateWithFlags(&written_, cudaEventDisableTiming));
-  }
-  ~PinnedCopy() override {
-    cudaEventDestroy(written_);
-    cudaFreeHost(on_host_);
-  }
-  PinnedCopy(const PinnedCopy&) = delete;
-  PinnedCopy& operator=(const PinnedCopy&) = delete;
-
-  void copy(const void* device) override {
-    B3DGS_CUDA_CHECK(cudaMemcpyAsync(on_host_, device, bytes_, cudaMemcpyDeviceToHost, torch_stream()));
-    mark();
-  }
-  void* memory() override { return on_host_; }
-  void mark() override { B3DGS_CUDA_CHECK(cudaEventRecord(written_, torch_stream())); }
-  const void* wait() const override {
-    B3DGS_CUDA_CHECK(cudaEventSynchronize(written_));
-    return on_host_;
-  }
-
- private:
-  std::size_t bytes_;
-  void* on_host_ = nullptr;
-  cudaEvent_t written_ = nullptr;
-};
-
 }  // namespace
 
-std::unique_ptr<HostCopy> make_host_copy(std::size_t bytes) {
-  return std::make_unique<PinnedCopy>(bytes);
+struct HostCopy::Memory {
+  cuda::PinnedMemory values;
+  cuda::Event written;
+};
+
+HostCopy::HostCopy(std::size_t bytes)
+    : bytes_(bytes), memory_(new Memory{cuda::make_pinned_memory(bytes), cuda::make_event()}) {}
+
+void HostCopy::copy(const void* device) {
+  B3DGS_CUDA_CHECK(cudaMemcpyAsync(memory_->values.get(), device, bytes_, cudaMemcpyDeviceToHost, torch_stream()));
+  mark();
+}
+
+void* HostCopy::memory() {
+  return memory_->values.get();
+}
+
+void HostCopy::mark() {
+  B3DGS_CUDA_CHECK(cudaEventRecord(memory_->written.get(), torch_stream()));
+}
+
+const void* HostCopy::wait() const {
+  B3DGS_CUDA_CHECK(cudaEventSynchronize(memory_->written.get()));
+  return memory_->values.get();
 }
 
 cudaStream_t torch_stream() {

@@ -21,13 +21,13 @@ struct LaunchContext;
 inline constexpr bool kTorchHasCuda = B3DGS_TORCH_CUDA;
 
 /// This process's use of the current device, bytes.
-struct TorchMemoryUse {
+struct MemoryUse {
   std::int64_t in_use = 0;         // tensors and buffers
   std::int64_t reserved = 0;       // in_use and what the allocator caches for reuse
   std::int64_t peak_reserved = 0;  // largest `reserved` so far
   std::int64_t n_requests = 0;     // number of allocations from the device so far
 };
-TorchMemoryUse torch_memory_use();
+MemoryUse torch_memory_use();
 
 /// Memory of the current device, all processes included, bytes.
 struct DeviceMemorySize {
@@ -66,16 +66,20 @@ cuda::LaunchContext torch_launch_context();
 /// a later step is running.
 class HostCopy {
  public:
-  virtual ~HostCopy() = default;
+  explicit HostCopy(std::size_t bytes);
   /// Queues the copy of the values in device memory. Asynchronous.
-  virtual void copy(const void* device) = 0;
+  void copy(const void* device);
   /// Faster: where a kernel may write the values itself, before mark().
-  virtual void* memory() = 0;
+  void* memory();
   /// Everything queued so far writes the values.
-  virtual void mark() = 0;
+  void mark();
   /// The values of the last copy() or mark(), for which this waits.
-  virtual const void* wait() const = 0;
+  const void* wait() const;
+
+ private:
+  struct Memory;
+  std::size_t bytes_;
+  std::shared_ptr<Memory> memory_;  // pinned
 };
-std::unique_ptr<HostCopy> make_host_copy(std::size_t bytes);
 
 }  // namespace b3dgs

@@ -56,10 +56,8 @@ ExposureArgs ExposureModel::args_of(const AppearanceState& state, std::int32_t v
   args.transform = transforms_of(state, view);
   args.n_pixels = rendered.size(0) * rendered.size(1);
   args.rendered = rendered.data_ptr<float>();
-  if (photograph().defined()) {
-    check.dims("photograph", photograph(), {"H", "W", 3}, torch::kUInt8);
-    args.photograph = photograph().data_ptr<std::uint8_t>();
-  }
+  if (photograph().defined()) check.dims("photograph", photograph(), {"H", "W", 3}, torch::kUInt8);
+  args.photograph = data_or_null<std::uint8_t>(photograph());
   return args;
 }
 

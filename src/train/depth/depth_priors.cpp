@@ -212,18 +212,15 @@ torch::Tensor DepthPriors::gradient(std::int32_t view, const torch::Tensor& rend
     map_.copy_(map, /*non_blocking=*/true);
     map = map_;
   }
-  const auto bytes_of = [](const torch::Tensor& mask) {
-    return mask.defined() ? mask.data_ptr<std::uint8_t>() : nullptr;
-  };
   DepthLossArgs args;
   args.width = static_cast<std::int32_t>(width);
   args.height = static_cast<std::int32_t>(height);
   args.rendered = rendered.data_ptr<float>();
-  args.valid = bytes_of(valid);
+  args.valid = data_or_null<std::uint8_t>(valid);
   args.map_width = static_cast<std::int32_t>(map_width);
   args.reduction = static_cast<std::int32_t>(reduction);
   args.map = reinterpret_cast<const std::uint16_t*>(map.data_ptr<std::int16_t>());
-  args.map_valid = bytes_of(map_valid);
+  args.map_valid = data_or_null<std::uint8_t>(map_valid);
   args.scale = static_cast<float>(prior.alignment->scale);
   args.offset = static_cast<float>(prior.alignment->offset);
   args.gradient = n_valid > 0 ? static_cast<float>(weight / static_cast<double>(n_valid)) : 0.0f;

@@ -1,5 +1,4 @@
-// Scale and offset that turn the values of an inverse depth map, which a network estimates up to both, into inverse
-// depths of the scene, from its sparse points.
+// Inverse depth maps of the training views (--depths), and the gradient of the loss against them.
 #pragma once
 
 #include <torch/types.h>
@@ -15,6 +14,9 @@
 #include "scene/view_image.h"
 
 namespace b3dgs {
+
+// Scale and offset that turn the values of an inverse depth map, which a network estimates up to both, into inverse
+// depths of the scene, from its sparse points.
 
 /// 1 / z = scale * value + offset, in 1 / world units.
 struct DepthAlignment {
@@ -32,8 +34,6 @@ std::optional<DepthAlignment> align_depth(const std::vector<double>& values, con
 
 /// Removes alignments whose scale is too far from the median of all. Returns how many were removed.
 int remove_unlikely_alignments(std::vector<std::optional<DepthAlignment>>& alignments);
-
-// Inverse depth maps of the training views (--depths), and the gradient of the loss against them.
 
 /// The file of each training view's map, whether it exists or not: FOLDER/NAME.png, where NAME is the photograph's name
 /// without its extension. A relative folder is one in the scene folder or, if there is none, in the current folder.

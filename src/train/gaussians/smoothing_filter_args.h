@@ -57,15 +57,10 @@ B3DGS_HD void write_finest_pixel(const SmoothingFilterArgs& args, std::int64_t i
   args.filters[i] = finest_pixel(args, i);
 }
 
-/// Standard deviation of the filter, world units. `finest`: finest_pixel() of the Gaussian; if 0 because no view
-/// contains it, `largest` is used, the largest finest_pixel() of all Gaussians.
-B3DGS_HD float filter_size(float finest, float largest) {
-  return std::sqrt(kFilterVariance) * (finest > 0 ? finest : largest);
-}
-
-/// Turns the finest pixel into the filter.
+/// Turns the finest pixel into the filter. Where no view contains the Gaussian, the largest of all takes its place.
 B3DGS_HD void write_filter_size(const SmoothingFilterArgs& args, std::int64_t i) {
-  args.filters[i] = filter_size(args.filters[i], *args.largest);
+  const float finest = args.filters[i], largest = *args.largest;
+  args.filters[i] = std::sqrt(kFilterVariance) * (finest > 0 ? finest : largest);
 }
 
 namespace cuda {

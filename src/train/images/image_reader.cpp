@@ -125,26 +125,22 @@ void ImageReader::run_thread() {
   }
 }
 
-BufferPlan::BufferPlan(const std::vector<std::shared_ptr<const ViewImage>>& images) {
+ImageBuffers::ImageBuffers(const std::vector<std::shared_ptr<const ViewImage>>& images) {
   ImageMemory* memory = nullptr;
   for (const auto& image : images) {
-    n_bytes = std::max(n_bytes, image->n_bytes());
+    n_bytes_ = std::max(n_bytes_, image->n_bytes());
     if (image->memory() != nullptr) memory = image->memory();
   }
   const int most = memory == nullptr ? ImageMemory::kMaxBuffers : memory->n_buffers();
-  count = std::min(most, static_cast<int>(images.size()));
-  if (memory != nullptr) in_use = memory->use_buffers(count * n_bytes);
+  count_ = std::min(most, static_cast<int>(images.size()));
+  if (memory != nullptr) in_use_ = memory->use_buffers(count_ * n_bytes_);
 }
 
-ImageBuffers::ImageBuffers(const std::vector<std::shared_ptr<const ViewImage>>& images) : plan_(images) {
-  for (int i = 0; i < plan_.count; ++i)
-    buffers_.emplace_back(new std::uint8_t[static_cast<std::size_t>(plan_.n_bytes)]);
-}
-
-std::vector<std::uint8_t*> ImageBuffers::pointers() const {
-  std::vector<std::uint8_t*> pointers;
-  for (const auto& buffer : buffers_) pointers.push_back(buffer.get());
-  return pointers;
+std::vector<std::uint8_t*> ImageBuffers::allocate() {
+  memory_.reset(new std::uint8_t[static_cast<std::size_t>(count_ * n_bytes_)]);
+  std::vector<std::uint8_t*> buffers;
+  for (int i = 0; i < count_; ++i) buffers.push_back(memory_.get() + i * n_bytes_);
+  return buffers;
 }
 
 void read_in_order(const std::vector<std::shared_ptr<const ViewImage>>& images, int n_threads,
@@ -162,7 +158,7 @@ void read_in_order(const std::vector<std::shared_ptr<const ViewImage>>& images, 
   std::unique_ptr<ImageReader> reader;
   if (!on_disk.empty()) {
     buffers = std::make_unique<ImageBuffers>(on_disk);
-    reader = std::make_unique<ImageReader>(ImageReader::Setup{on_disk, buffers->pointers(), n_threads, {}});
+    reader = std::make_unique<ImageReader>(ImageReader::Setup{on_disk, buffers->allocate(), n_threads, {}});
   }
   for (std::size_t i = 0; i < images.size(); ++i) {
     if (held[i]) {

@@ -116,25 +116,21 @@ class ImageReader {
   std::vector<std::thread> threads_;
 };
 
-/// The buffers of a reader.
-struct BufferPlan {
-  /// As many as the scene's ImageMemory allows, at most one per image; each large enough for any of them.
-  explicit BufferPlan(const std::vector<std::shared_ptr<const ViewImage>>& images);
-
-  int count = 0;
-  std::int64_t n_bytes = 0;  // of each
-  ImageMemory::Use in_use;   // reserves them in the scene's ImageMemory while this exists
-};
-
-/// Buffers in pageable host memory.
+/// The buffers of a reader: as many as the scene's ImageMemory allows, at most one per image; each large enough for any
+/// of them. They are reserved there while this exists.
 class ImageBuffers {
  public:
   explicit ImageBuffers(const std::vector<std::shared_ptr<const ViewImage>>& images);
-  std::vector<std::uint8_t*> pointers() const;
+  int count() const { return count_; }
+  std::int64_t n_bytes() const { return n_bytes_; }  // of each
+  /// Makes them, in pageable host memory.
+  std::vector<std::uint8_t*> allocate();
 
  private:
-  BufferPlan plan_;
-  std::vector<std::unique_ptr<std::uint8_t[]>> buffers_;
+  int count_ = 0;
+  std::int64_t n_bytes_ = 0;
+  ImageMemory::Use in_use_;
+  std::unique_ptr<std::uint8_t[]> memory_;
 };
 
 /// Calls body(index, RGB bytes) for each image in order, on this thread, while other threads read ahead. Images in

@@ -55,16 +55,11 @@ void add(ImagePlaces::Share& share, const ViewImage& image) {
 
 }  // namespace
 
-std::int64_t image_budget(double image_cache_gb, [[maybe_unused]] torch::Device device,
-                          [[maybe_unused]] double gpu_memory_gb) {
+std::int64_t image_budget(double image_cache_gb, torch::Device device, double gpu_memory_gb) {
   if (image_cache_gb >= 0) return static_cast<std::int64_t>(std::min(1e9 * image_cache_gb, 9e18));
-#if B3DGS_TORCH_CUDA
-  if (device.is_cuda()) {
-    const double free = static_cast<double>(cuda::free_device_bytes());
-    return static_cast<std::int64_t>((gpu_memory_gb > 0 ? std::min(free, 1e9 * gpu_memory_gb) : free) / 2);
-  }
-#endif
-  return 0;  // photographs are in host memory anyway
+  if (!kTorchHasCuda || device.is_cpu()) return 0;  // photographs are in host memory anyway
+  const auto free = static_cast<double>(device_memory_size().free);
+  return static_cast<std::int64_t>((gpu_memory_gb > 0 ? std::min(free, 1e9 * gpu_memory_gb) : free) / 2);
 }
 
 std::string describe(const ImagePlaces& places) {
@@ -87,10 +82,11 @@ ImagePlaces places_of(const std::vector<View>& views) {
 
 /// Brings views that are not resident: reading threads, and on a GPU an uploader.
 struct ImageStore::Streamed {
-  std::unique_ptr<ImageBuffers> buffers;  // on the CPU
+  explicit Streamed(const std::vector<std::shared_ptr<const ViewImage>>& images) : buffers(images) {}
+
+  ImageBuffers buffers;
 #if B3DGS_TORCH_CUDA
-  std::unique_ptr<BufferPlan> staging;  // of the uploader
-  std::unique_ptr<cuda::ImageUploader> uploader;
+  std::unique_ptr<cuda::ImageUploader> uploader;  // has them in pinned memory
   UploadSlots slots{static_cast<int>(kUploadAhead) + 1};
   int slot_in_use = -1;
 #endif
@@ -102,11 +98,6 @@ ImageStore::~ImageStore() = default;
 ImageStore::ImageStore(const std::vector<View>& views, torch::Device device, std::int64_t budget_bytes,
                        const ProgressFn& progress)
     : device_(device) {
-#if !B3DGS_TORCH_CUDA
-  if (!device.is_cpu()) {
-    input_error("this build keeps photographs on the CPU only, found device ", device.str(), "; use --device cpu");
-  }
-#endif
   std::map<const Image8*, torch::Tensor> masks;
   std::int64_t used = 0;
   for (const View& view : views) {
@@ -171,19 +162,15 @@ void ImageStore::load_resident(const Indices& stays, const ProgressFn& progress)
 std::unique_ptr<ImageStore::Streamed> ImageStore::make_streamed(const Indices& views) const {
   std::vector<std::shared_ptr<const ViewImage>> all(images_.begin(), images_.end()), streamed_images;
   for (const std::int32_t i : views) streamed_images.push_back(images_[static_cast<std::size_t>(i)]);
-  auto streamed = std::make_unique<Streamed>();
+  auto streamed = std::make_unique<Streamed>(streamed_images);
   ImageReader::Setup setup;
   setup.images = all;
   setup.n_threads = reading_threads(device_.is_cpu() ? ReadingLoad::kCpuTraining : ReadingLoad::kGpuTraining);
-  if (device_.is_cpu()) {
-    streamed->buffers = std::make_unique<ImageBuffers>(streamed_images);
-    setup.buffers = streamed->buffers->pointers();
-  }
+  if (device_.is_cpu()) setup.buffers = streamed->buffers.allocate();
 #if B3DGS_TORCH_CUDA
   if (device_.is_cuda()) {
-    streamed->staging = std::make_unique<BufferPlan>(streamed_images);
     streamed->uploader = std::make_unique<cuda::ImageUploader>(static_cast<int>(kUploadAhead) + 1,
-                                                               streamed->staging->count, streamed->staging->n_bytes);
+                                                               streamed->buffers.count(), streamed->buffers.n_bytes());
     setup.buffers = streamed->uploader->staging();
     setup.before_write = [uploader = streamed->uploader.get()](int buffer) { uploader->wait_for_upload_of(buffer); };
   }

@@ -2,12 +2,6 @@
 
 namespace b3dgs::cuda {
 
-std::int64_t free_device_bytes() {
-  std::size_t free = 0, total = 0;
-  B3DGS_CUDA_CHECK(cudaMemGetInfo(&free, &total));
-  return static_cast<std::int64_t>(free);
-}
-
 ImageUploader::ImageUploader(int n_slots, int n_staging, std::int64_t image_bytes)
     : image_bytes_(image_bytes), stream_(make_stream()) {
   const auto n_bytes = static_cast<std::size_t>(image_bytes);

@@ -9,9 +9,6 @@
 
 namespace b3dgs::cuda {
 
-/// Free memory of the current device.
-std::int64_t free_device_bytes();
-
 class ImageUploader {
  public:
   /// Slots on the device and pinned staging buffers on the host, each of `image_bytes`. They are allocated by CUDA

@@ -5,7 +5,6 @@
 #include "core/check.h"
 #include "core/parallel.h"
 #include "raster/torch/tensors.h"
-#include "raster/torch/torch_cuda.h"
 
 namespace b3dgs {
 
@@ -15,26 +14,36 @@ std::int64_t count_valid(const std::uint8_t* valid, std::int64_t n_pixels) {
   return count;
 }
 
-ImageLoss::ImageLoss(torch::Device device) : device_(device) {
-  if (device.is_cpu()) return;
-  if (!kTorchHasCuda) {
-    input_error("this build computes the loss on the CPU only, found device ", device.str(), "; use --device cpu");
-  }
-  if (kTorchHasCuda) host_value_ = make_host_copy(sizeof(LossValue));
+namespace {
+
+void check_images(torch::Device device, const torch::Tensor& rendered, const torch::Tensor& truth,
+                  const torch::Tensor& valid) {
+  TensorCheck check(device);
+  check.dims("rendered", rendered, {"H", "W", 3});
+  check.dims("truth", truth, {"H", "W", 3}, torch::kUInt8);
+  if (valid.defined()) check.dims("valid", valid, {"H", "W"}, torch::kUInt8);
 }
 
-ImageLoss::~ImageLoss() = default;
+}  // namespace
+
+ImageLoss::ImageLoss(torch::Device device) : device_(device) {
+  if constexpr (kTorchHasCuda) {
+    if (device.is_cpu()) return;
+    host_value_.emplace(sizeof(LossValue));
+  }
+}
 
 LossValue ImageLoss::value() const {
-  LossValue value = host_value_ ? *static_cast<const LossValue*>(host_value_->wait()) : value_;
+  LossValue value = value_;
+  if (kTorchHasCuda && host_value_) value = *static_cast<const LossValue*>(host_value_->wait());
   if (alpha_value_.defined()) value.loss += alpha_value_.item<double>();
   return value;
 }
 
 void ImageLoss::add_alpha(const torch::Tensor& alpha, const torch::Tensor& empty, double weight) {
-  TensorCheck(device_).dims("alpha", alpha, {"H", "W"});
-  B3DGS_CHECK(empty.scalar_type() == torch::kUInt8 && empty.sizes() == alpha.sizes() && empty.device() == device_,
-              "empty is not uint8 of the size of the rendered view, ", alpha.sizes(), ", on ", device_.str());
+  TensorCheck check(device_);
+  check.dims("alpha", alpha, {"H", "W"});
+  check.dims("empty", empty, {"H", "W"}, torch::kUInt8);
   place_tensor(alpha_grad_, alpha_grad_room_, alpha.sizes(), alpha.options());
   alpha_grad_.copy_(empty).mul_(weight / (255.0 * static_cast<double>(alpha.numel())));
   if (device_.is_cpu()) {
@@ -50,16 +59,7 @@ void ImageLoss::add_alpha(const torch::Tensor& alpha, const torch::Tensor& empty
 
 void ImageLoss::compute(const torch::Tensor& rendered, const torch::Tensor& truth, const torch::Tensor& valid,
                         std::int64_t n_valid, const LossWeights& weights) {
-  TensorCheck(device_).dims("rendered", rendered, {"H", "W", 3});
-  const auto check_bytes = [&](const char* name, const torch::Tensor& bytes, torch::IntArrayRef sizes) {
-    B3DGS_CHECK(bytes.defined() && bytes.sizes() == sizes, name, " does not have the size of the rendered view, ",
-                rendered.sizes());
-    B3DGS_CHECK(bytes.scalar_type() == torch::kUInt8 && bytes.is_contiguous() && bytes.device() == device_, name,
-                " is not contiguous uint8 on ", device_.str());
-  };
-  check_bytes("truth", truth, rendered.sizes());
-  if (valid.defined()) check_bytes("valid", valid, rendered.sizes().slice(0, 2));
-
+  check_images(device_, rendered, truth, valid);
   alpha_grad_ = alpha_value_ = torch::Tensor();
   LossArgs args;
   args.height = static_cast<std::int32_t>(rendered.size(0));
@@ -72,7 +72,7 @@ void ImageLoss::compute(const torch::Tensor& rendered, const torch::Tensor& trut
   }
   args.rendered = rendered.data_ptr<float>();
   args.truth = truth.data_ptr<std::uint8_t>();
-  args.valid = valid.defined() ? valid.data_ptr<std::uint8_t>() : nullptr;
+  args.valid = data_or_null<std::uint8_t>(valid);
   args.n_valid = n_valid;
   args.weights = weights;
   args.grad = grad_.data_ptr<float>();
@@ -86,15 +86,13 @@ void ImageLoss::compute(const torch::Tensor& rendered, const torch::Tensor& trut
 }
 
 void ErrorImage::compute(const torch::Tensor& rendered, const torch::Tensor& truth, const torch::Tensor& valid) {
-  TensorCheck(rendered.device()).dims("rendered", rendered, {"H", "W", 3});
-  B3DGS_CHECK(truth.sizes() == rendered.sizes() && truth.scalar_type() == torch::kUInt8 && truth.is_contiguous(),
-              "truth is ", truth.sizes(), " ", truth.scalar_type(), ", expected contiguous uint8 ", rendered.sizes());
+  check_images(rendered.device(), rendered, truth, valid);
   place_tensor(error_, room_, rendered.sizes().slice(0, 2), rendered.options());
   ErrorImageArgs args;
   args.n_pixels = error_.numel();
   args.rendered = rendered.data_ptr<float>();
   args.truth = truth.data_ptr<std::uint8_t>();
-  args.valid = valid.defined() ? valid.data_ptr<std::uint8_t>() : nullptr;
+  args.valid = data_or_null<std::uint8_t>(valid);
   args.error = error_.data_ptr<float>();
   for_rows<write_pixel_error>(rendered.is_cuda(), args, args.n_pixels);
 }

@@ -106,7 +106,7 @@ __device__ __forceinline__ float truth_of(const LossArgs& args, std::int64_t p, 
   return static_cast<float>(args.truth[3 * p + channel]) * (1.0f / 255);
 }
 
-/// Sums of |rendered - truth|, or of its Huber loss, and of SSIM over a block's valid pixels and channels.
+/// Sums of |rendered - truth| and of SSIM over a block's valid pixels and channels.
 struct BlockLoss {
   float l1 = 0, ssim = 0;
 };

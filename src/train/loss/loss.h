@@ -12,15 +12,14 @@
 #include <torch/types.h>
 
 #include <cstdint>
-#include <memory>
+#include <optional>
 
 #include "config/train_config.h"
 #include "raster/torch/rasterizer.h"
+#include "raster/torch/torch_cuda.h"
 #include "train/loss/loss_args.h"
 
 namespace b3dgs {
-
-class HostCopy;
 
 /// The options that weight the terms of the loss.
 inline LossWeights loss_weights(const TrainConfig& config) {
@@ -43,9 +42,7 @@ std::int64_t count_valid(const std::uint8_t* valid, std::int64_t n_pixels);
 /// The loss on tensors. Reuses its buffers from step to step.
 class ImageLoss {
  public:
-  /// @throws InputError if this build has no loss for the device.
   explicit ImageLoss(torch::Device device);
-  ~ImageLoss();
 
   /// Loss and gradient of `rendered` [H, W, 3] float against `truth` [H, W, 3] uint8. `valid` is [H, W] uint8 with
   /// n_valid nonzero pixels, or undefined if all are valid. Asynchronous on a GPU.
@@ -70,7 +67,7 @@ class ImageLoss {
   torch::Device device_;
   torch::Tensor grad_, grad_room_, workspace_;
   LossValue value_;                                           // on a CPU
-  std::unique_ptr<HostCopy> host_value_;                      // on a GPU: a LossValue
+  std::optional<HostCopy> host_value_;                        // on a GPU: a LossValue
   torch::Tensor alpha_grad_, alpha_grad_room_, alpha_value_;  // undefined without add_alpha()
 };
 

@@ -1,11 +1,10 @@
 #include "train/memory/memory.h"
 
-#include "raster/torch/torch_cuda.h"
+#include "core/check.h"
 #include "train/density/row_edit.h"
 
 namespace b3dgs {
 
-#if B3DGS_TORCH_CUDA
 namespace {
 
 class GpuMemory final : public MemorySource {
@@ -23,10 +22,7 @@ class GpuMemory final : public MemorySource {
     const std::int64_t all = std::max<std::int64_t>(0, reached - kForTheDriver);
     return limit_bytes_ > 0 ? std::min(all, limit_bytes_) : all;
   }
-  MemoryUse use() override {
-    const TorchMemoryUse now = torch_memory_use();
-    return {now.in_use, now.reserved, now.peak_reserved};
-  }
+  MemoryUse use() override { return torch_memory_use(); }
   void release_unused() override { release_unused_torch_memory(); }
 
  private:
@@ -34,14 +30,29 @@ class GpuMemory final : public MemorySource {
 };
 
 }  // namespace
-#endif
 
-std::shared_ptr<MemorySource> make_memory_source([[maybe_unused]] torch::Device device,
-                                                 [[maybe_unused]] double limit_gb) {
-#if B3DGS_TORCH_CUDA
-  if (device.is_cuda()) return std::make_shared<GpuMemory>(limit_gb);
-#endif
+std::shared_ptr<MemorySource> make_memory_source(torch::Device device, double limit_gb) {
+  if constexpr (kTorchHasCuda) {
+    if (device.is_cuda()) return std::make_shared<GpuMemory>(limit_gb);
+  }
   return std::make_shared<MemorySource>();
+}
+
+void MemoryRemedies::free_or_rethrow() {
+  std::string reason;
+  try {
+    throw;
+  } catch (const OutOfMemoryError& error) {
+    reason = error.what();
+  } catch (const c10::OutOfMemoryError& error) {
+    reason = error.what_without_backtrace();
+  }
+  while (!remedies_.empty()) {
+    const MemoryRemedy next = std::move(remedies_.front());
+    remedies_.pop_front();
+    if (next()) return;
+  }
+  throw OutOfMemoryError(reason);
 }
 
 bool keeps_too_much(const MemoryUse& use) {
@@ -100,9 +111,9 @@ GaussianMemory gaussian_memory(const TrainState& state, const ViewMemory& view, 
   return memory;
 }
 
-std::int64_t largest_count(const CountLimits& limits, const GaussianMemory& gaussian) {
+std::int64_t largest_count(std::int64_t limit, std::int64_t other, const GaussianMemory& gaussian) {
   constexpr double kUsable = 1 - 1.0 / 16;
-  const double left = kUsable * static_cast<double>(limits.limit) - static_cast<double>(limits.other);
+  const double left = kUsable * static_cast<double>(limit) - static_cast<double>(other);
   return static_cast<std::int64_t>(std::clamp(left / gaussian.all(), 1.0, 9e18));
 }
 

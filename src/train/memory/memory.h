@@ -6,24 +6,19 @@
 
 #include <algorithm>
 #include <cstdint>
+#include <deque>
 #include <functional>
 #include <memory>
 #include <optional>
+#include <utility>
 #include <vector>
 
 #include "config/view_ratios.h"
-#include "core/check.h"
+#include "raster/torch/torch_cuda.h"
 #include "raster/view_memory.h"
 #include "train/checkpoint/train_state.h"
 
 namespace b3dgs {
-
-/// Memory use of this process, bytes.
-struct MemoryUse {
-  std::int64_t in_use = 0;         // by tensors and buffers
-  std::int64_t reserved = 0;       // in use or cached by the allocator
-  std::int64_t peak_reserved = 0;  // largest `reserved` so far
-};
 
 /// As on a CPU, where memory is neither limited nor measured.
 class MemorySource {
@@ -50,23 +45,29 @@ bool keeps_too_much(const MemoryUse& use);
 /// Tries to free memory; returns false if there was nothing to free.
 using MemoryRemedy = std::function<bool()>;
 
+/// What is done, one after the other, while work that can be repeated runs out of memory.
+class MemoryRemedies {
+ public:
+  explicit MemoryRemedies(std::vector<MemoryRemedy> remedies) : remedies_(remedies.begin(), remedies.end()) {}
+  /// For a catch block: frees memory with the next remedy that can. @throws OutOfMemoryError if none is left; the
+  /// current exception if it is none of memory
+  void free_or_rethrow();
+
+ private:
+  std::deque<MemoryRemedy> remedies_;  // not tried yet
+};
+
 /// Calls `work`, and while it runs out of memory, again after each remedy that could free some. `work` must be
 /// repeatable. @throws OutOfMemoryError if it still fails after the last remedy
 template <class Work>
-auto with_remedies(const std::vector<MemoryRemedy>& remedies, Work&& work) -> decltype(work()) {
-  auto next = remedies.begin();
-  while (true) {
-    std::string reason;
+auto with_remedies(std::vector<MemoryRemedy> remedies, Work&& work) -> decltype(work()) {
+  MemoryRemedies left(std::move(remedies));
+  for (;;) {
     try {
       return work();
-    } catch (const OutOfMemoryError& error) {
-      reason = error.what();
-    } catch (const c10::OutOfMemoryError& error) {
-      reason = error.what_without_backtrace();
+    } catch (...) {
+      left.free_or_rethrow();
     }
-    while (next != remedies.end() && !(*next)()) ++next;
-    if (next == remedies.end()) throw OutOfMemoryError(reason);
-    ++next;
   }
 }
 
@@ -90,14 +91,9 @@ struct GaussianMemory {
 GaussianMemory gaussian_memory(const TrainState& state, const ViewMemory& view, const ViewRatios& ratios,
                                int n_kept_views = 0);
 
-/// Available memory, bytes.
-struct CountLimits {
-  std::int64_t limit = 0;  // MemorySource::limit()
-  std::int64_t other = 0;  // in use, independent of the number of Gaussians
-};
-
-/// The largest number of Gaussians that fits, with a reserve of 1/16 of the limit; at least 1.
-std::int64_t largest_count(const CountLimits& limits, const GaussianMemory& gaussian);
+/// The largest number of Gaussians that fits, with a reserve of 1/16 of the limit; at least 1. `limit`:
+/// MemorySource::limit(). `other`: bytes in use, independent of the number of Gaussians.
+std::int64_t largest_count(std::int64_t limit, std::int64_t other, const GaussianMemory& gaussian);
 
 /// The smaller of two limits on the number of Gaussians; 0 = no limit.
 std::int64_t smaller_limit(std::int64_t a, std::int64_t b);

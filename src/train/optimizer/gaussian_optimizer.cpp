@@ -1,10 +1,13 @@
 #include "train/optimizer/gaussian_optimizer.h"
 
+#include <algorithm>
 #include <cmath>
 
+#include "config/batch_steps.h"
 #include "core/check.h"
 #include "core/parallel.h"
 #include "raster/math/array_rows.h"
+#include "raster/torch/tensors.h"
 
 #if B3DGS_TORCH_CUDA
 #include "raster/torch/torch_cuda.h"
@@ -41,20 +44,60 @@ void add_regularization(const RegularizationGrad& grad, const GaussianTensors& g
   });
 }
 
-/// Tensors that a forward pass has checked.
-GaussianArrays arrays_of(const GaussianTensors& g) {
-  return {g.size(),
-          sh_degree_of(g),
-          g.means.data_ptr<float>(),
-          g.log_scales.data_ptr<float>(),
-          g.quats.data_ptr<float>(),
-          g.logit_opacities.data_ptr<float>(),
-          g.sh0.data_ptr<float>(),
-          g.shN.data_ptr<float>(),
-          g.filters.defined() ? g.filters.data_ptr<float>() : nullptr};
+}  // namespace
+
+void ViewBatch::make_room(std::int64_t n_gaussians, std::int64_t n_splats, torch::Device device) {
+  B3DGS_CHECK(n_views_ < kMaxBatch, "a step has at most ", kMaxBatch, " views");
+  constexpr std::int64_t kWords = sizeof(SplatRecord) / sizeof(float), kSpare = 4;
+  if (slots_.size() == static_cast<std::size_t>(n_views_)) slots_.emplace_back();
+  Slot& slot = slots_[static_cast<std::size_t>(n_views_)];
+  const auto floats = torch::TensorOptions(torch::kFloat32).device(device);
+  place_tensor(slot.splats.records, slot.record_room, {n_splats, kWords}, floats, kSpare);
+  place_tensor(slot.splats.record_of_gaussian, slot.index_room, {n_gaussians}, floats.dtype(torch::kInt32), kSpare);
 }
 
-}  // namespace
+void ViewBatch::add(const CameraView& view, const RenderSettings& settings, const RegularizationGrad& regularization) {
+  if (n_views_ == 0) {
+    lenses_.clear();
+    has_lenses_ = false;
+    sh_degree_ = settings.sh_degree;
+    antialiasing_ = settings.antialiasing;
+  }
+  B3DGS_CHECK(sh_degree_ == settings.sh_degree && antialiasing_ == settings.antialiasing,
+              "the views of a step have different settings");
+  Slot& slot = slots_[static_cast<std::size_t>(n_views_++)];
+  slot.view = view;
+  slot.regularization = regularization;
+  lenses_.push_back(view.lens);
+  has_lenses_ = has_lenses_ || view.lens.kind != LensKind::kPinhole;
+}
+
+BatchGradArgs ViewBatch::grad_args(const GaussianArrays& gaussians) const {
+  BatchGradArgs args;
+  args.gaussians = gaussians;
+  args.sh_degree = sh_degree_;
+  args.antialiasing = antialiasing_;
+  args.n_views = n_views_;
+  args.lenses = has_lenses_ ? lenses_.data() : nullptr;
+  for (std::size_t v = 0; v < static_cast<std::size_t>(n_views_); ++v) {
+    const Slot& slot = slots_[v];
+    B3DGS_CHECK(slot.splats.record_of_gaussian.numel() == gaussians.n_gaussians, "a view of ",
+                slot.splats.record_of_gaussian.numel(), " Gaussians in a step of ", gaussians.n_gaussians);
+    args.views[v] = {slot.view, reinterpret_cast<const SplatRecord*>(slot.splats.records.data_ptr<float>()),
+                     slot.splats.record_of_gaussian.data_ptr<std::int32_t>(), slot.regularization};
+  }
+  return args;
+}
+
+std::int64_t ViewBatch::bytes() const {
+  std::int64_t bytes = 0;
+  for (const Slot& slot : slots_) {
+    for (const torch::Tensor* room : {&slot.record_room, &slot.index_room}) {
+      if (room->defined()) bytes += static_cast<std::int64_t>(room->storage().nbytes());
+    }
+  }
+  return bytes;
+}
 
 GaussianOptimizer::GaussianOptimizer(Rasterizer& rasterizer) : rasterizer_(rasterizer) {
 #if B3DGS_TORCH_CUDA
@@ -62,26 +105,16 @@ GaussianOptimizer::GaussianOptimizer(Rasterizer& rasterizer) : rasterizer_(raste
 #endif
 }
 
-std::vector<RenderSettings> GaussianOptimizer::begin_views([[maybe_unused]] GaussianTensors& gaussians,
-                                                           [[maybe_unused]] AdamState& state,
-                                                           std::vector<RenderSettings> settings) {
+RenderSettings GaussianOptimizer::begin_view([[maybe_unused]] GaussianTensors& gaussians,
+                                             [[maybe_unused]] AdamState& state, RenderSettings settings) {
 #if B3DGS_TORCH_CUDA
   if (!gaussians.means.is_cpu()) {
-    const RenderSettings& first = settings.front();
-    begin_stage(first.stages, Stage::kProject);
-    deferred_sh_->begin_view(rest_arrays(gaussians, state), first.sh_degree, torch_launch_context());
-    if (first.sh_degree == 0) return settings;
-    for (RenderSettings& each : settings) each.color_pass = deferred_sh_.get();
+    begin_stage(settings.stages, Stage::kProject);
+    deferred_sh_->begin_view(rest_arrays(gaussians, state), settings.sh_degree, torch_launch_context());
+    if (settings.sh_degree > 0) settings.color_pass = deferred_sh_.get();
   }
 #endif
   return settings;
-}
-
-RenderedView GaussianOptimizer::forward(GaussianTensors& gaussians, AdamState& state, const CameraView& view,
-                                        const RenderSettings& settings) {
-  view_ = view;
-  settings_ = settings;
-  return rasterizer_.forward(gaussians, view, begin_views(gaussians, state, {settings}).front());
 }
 
 ViewStatistics GaussianOptimizer::step(const AdamRates& rates, const RenderedViewGrad& view_grad,
@@ -118,26 +151,23 @@ void GaussianOptimizer::make_room_for_view(const GaussianTensors& gaussians) {
 
 void GaussianOptimizer::make_room(const GaussianTensors& gaussians, std::int64_t n_splats) {
   batch_.make_room(gaussians.size(), n_splats, gaussians.means.device());
-  if (!gaussians.means.is_cpu()) return;
-  for (std::size_t i = 0; i < gaussians.all().size(); ++i) {
-    torch::Tensor& grad = *grads_.all()[i];
-    const torch::Tensor& parameter = *gaussians.all()[i];
-    if (!grad.defined() || grad.sizes() != parameter.sizes()) grad = torch::empty_like(parameter);
-  }
+  if (gaussians.means.is_cpu()) make_gradients(gaussians, grads_);
 }
 
-ViewStatistics GaussianOptimizer::keep_view(const RenderedViewGrad& view_grad, const GaussianTensors& gaussians,
+ViewStatistics GaussianOptimizer::keep_view(const CameraView& view, const RenderSettings& settings,
+                                            const RenderedViewGrad& view_grad, const GaussianTensors& gaussians,
                                             const RegularizationWeights& regularization) {
   const ViewStatistics statistics = rasterizer_.backward_to_splats(gaussians, view_grad, batch_.room());
-  batch_.add(view_, settings_, b3dgs::regularization_grad(regularization, rasterizer_.view_size().n_splats));
+  batch_.add(view, settings, b3dgs::regularization_grad(regularization, rasterizer_.view_size().n_splats));
   return statistics;
 }
 
 std::vector<ViewSplats> GaussianOptimizer::project_views(GaussianTensors& gaussians, AdamState& state,
                                                          const std::vector<CameraView>& views,
                                                          const std::vector<RenderSettings>& settings) {
-  if (views.empty()) return {};
-  return rasterizer_.project_views(gaussians, views, begin_views(gaussians, state, settings));
+  std::vector<RenderSettings> begun;
+  for (const RenderSettings& each : settings) begun.push_back(begin_view(gaussians, state, each));
+  return rasterizer_.project_views(gaussians, views, begun);
 }
 
 ViewStatistics GaussianOptimizer::keep_splats(const ViewSplats& own, const torch::Tensor& sums, const CameraView& view,
@@ -155,7 +185,7 @@ void GaussianOptimizer::step_views(const AdamRates& rates, GaussianTensors& gaus
   B3DGS_CHECK(n_views > 0, "a step without views");
   AdamRates scaled = rates;
   for (double& rate : scaled) rate *= std::sqrt(n_views);
-  const BatchGradArgs grad_args = batch_.grad_args(arrays_of(gaussians));
+  const BatchGradArgs grad_args = batch_.grad_args(arrays_of(gaussians, gaussians.means.device()));
   begin_stage(stages, Stage::kOptimizer);
 #if B3DGS_TORCH_CUDA
   if (!gaussians.means.is_cpu()) {
@@ -174,15 +204,12 @@ void GaussianOptimizer::step_views(const AdamRates& rates, GaussianTensors& gaus
     args.n_deferred = deferred_sh_->n_deferred();
     cuda::step_batch(args, torch_launch_context());
     deferred_sh_->defer_step(args.adam.back().size, args.rule);
-    batch_.clear();
-    end_stage(stages);
-    return;
   }
 #endif
-  cpu::batch_gradients(grad_args, {grads_.means.data_ptr<float>(), grads_.log_scales.data_ptr<float>(),
-                                   grads_.quats.data_ptr<float>(), grads_.logit_opacities.data_ptr<float>(),
-                                   grads_.sh0.data_ptr<float>(), grads_.shN.data_ptr<float>(), nullptr});
-  adam_step(scaled, grads_, gaussians, state, n_views);
+  if (gaussians.means.is_cpu()) {
+    cpu::batch_gradients(grad_args, make_gradients(gaussians, grads_));
+    adam_step(scaled, grads_, gaussians, state, n_views);
+  }
   batch_.clear();
   end_stage(stages);
 }
@@ -194,3 +221,29 @@ void GaussianOptimizer::flush([[maybe_unused]] GaussianTensors& gaussians, [[may
 }
 
 }  // namespace b3dgs
+
+namespace b3dgs::cpu {
+
+void batch_gradients(const BatchGradArgs& args, const GaussianGradArrays& out) {
+  constexpr std::int64_t kGrain = 1024;
+  const std::int64_t rest = rest_floats(args.gaussians.sh_degree_max);
+  const float scale = 1.0f / static_cast<float>(args.n_views);
+  const auto grad_of = args.lenses == nullptr
+                           ? (args.antialiasing ? batch_grad<true, Pinhole> : batch_grad<false, Pinhole>)
+                           : (args.antialiasing ? batch_grad<true, ViewLens> : batch_grad<false, ViewLens>);
+  parallel_chunks(args.gaussians.n_gaussians, kGrain, [&](std::int64_t begin, std::int64_t end) {
+    std::fill(out.shN + rest * begin, out.shN + rest * end, 0.0f);
+    for (std::int64_t i = begin; i < end; ++i) {
+      float* const own_rest = out.shN + rest * i;
+      const BatchGrad grad = grad_of(args, i, args.sh_degree, scale, own_rest);
+      store3(out.means, i, grad.mean);
+      store3(out.log_scales, i, grad.log_scales);
+      store4(out.quats, i, grad.quat);
+      out.logit_opacities[i] = grad.logit_opacity;
+      store3(out.sh0, i, grad.sh0);
+      if (grad.is_seen) std::transform(own_rest, own_rest + rest, own_rest, [&](float sum) { return scale * sum; });
+    }
+  });
+}
+
+}  // namespace b3dgs::cpu

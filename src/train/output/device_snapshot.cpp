@@ -13,9 +13,9 @@ std::size_t aligned(std::size_t bytes) {
 
 }  // namespace
 
-std::unique_ptr<DeviceSnapshot> DeviceSnapshot::make(const std::vector<DeviceBytes>& arrays, cudaStream_t stream) {
+std::unique_ptr<DeviceSnapshot> DeviceSnapshot::make(const std::vector<std::string_view>& arrays, cudaStream_t stream) {
   std::size_t wanted = 0, free = 0, total = 0;
-  for (const DeviceBytes& array : arrays) wanted += aligned(array.bytes);
+  for (const std::string_view array : arrays) wanted += aligned(array.size());
   B3DGS_CUDA_CHECK(cudaMemGetInfo(&free, &total));
   if (wanted == 0 || free / 2 < wanted) return nullptr;
   std::unique_ptr<DeviceSnapshot> snapshot(new DeviceSnapshot);
@@ -25,12 +25,12 @@ std::unique_ptr<DeviceSnapshot> DeviceSnapshot::make(const std::vector<DeviceByt
     return nullptr;
   }
   std::uint8_t* to = snapshot->memory_.get();
-  for (const DeviceBytes& array : arrays) {
-    if (array.bytes > 0) {
-      B3DGS_CUDA_CHECK(cudaMemcpyAsync(to, array.data, array.bytes, cudaMemcpyDeviceToDevice, stream));
+  for (const std::string_view array : arrays) {
+    if (!array.empty()) {
+      B3DGS_CUDA_CHECK(cudaMemcpyAsync(to, array.data(), array.size(), cudaMemcpyDeviceToDevice, stream));
     }
-    snapshot->arrays_.push_back({to, array.bytes});
-    to += aligned(array.bytes);
+    snapshot->arrays_.emplace_back(reinterpret_cast<const char*>(to), array.size());
+    to += aligned(array.size());
   }
   return snapshot;
 }

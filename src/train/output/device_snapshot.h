@@ -4,32 +4,28 @@
 #include <cstddef>
 #include <functional>
 #include <memory>
+#include <string_view>
 #include <vector>
 
 #include "core/cuda_handles.h"
 
 namespace b3dgs::cuda {
 
-struct DeviceBytes {
-  const void* data = nullptr;
-  std::size_t bytes = 0;
-};
-
-/// Copies of arrays in device memory, taken after all work queued on a stream so far. Destroying the object returns
-/// their memory to the system, not to a caching allocator; no reads may be in progress.
+/// Copies of arrays of bytes in device memory, taken after all work queued on a stream so far. Destroying the object
+/// returns their memory to the system, not to a caching allocator; no reads may be in progress.
 class DeviceSnapshot {
  public:
   /// Queues the copies on `stream`; asynchronous. Null if less than twice their size is free: training may need the
   /// same amount for itself.
-  static std::unique_ptr<DeviceSnapshot> make(const std::vector<DeviceBytes>& arrays, cudaStream_t stream);
+  static std::unique_ptr<DeviceSnapshot> make(const std::vector<std::string_view>& arrays, cudaStream_t stream);
   /// The copies, in the order of the arrays.
-  const std::vector<DeviceBytes>& arrays() const { return arrays_; }
+  const std::vector<std::string_view>& arrays() const { return arrays_; }
 
  private:
   DeviceSnapshot() = default;
 
   MemoryOnDevice memory_;
-  std::vector<DeviceBytes> arrays_;
+  std::vector<std::string_view> arrays_;
 };
 
 /// Copies to the host through two pinned buffers, on a stream of its own. For one thread at a time.

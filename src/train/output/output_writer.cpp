@@ -1,8 +1,8 @@
 #include "train/output/output_writer.h"
 
 #include <algorithm>
+#include <limits>
 
-#include "core/files/own_files.h"
 #include "train/gaussians/gaussian_model.h"
 
 #if B3DGS_TORCH_CUDA
@@ -37,8 +37,8 @@ void append_rows(SplatPlyWriter& file, std::int64_t n, int sh_degree, const std:
     std::vector<float>* const columns[]{&rows.means, &rows.log_scales, &rows.quats, &rows.logit_opacities,
                                         &rows.sh0,   &rows.shN,        &filters};
     for (std::size_t i = 0; i < arrays.size(); ++i) {
-      const std::size_t row_bytes = arrays[i].bytes / static_cast<std::size_t>(n);
-      const char* const from = arrays[i].data + static_cast<std::size_t>(begin) * row_bytes;
+      const std::size_t row_bytes = arrays[i].size() / static_cast<std::size_t>(n);
+      const char* const from = arrays[i].data() + static_cast<std::size_t>(begin) * row_bytes;
       read(from, static_cast<std::size_t>(n_rows) * row_bytes, [&](const void* piece, std::size_t bytes) {
         const auto* values = static_cast<const float*>(piece);
         columns[i]->insert(columns[i]->end(), values, values + bytes / sizeof(float));
@@ -51,7 +51,7 @@ void append_rows(SplatPlyWriter& file, std::int64_t n, int sh_degree, const std:
 
 Bytes bytes_of(const torch::Tensor& tensor) {
   B3DGS_CHECK(tensor.is_contiguous(), "only contiguous tensors can be written");
-  return {static_cast<const char*>(tensor.data_ptr()), static_cast<std::size_t>(tensor.nbytes())};
+  return {static_cast<const char*>(tensor.data_ptr()), tensor.nbytes()};
 }
 
 }  // namespace
@@ -62,53 +62,23 @@ struct OutputWriter::Content {
   std::function<void()> commit;
 };
 
-OutputWriter::OutputWriter(torch::Device device) : device_(device) {}
-
-OutputWriter::~OutputWriter() {
-  {
-    const std::lock_guard lock(mutex_);
-    is_ending_ = true;
-    changed_.notify_all();
-  }
-  if (thread_.joinable()) thread_.join();
-}
-
-void OutputWriter::run() {
-  std::unique_lock lock(mutex_);
-  for (;;) {
-    changed_.wait(lock, [&] { return is_ending_ || !jobs_.empty(); });
-    if (jobs_.empty()) return;
-    {
-      Job job = std::move(jobs_.front());
-      lock.unlock();
-      const std::exception_ptr own = perform(job);
-      job.work = {};  // frees its memory before it counts as done
-      lock.lock();
-      if (own && !fault_) fault_ = own;
-      done_.push_back(std::move(job.file));
+void OutputWriter::add(WrittenFile file, std::function<void()> work) {
+  if (queue_ == nullptr) queue_ = std::make_unique<TaskQueue>(/*threads=*/1, std::numeric_limits<std::size_t>::max());
+  queue_->push([this, file = std::move(file), work = std::move(work)]() mutable {
+    std::exception_ptr fault;
+    try {
+      work();
+    } catch (const IoError& error) {
+      file.error = error.what();
+    } catch (...) {
+      file.error = file.path.string() + ": could not be written";
+      fault = std::current_exception();
     }
-    jobs_.pop_front();
-    changed_.notify_all();
-  }
-}
-
-std::exception_ptr OutputWriter::perform(Job& job) {
-  try {
-    job.work();
-  } catch (const IoError& error) {
-    job.file.error = error.what();
-  } catch (...) {
-    job.file.error = job.file.path.string() + ": could not be written";
-    return std::current_exception();
-  }
-  return nullptr;
-}
-
-void OutputWriter::add(Job job) {
-  const std::lock_guard lock(mutex_);
-  if (!thread_.joinable()) thread_ = std::thread([this] { run(); });
-  jobs_.push_back(std::move(job));
-  changed_.notify_all();
+    work = {};  // frees its memory before it counts as done
+    const std::lock_guard lock(mutex_);
+    if (fault && !fault_) fault_ = fault;
+    done_.push_back(std::move(file));
+  });
 }
 
 void OutputWriter::write(WrittenFile file, const std::function<Content()>& open,
@@ -121,7 +91,7 @@ void OutputWriter::write(WrittenFile file, const std::function<Content()>& open,
     if (device_.is_cuda()) return write_from_device(file, content, arrays, may_copy);
 #endif
     content.fill(arrays, read_host);
-    add({file, content.commit});
+    add(std::move(file), content.commit);
   } catch (const IoError& error) {
     file.error = error.what();
     const std::lock_guard lock(mutex_);
@@ -137,26 +107,20 @@ void OutputWriter::write_from_device(const WrittenFile& file, const Content& con
   const ReadPieces read = [this](const char* array, std::size_t bytes, const TakePiece& take) {
     reader_->read(array, bytes, take);
   };
-  std::vector<cuda::DeviceBytes> originals;
-  for (const Bytes& array : arrays) originals.push_back({array.data, array.bytes});
   std::shared_ptr<cuda::DeviceSnapshot> snapshot;
-  if (may_copy) snapshot = cuda::DeviceSnapshot::make(originals, stream);
+  if (may_copy) snapshot = cuda::DeviceSnapshot::make(arrays, stream);
   if (snapshot == nullptr) {
     wait();  // until the background thread no longer uses the reader
     reader_->follow(stream);
     content.fill(arrays, read);
-    return add({file, content.commit});
+    return add(file, content.commit);
   }
   reader_->follow(stream);
-  add({file, [content, snapshot, read]() mutable {
-         std::vector<Bytes> copies;
-         for (const cuda::DeviceBytes& copy : snapshot->arrays()) {
-           copies.push_back({static_cast<const char*>(copy.data), copy.bytes});
-         }
-         content.fill(copies, read);
-         snapshot.reset();  // frees GPU memory before waiting for the disk
-         content.commit();
-       }});
+  add(file, [content, snapshot, read]() mutable {
+    content.fill(snapshot->arrays(), read);
+    snapshot.reset();  // frees GPU memory before waiting for the disk
+    content.commit();
+  });
 }
 #endif
 
@@ -172,7 +136,7 @@ void OutputWriter::write_checkpoint(const WrittenFile& file, const nlohmann::ord
     const auto out = std::make_shared<CheckpointFileWriter>(file.path, header, entries);
     const auto fill = [out](const std::vector<Bytes>& arrays, const ReadPieces& read) {
       for (const Bytes& array : arrays) {
-        read(array.data, array.bytes, [&](const void* piece, std::size_t bytes) { out->append(piece, bytes); });
+        read(array.data(), array.size(), [&](const void* piece, std::size_t bytes) { out->append(piece, bytes); });
       }
       out->finish();
     };
@@ -213,16 +177,6 @@ void OutputWriter::write_ply(const WrittenFile& file, const GaussianTensors& gau
     return {fill, [out] { out->commit(); }};
   };
   write(file, open, tensors, may_copy);
-}
-
-bool OutputWriter::is_busy() const {
-  const std::lock_guard lock(mutex_);
-  return !jobs_.empty();
-}
-
-void OutputWriter::wait() {
-  std::unique_lock lock(mutex_);
-  changed_.wait(lock, [&] { return jobs_.empty(); });
 }
 
 std::vector<WrittenFile> OutputWriter::take() {

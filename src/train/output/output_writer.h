@@ -6,9 +6,6 @@
 // and the background thread only waits for the disk. There is never a second copy of the model in host memory.
 #pragma once
 
-#include <condition_variable>
-#include <cstdint>
-#include <deque>
 #include <exception>
 #include <filesystem>
 #include <functional>
@@ -16,10 +13,11 @@
 #include <mutex>
 #include <nlohmann/json.hpp>
 #include <string>
-#include <thread>
+#include <string_view>
 #include <utility>
 #include <vector>
 
+#include "core/task_queue.h"
 #include "model/formats/splat_formats.h"
 #include "raster/torch/rasterizer.h"
 #include "train/checkpoint/checkpoint.h"
@@ -40,14 +38,11 @@ struct WrittenFile {
 
 class OutputWriter {
  public:
-  struct Bytes {
-    const char* data = nullptr;
-    std::size_t bytes = 0;
-  };
+  using Bytes = std::string_view;  // of a tensor, in the memory of its device
 
-  explicit OutputWriter(torch::Device device);
+  explicit OutputWriter(torch::Device device) : device_(device) {}
   /// Waits until all files are written.
-  ~OutputWriter();
+  ~OutputWriter() { wait(); }
   OutputWriter(const OutputWriter&) = delete;
   OutputWriter& operator=(const OutputWriter&) = delete;
 
@@ -67,24 +62,18 @@ class OutputWriter {
   void write_ply(const WrittenFile& file, const GaussianTensors& gaussians, const CoordinateFrame& frame,
                  bool may_copy);
 
-  bool is_busy() const;
-  void wait();
+  bool is_busy() const { return queue_ != nullptr && queue_->is_busy(); }
+  void wait() {
+    if (queue_ != nullptr) queue_->finish();
+  }
 
   /// Files that have been written, or could not be, since the last call. Rethrows errors other than IoError.
   std::vector<WrittenFile> take();
 
  private:
   struct Content;
-  struct Job {
-    WrittenFile file;
-    std::function<void()> work;
-  };
-
-  /// The background thread: one job after the other.
-  void run();
-  /// An IoError is stored in the file's `error`; any other exception is returned.
-  static std::exception_ptr perform(Job& job);
-  void add(Job job);
+  /// Calls `work`, which completes the file, on the background thread.
+  void add(WrittenFile file, std::function<void()> work);
   /// Fills the file from the tensors on this thread, or from a copy on the background thread, which commits it.
   void write(WrittenFile file, const std::function<Content()>& open, const std::vector<torch::Tensor>& tensors,
              bool may_copy);
@@ -93,13 +82,10 @@ class OutputWriter {
 
   const torch::Device device_;
   std::shared_ptr<cuda::DeviceReader> reader_;
-  mutable std::mutex mutex_;
-  std::condition_variable changed_;
-  std::deque<Job> jobs_;  // the first one is in progress
-  std::vector<WrittenFile> done_;
+  std::mutex mutex_;
+  std::vector<WrittenFile> done_;  // this and the next one are guarded by mutex_
   std::exception_ptr fault_;
-  bool is_ending_ = false;
-  std::thread thread_;
+  std::unique_ptr<TaskQueue> queue_;  // with a thread, since the first file
 };
 
 }  // namespace b3dgs

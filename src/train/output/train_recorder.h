@@ -1,4 +1,5 @@
-// train.jsonl: one JSON object per line, for reports and plots.
+// Records a training: lines of train.jsonl, evaluations, PLYs and checkpoints, and messages to the user. It reads the
+// training's state and never changes it.
 #pragma once
 
 #include <cstdint>
@@ -23,6 +24,7 @@
 
 namespace b3dgs {
 
+/// train.jsonl: one JSON object per line, for reports and plots.
 class TrainLog {
  public:
   /// Keeps the lines of `path` up to `iteration` (0 = starts a new log) and appends to them. @throws IoError
@@ -42,9 +44,6 @@ class TrainLog {
   int file_ = -1;
   std::string waiting_, fault_;
 };
-
-// Records a training: lines of train.jsonl, evaluations, PLYs and checkpoints, and messages to the user. It reads the
-// training's state and never changes it.
 
 class TrainRecorder {
  public:

@@ -3,7 +3,6 @@
 
 #include <torch/types.h>
 
-#include <algorithm>
 #include <array>
 #include <cmath>
 #include <cstdint>

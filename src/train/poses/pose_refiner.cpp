@@ -7,7 +7,6 @@
 
 #include "core/check.h"
 #include "model/raster_input.h"
-#include "raster/torch/torch_cuda.h"
 #include "train/optimizer/adam.h"
 #include "train/optimizer/adam_args.h"
 
@@ -40,10 +39,6 @@ CorrectionLimits pose_limits(double extent) {
   return {3 * kDegree, 0.03 * extent};
 }
 
-PoseRefiner::PoseRefiner(const TrainConfig& config, const Scene& scene, PoseState& state)
-    : config_(config), scene_(scene), state_(state) {}
-PoseRefiner::~PoseRefiner() = default;
-
 bool PoseRefiner::refines(std::int32_t view, int iteration) const {
   const auto last = static_cast<std::int32_t>(scene_.train.size()) - 1;
   return config_.pose_opt && iteration > config_.densify_from_iter && view > 0 && view < last;
@@ -63,8 +58,10 @@ CameraView PoseRefiner::camera(std::int32_t view, int iteration) {
 void PoseRefiner::make_room() {
   if (!state_.is_defined()) state_ = PoseState::make(static_cast<std::int64_t>(scene_.train.size()));
   const auto n_views = static_cast<std::size_t>(config_.batch);
-  if (!kTorchHasCuda || config_.device == "cpu") return grads_.resize(n_views);
-  while (copies_.size() < n_views) copies_.push_back(make_host_copy(sizeof(CameraGrad)));
+  if constexpr (kTorchHasCuda) {
+    while (config_.device == "cuda" && copies_.size() < n_views) copies_.emplace_back(sizeof(CameraGrad));
+  }
+  if (copies_.empty()) grads_.resize(n_views);
 }
 
 void PoseRefiner::add_gradient(std::int32_t view, int iteration, const torch::Tensor& camera_grad) {
@@ -74,7 +71,7 @@ void PoseRefiner::add_gradient(std::int32_t view, int iteration, const torch::Te
   const double* const values = camera_grad.data_ptr<double>();
   const std::size_t place = added_.size();
   added_.push_back({view, iteration});
-  if (kTorchHasCuda && camera_grad.is_cuda()) return copies_.at(place)->copy(values);
+  if (kTorchHasCuda && camera_grad.is_cuda()) return copies_.at(place).copy(values);
   std::copy_n(values, kCameraGradients, grads_.at(place).begin());
 }
 
@@ -86,9 +83,9 @@ void PoseRefiner::begin_step() {
 void PoseRefiner::finish_step() {
   for (std::size_t place = 0; place < unfinished_.size(); ++place) {
     const Unfinished& step = unfinished_[place];
-    const bool is_on_gpu = !copies_.empty();
+    const bool is_on_gpu = kTorchHasCuda && !copies_.empty();
     take_step(step.view, step.iteration,
-              is_on_gpu ? *static_cast<const CameraGrad*>(copies_[place]->wait()) : grads_[place]);
+              is_on_gpu ? *static_cast<const CameraGrad*>(copies_[place].wait()) : grads_[place]);
   }
   unfinished_.clear();
 }

@@ -7,17 +7,15 @@
 
 #include <array>
 #include <cstdint>
-#include <memory>
 #include <vector>
 
 #include "config/train_config.h"
 #include "raster/args.h"
+#include "raster/torch/torch_cuda.h"
 #include "scene/scene.h"
 #include "train/poses/camera_correction.h"
 
 namespace b3dgs {
-
-class HostCopy;
 
 /// Limits of a correction: 3 degrees, and 3 % of the scene's extent.
 CorrectionLimits pose_limits(double extent);
@@ -25,8 +23,8 @@ CorrectionLimits pose_limits(double extent);
 class PoseRefiner {
  public:
   /// All must outlive this.
-  PoseRefiner(const TrainConfig& config, const Scene& scene, PoseState& state);
-  ~PoseRefiner();
+  PoseRefiner(const TrainConfig& config, const Scene& scene, PoseState& state)
+      : config_(config), scene_(scene), state_(state) {}
 
   /// Whether the iteration refines the pose of the view: it needs the camera's gradient.
   bool refines(std::int32_t view, int iteration) const;
@@ -62,8 +60,8 @@ class PoseRefiner {
   PoseState& state_;
   std::vector<Unfinished> added_, unfinished_;  // before and after begin_step()
   // Of each of them:
-  std::vector<CameraGrad> grads_;                  // on the CPU
-  std::vector<std::unique_ptr<HostCopy>> copies_;  // on a GPU
+  std::vector<CameraGrad> grads_;  // on the CPU
+  std::vector<HostCopy> copies_;   // on a GPU
 };
 
 }  // namespace b3dgs

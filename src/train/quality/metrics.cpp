@@ -7,7 +7,6 @@
 #include <cstring>
 
 #include "core/check.h"
-#include "core/parallel.h"
 #include "train/loss/loss.h"
 
 namespace b3dgs {
@@ -52,31 +51,12 @@ Image8 to_image8(const torch::Tensor& image) {
   B3DGS_CHECK(image.dim() == 2 || (image.dim() == 3 && image.size(2) == 3), "expected [H, W, 3] or [H, W], found ",
               image.sizes());
   Image8 result(static_cast<int>(image.size(1)), static_cast<int>(image.size(0)), image.dim() == 2 ? 1 : 3);
-  if (!image.is_cpu()) {
-    const torch::Tensor bytes = host_copy(to_bytes(image));
-    std::copy_n(bytes.data_ptr<std::uint8_t>(), bytes.numel(), result.pixels.begin());
-    return result;
-  }
-  const torch::Tensor host = image.contiguous();
-  const float* values = host.data_ptr<float>();
-  constexpr std::int64_t kGrain = 65536;
-  parallel_chunks(host.numel(), kGrain, [&](std::int64_t begin, std::int64_t end) {
-    for (std::int64_t i = begin; i < end; ++i) {
-      // NaN becomes 0, since every comparison with it is false. Without std::lround(), loops are vectorized.
-      const float value = values[i] > 0.0f ? 255.0f * std::min(values[i], 1.0f) : 0.0f;
-      const auto whole = static_cast<std::int32_t>(value);
-      result.pixels[static_cast<std::size_t>(i)] =
-          static_cast<std::uint8_t>(whole + (value - static_cast<float>(whole) >= 0.5f));
-    }
-  });
-  return result;
-}
-
-torch::Tensor to_bytes(const torch::Tensor& image) {
   torch::Tensor value = torch::nan_to_num(image, 0).clamp_(0, 1).mul_(255);
   const torch::Tensor whole = value.floor();
   // Not round(), for which 126.5 is 126.
-  return value.sub_(whole).ge_(0.5).add_(whole).to(torch::kUInt8).contiguous();
+  const torch::Tensor bytes = host_copy(value.sub_(whole).ge_(0.5).add_(whole).to(torch::kUInt8).contiguous());
+  std::copy_n(bytes.data_ptr<std::uint8_t>(), bytes.numel(), result.pixels.begin());
+  return result;
 }
 
 torch::Tensor host_copy(const torch::Tensor& tensor) {

@@ -28,9 +28,6 @@ std::optional<ImageQuality> image_quality(const torch::Tensor& rendered, const I
 /// GPU are converted there, so that a quarter of the bytes is copied.
 Image8 to_image8(const torch::Tensor& image);
 
-/// to_image8() with tensor operations: uint8 on the device of `image`.
-torch::Tensor to_bytes(const torch::Tensor& image);
-
 /// A copy in host memory: pinned if the tensor is on a GPU, as copying is then several times as fast.
 torch::Tensor host_copy(const torch::Tensor& tensor);
 

@@ -16,7 +16,7 @@ class ForwardBlend final : public BlendPass {
  public:
   explicit ForwardBlend(const BlendInput& input) : input_(input) {}
 
-  void prepare(const CameraView& view) override { input_.forward(view); }
+  void prepare(const CameraView& view) override { input_.render(view, input_.settings); }
   void run(const std::string& kernel) override { image_ = input_.rasterizer.reblend(forward_kernel(kernel)); }
   void keep() override { kept_ = {image_.color.clone(), {}, image_.alpha.clone()}; }
   std::string fault() const override { return image_fault(image_, kept_); }
@@ -31,7 +31,7 @@ class BackwardBlend final : public BlendPass {
   explicit BackwardBlend(const BlendInput& input) : input_(input) {}
 
   void prepare(const CameraView& view) override {
-    const torch::Tensor color = input_.forward(view).color;
+    const torch::Tensor color = input_.render(view, input_.settings).color;
     // The amount of work does not depend on the gradient's values; this one is nonzero at every pixel.
     grad_.color = torch::full_like(color, 1.0 / static_cast<double>(color.numel()));
   }

@@ -1,5 +1,7 @@
-// Whether two kernels of one pass computed the same result. They share their arithmetic (raster/math/blend.h), but not
-// the order of sums.
+// Times the candidate blending kernels on the training's own data, and lets one KernelSelector per pass decide. Only
+// blending is timed: each view is projected and binned once, then blended by every candidate in turn, in alternating
+// order. Before that, the candidates' results on the first view are compared, which also warms them up. Parameters,
+// moments, view order and random numbers do not change.
 #pragma once
 
 #include <functional>
@@ -16,6 +18,9 @@
 
 namespace b3dgs {
 
+// Whether two kernels of one pass computed the same result. They share their arithmetic (raster/math/blend.h), but not
+// the order of sums.
+
 /// How `image` disagrees with `reference`, or "". Sums in another order differ by about 1e-5 of the image's range. At a
 /// threshold that is enough for a splat to contribute to one image and not to the other, which changes a pixel by up to
 /// 1/255 (alpha cutoff) or 0.01 (transmittance stop). So nearly all pixels must agree to 1e-4 of the range (at least
@@ -31,16 +36,11 @@ std::string gradient_fault(const torch::Tensor& sums, const torch::Tensor& refer
 /// The model and the views on which kernels are timed.
 struct BlendInput {
   Rasterizer& rasterizer;
-  const GaussianTensors& gaussians;
-  RenderSettings settings;        // of training steps
-  std::vector<CameraView> views;  // the next views of the training
-  // Renders a view and leaves it in `rasterizer`. Empty: rasterizer.forward(gaussians, view, settings).
-  std::function<RenderedView(const CameraView&, const RenderSettings&)> render{};
+  // Renders a view of the model and leaves it in `rasterizer`.
+  std::function<RenderedView(const CameraView&, const RenderSettings&)> render;
+  RenderSettings settings;               // of training steps
+  std::vector<CameraView> views;         // the next views of the training
   std::vector<MemoryRemedy> remedies{};  // with_remedies()
-
-  RenderedView forward(const CameraView& view) const {
-    return render ? render(view, settings) : rasterizer.forward(gaussians, view, settings);
-  }
 };
 
 class BlendPass {
@@ -58,11 +58,6 @@ class BlendPass {
 /// `input` must outlive the pass.
 std::unique_ptr<BlendPass> make_forward_blend(const BlendInput& input);
 std::unique_ptr<BlendPass> make_backward_blend(const BlendInput& input);
-
-// Times the candidate blending kernels on the training's own data, and lets one KernelSelector per pass decide. Only
-// blending is timed: each view is projected and binned once, then blended by every candidate in turn, in alternating
-// order. Before that, the candidates' results on the first view are compared, which also warms them up. Parameters,
-// moments, view order and random numbers do not change.
 
 /// One check of one pass, for the log and the user.
 struct KernelCheck {

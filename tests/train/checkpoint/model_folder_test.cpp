@@ -223,7 +223,7 @@ TEST(Metrics, RoundToEightBits) {
   EXPECT_EQ(image.channels, 1);
 }
 
-TEST(Metrics, BytesAreThoseOfLroundOnEveryPath) {
+TEST(Metrics, BytesAreThoseOfLround) {
   // Around every value that is rounded, and where 255 x is exactly k + 0.5.
   std::vector<float> values{-1e30f, -0.0f, 1e-40f, INFINITY, -INFINITY, NAN, std::nextafter(1.0f, 0.0f), 1.5f};
   for (int k = 0; k < 256; ++k) {
@@ -243,11 +243,6 @@ TEST(Metrics, BytesAreThoseOfLroundOnEveryPath) {
   EXPECT_TRUE(has_half);
   const torch::Tensor image = torch::tensor(values).view({-1, 4, 3});
   EXPECT_EQ(to_image8(image).pixels, expected);
-  const torch::Tensor bytes = to_bytes(image);
-  EXPECT_EQ(bytes.sizes(), image.sizes());
-  EXPECT_EQ(std::vector<std::uint8_t>(bytes.data_ptr<std::uint8_t>(), bytes.data_ptr<std::uint8_t>() + bytes.numel()),
-            expected)
-      << "as on a GPU";
   EXPECT_TRUE(image.view({-1}).slice(0, 0, 5).equal(torch::tensor(values).slice(0, 0, 5))) << "the image is unchanged";
   const torch::Tensor transposed = image.select(2, 0).t();
   EXPECT_EQ(to_image8(transposed).pixels, to_image8(transposed.contiguous()).pixels);

@@ -46,12 +46,12 @@ RenderSettings settings_of(int sh_degree) {
 
 /// Takes a step along `views`.
 void step_along(const std::vector<CameraView>& views, const RenderSettings& settings, const torch::Tensor& image_grad,
-                GaussianOptimizer& optimizer, GaussianTensors& gaussians, AdamState& state,
+                Rasterizer& rasterizer, GaussianOptimizer& optimizer, GaussianTensors& gaussians, AdamState& state,
                 const RegularizationWeights& weights = {}) {
   for (const CameraView& view : views) {
-    optimizer.forward(gaussians, state, view, settings);
+    rasterizer.forward(gaussians, view, optimizer.begin_view(gaussians, state, settings));
     optimizer.make_room_for_view(gaussians);
-    optimizer.keep_view({image_grad, {}, {}}, gaussians, weights);
+    optimizer.keep_view(view, settings, {image_grad, {}, {}}, gaussians, weights);
   }
   optimizer.step_views(kRates, gaussians, state, nullptr);
 }
@@ -72,7 +72,7 @@ TEST(BatchOnGpu, EqualsTheCpu) {
         GaussianOptimizer optimizer(rasterizer);
         RenderSettings settings = settings_of(sh_degree);
         settings.antialiasing = antialiasing;
-        step_along(views, settings, image_grad.to(device), optimizer, gaussians, state, {0.01, 0.02});
+        step_along(views, settings, image_grad.to(device), rasterizer, optimizer, gaussians, state, {0.01, 0.02});
         optimizer.flush(gaussians, state);
         EXPECT_EQ(state.steps, 3);
         return copy_to(state.m, torch::kCPU);
@@ -100,8 +100,8 @@ TEST(BatchOnGpu, UpdatesGiveTheSameBitsWheneverTheyAreFlushed) {
     std::vector<CameraView> views;
     for (int v = 0; v <= k % 3; ++v) views.push_back(view_from(0.7 * ((k * k + v) % 7 - 3), k % 5 == 0 ? -2.5 : -1.2));
     const RenderSettings settings = settings_of(std::min(k / 20, 3));
-    step_along(views, settings, image_grad, late_optimizer, late, late_state);
-    step_along(views, settings, image_grad, often_optimizer, often, often_state);
+    step_along(views, settings, image_grad, rasterizer, late_optimizer, late, late_state);
+    step_along(views, settings, image_grad, rasterizer, often_optimizer, often, often_state);
     often_optimizer.flush(often, often_state);
   }
   EXPECT_FALSE(torch::equal(late.shN, often.shN)) << "nothing was deferred";

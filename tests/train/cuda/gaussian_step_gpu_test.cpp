@@ -87,7 +87,8 @@ TEST_P(GaussianStepOnGpu, EqualsGradientsFollowedByAdam) {
 
   GaussianOptimizer optimizer(rasterizer);
   const torch::Tensor color = image.color.clone();
-  EXPECT_TRUE(test::same(optimizer.forward(stepped, stepped_state, view, settings).color, color));
+  const RenderSettings begun = optimizer.begin_view(stepped, stepped_state, settings);
+  EXPECT_TRUE(test::same(rasterizer.forward(stepped, view, begun).color, color));
   statistics = optimizer.step(kRates, view_grad, stepped, stepped_state, nullptr);
   optimizer.flush(stepped, stepped_state);
   EXPECT_EQ(stepped_state.steps, 42);
@@ -131,7 +132,8 @@ TEST(RegularizationOnGpu, EqualsThatOnTheCpu) {
     AdamState state = make_adam_state(gaussians);
     Rasterizer rasterizer(device);
     GaussianOptimizer optimizer(rasterizer);
-    const RenderedView image = optimizer.forward(gaussians, state, view_from(0, -6), settings_of(3));
+    const RenderedView image =
+        rasterizer.forward(gaussians, view_from(0, -6), optimizer.begin_view(gaussians, state, settings_of(3)));
     const ViewStatistics statistics = optimizer.step(kRates, {torch::zeros_like(image.color), {}, {}}, gaussians, state,
                                                      nullptr, RegularizationWeights{0.4, 0.9});
     optimizer.flush(gaussians, state);
@@ -164,7 +166,7 @@ TEST(DeferredSh, UpdatesGiveTheSameBitsWheneverTheyAreFlushed) {
     const PinholeView view = view_from(0.7 * (k * k % 7 - 3), k % 5 == 0 ? -2.5 : -1.2);
     const RenderSettings settings = settings_of(std::min(k / 20, 3));
     const auto step = [&](GaussianOptimizer& optimizer, GaussianTensors& gaussians, AdamState& state) {
-      optimizer.forward(gaussians, state, view, settings);
+      rasterizer.forward(gaussians, view, optimizer.begin_view(gaussians, state, settings));
       if (k % 11 == 5 && &optimizer == &rarely_optimizer)
         optimizer.flush(gaussians, state);  // including Gaussians that a view has just seen
       return optimizer.step(kRates, {image_grad, {}, {}}, gaussians, state, nullptr);
@@ -196,7 +198,7 @@ TEST(DeferredSh, RejectsOtherTensorsWhileUpdatesAreDeferred) {
   GaussianOptimizer optimizer(rasterizer);
   const torch::Tensor image_grad = torch::randn({70, 90, 3}).to(kGpu);
   const auto step = [&] {
-    optimizer.forward(gaussians, state, view_from(0, -6), settings_of(2));
+    rasterizer.forward(gaussians, view_from(0, -6), optimizer.begin_view(gaussians, state, settings_of(2)));
     optimizer.step(kRates, {image_grad, {}, {}}, gaussians, state, nullptr);
   };
   step();

@@ -57,7 +57,10 @@ TEST(KernelChooserOnGpu, EveryKernelAgreesWithTheReferenceAndIsTimed) {
   for (const View& view : scene.train) cameras.push_back(to_camera_view(view.camera));
   Rasterizer rasterizer(device);
   KernelChooser chooser(measured_config(), device);
-  const std::vector<KernelCheck> done = chooser.check({1, 0}, {rasterizer, gaussians, {}, cameras});
+  const auto render = [&](const CameraView& view, const RenderSettings& settings) {
+    return rasterizer.forward(gaussians, view, settings);
+  };
+  const std::vector<KernelCheck> done = chooser.check({1, 0}, {rasterizer, render, {}, cameras});
   ASSERT_EQ(done.size(), 2u);
   EXPECT_STREQ(done[0].pass, "forward");
   EXPECT_STREQ(done[1].pass, "backward");

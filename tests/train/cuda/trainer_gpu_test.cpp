@@ -402,10 +402,10 @@ TEST(TrainerOnGpu, StepsAskForNoMemoryOnceSizesAreSteady) {
   config.kernel = "segmented";
   config.position_lr_init = config.position_lr_final = config.scaling_lr = config.opacity_lr = config.rotation_lr = 0;
   Trainer trainer(config, scene, ModelFolder(temp / "model"), {});
-  trainer.run_until(30);
-  const TorchMemoryUse before = torch_memory_use();
-  trainer.run_until(90);
-  const TorchMemoryUse after = torch_memory_use();
+  trainer.run(30);
+  const MemoryUse before = torch_memory_use();
+  trainer.run(90);
+  const MemoryUse after = torch_memory_use();
   EXPECT_EQ(after.n_requests, before.n_requests);
   EXPECT_EQ(after.reserved, before.reserved);
   EXPECT_EQ(after.in_use, before.in_use);
@@ -428,7 +428,7 @@ TEST(TrainerOnGpu, CheckpointsWrittenInTheBackgroundAreThoseOfTheirIterations) {
   Trainer trainer(config, scene, paused, {});
   for (const int iteration : written) {
     if (iteration == config.iterations) continue;
-    trainer.run_until(iteration);
+    trainer.run(iteration);
     trainer.write_checkpoint();
     const CheckpointFile a = read_checkpoint_file(beside.checkpoint(iteration));
     const CheckpointFile b = read_checkpoint_file(paused.checkpoint(iteration));

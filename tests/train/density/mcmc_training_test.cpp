@@ -40,7 +40,7 @@ TEST(McmcTraining, GrowsToTheLimit) {
   Trainer trainer(mcmc_config(), scene, ModelFolder(temp / "model"), {});
   std::vector<std::int64_t> counts;
   for (const int until : {9, 10, 14, 15, 19, 20}) {
-    trainer.run_until(until);
+    trainer.run(until);
     counts.push_back(trainer.n_gaussians());
   }
   EXPECT_EQ(counts, (std::vector<std::int64_t>{120, 126, 126, 130, 130, 130}));

@@ -258,7 +258,7 @@ void check_invalid(Communicator& ranks) {
   train_on_ranks(ranks, config, hooks);
   Trainer trainer(config, scene, ModelFolder(folder / "evaluated"), hooks);
   trainer.resume(damaged);
-  trainer.run_until(3);
+  trainer.run(3);
   const Evaluation evaluation = trainer.evaluate(scene.train);
   expect(trainer.n_gaussians() == 118, "the evaluation removes two of 120");
   expect(!ranks.is_first() || evaluation.views.size() == scene.train.size(), "all views are evaluated");
@@ -435,7 +435,7 @@ void check_evaluation(Communicator& ranks) {
   TrainHooks quiet;
   train_on_ranks(ranks, config, quiet);
   Trainer trainer(config, scene, ModelFolder(folder / "goes on"), quiet);
-  trainer.run_until(12);
+  trainer.run(12);
   expect_failure(cause, others + cause, [&] {
     trainer.evaluate(scene.test, [](std::size_t, const View&, const RenderedView&, const std::optional<ImageQuality>&) {
       input_error("view4.png: cannot be opened");

@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <cmath>
 
-#include "core/check.h"
 #include "core/parallel.h"
 #include "raster/math/opacity.h"
 #include "raster/torch/torch_cuda.h"
