@@ -62,7 +62,7 @@ struct NumberListsArgs {
   std::int32_t* next_entries;     // [n_tiles], kCounterStride apart; out: the tile's offset
   std::int32_t* first_more_runs;  // [n_tiles] out: number of runs after the first of the lists in front
   std::int32_t* tiles_by_length;  // [n_tiles] out: longest first, roughly
-  ViewCounts* counts;             // out: all but the number of splats and first_invalid
+  ViewCounts* counts;             // out: all but the numbers of splats and first_invalid
 };
 
 /// One block, four tiles per thread at a time.
