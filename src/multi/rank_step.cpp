@@ -25,7 +25,7 @@ struct RankStepper::Part {
     CameraView camera;
     RenderSettings settings;
     ViewSplats own;             // of the Gaussians of this rank
-    std::int64_t n_splats = 0;  // on all ranks
+    std::int64_t n_splats = 0;  // on all ranks, with second ones of panoramas
     bool refines_pose = false;
   };
 
@@ -96,6 +96,7 @@ void RankStepper::project_own_gaussians(Part& part, bool is_filter_due, StepReco
     for (std::size_t v = 0; v < own.size(); ++v) {
       part.views[v].own = own[v];
       record.n_splats[v] = own[v].size();
+      record.n_second[v] = own[v].n_second;
     }
   });
 }
@@ -136,7 +137,9 @@ void RankStepper::exchange_records(Part& part, StepRecord record, int last) {
     part.counts.emplace_back(other.n_splats, other.n_splats + part.views.size());
     rendered_before.push_back(other.rendered);
     agreed_.stop |= other.stop != 0;
-    for (std::size_t v = 0; v < part.views.size(); ++v) part.views[v].n_splats += other.n_splats[v];
+    for (std::size_t v = 0; v < part.views.size(); ++v) {
+      part.views[v].n_splats += other.n_splats[v] + other.n_second[v];
+    }
   }
   for (const Part::View& view : part.views) {
     model_ratios_.add(view.n_splats, 0, state_.n_gaussians());

@@ -40,6 +40,7 @@ struct StepRecord {
   std::int64_t invalid_row = -1;       // of the model; not -1: cannot be rendered
   RenderedRecord rendered{};           // of the step before
   std::int64_t n_splats[kMaxBatch]{};  // of each view
+  std::int64_t n_second[kMaxBatch]{};  // more that panoramas draw, which are not exchanged
   std::int32_t is_out_of_memory = 0;
   std::int32_t stop = 0;
   std::int32_t write_checkpoint = 0, check_kernels = 0;  // only rank 0's values are used

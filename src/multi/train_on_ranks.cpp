@@ -2,7 +2,6 @@
 
 #include <cstdint>
 
-#include "core/check.h"
 #include "multi/rank_stepper.h"
 #include "raster/torch/torch_cuda.h"
 
@@ -11,10 +10,6 @@ namespace b3dgs {
 void train_on_ranks(Communicator& ranks, const TrainConfig& config, TrainHooks& hooks, std::int64_t splats_at_a_time) {
   if (ranks.size() == 1) return;
   hooks.make_stepper = [&ranks, splats_at_a_time](Training& training) {
-    for (const View& view : training.scene.train) {
-      if (view.camera.lens.kind != LensKind::kEquirectangular) continue;
-      input_error(view.name, ": panoramas cannot be trained on several ranks; train them on one");
-    }
     return std::make_unique<RankStepper>(training, ranks, splats_at_a_time);
   };
   if (kTorchHasCuda && config.gpu_memory_gb == 0 && ranks.shares_gpus()) {

@@ -154,6 +154,7 @@ struct ProjectArgs {
   Vec2f* extents = nullptr;       // the same: half size of the box around alpha >= 1/255, px
   std::int32_t* radii = nullptr;  // [N] out: 3 standard deviations in px, rounded up; 0 if the Gaussian is not seen
   bool antialiasing = false;
+  bool is_drawn = true;  // false: splats across the seam are counted, not written
 };
 
 /// Binning: splats to a list per tile, nearest first; equal depths in the order of the Gaussians (CPU).

@@ -31,7 +31,8 @@ inline void check_render_args(const GaussianArrays& gaussians, const CameraView&
 /// For splats whose Gaussians are elsewhere.
 inline void check_splat_args(std::int64_t n_splats, const CameraView& view, const RenderSettings& settings) {
   check_image_size(view);
-  B3DGS_CHECK(n_splats >= 0 && n_splats <= kIndexMax, "number of splats is ", n_splats, ", expected 0 to ", kIndexMax);
+  const std::int64_t n_most = kIndexMax / splats_per_gaussian(view.lens);
+  B3DGS_CHECK(n_splats >= 0 && n_splats <= n_most, "number of splats is ", n_splats, ", expected 0 to ", n_most);
   B3DGS_CHECK(!settings.camera_gradient, "the gradient with respect to the camera needs the Gaussians, not splats");
 }
 

@@ -89,10 +89,10 @@ class RasterizerBackend {
                                   const SplatRecordArrays& out) = 0;
 
   /// The first pass of forward() alone: writes the splats of the Gaussians that the view sees, in the order of the
-  /// Gaussians (on a GPU, the second splats of a panorama follow), to the memory that `allocate` returns. There is no
+  /// Gaussians, to the memory that `allocate` returns. Returns how many of them a panorama draws twice. There is no
   /// last forward() after it.
-  virtual void project(const GaussianArrays& gaussians, const CameraView& view, const RenderSettings& settings,
-                       const SplatAllocator& allocate) = 0;
+  virtual std::int64_t project(const GaussianArrays& gaussians, const CameraView& view, const RenderSettings& settings,
+                               const SplatAllocator& allocate) = 0;
 
   /// project() for view number `index` of several, on a GPU, without waiting: writes at most `capacity` splats to
   /// `out`. Then the next one, or wait_for_projections().
@@ -100,7 +100,7 @@ class RasterizerBackend {
                                 const RenderSettings& settings, const SplatRowArrays& out, std::int64_t capacity);
   /// Numbers of splats of the views that were queued, in their order, all of them also if they exceed the capacity.
   /// @throws InvalidGaussianError naming the first invalid Gaussian of the first view that has one
-  virtual std::vector<std::int64_t> wait_for_projections();
+  virtual std::vector<SplatCounts> wait_for_projections();
 
   /// The other passes of forward(), with the same view, culling and tiles as in project(). Splat::gaussian is ignored.
   /// A forward() for the functions below, except for those that need Gaussians: backward(), backward_blend(),
@@ -138,8 +138,7 @@ class RasterizerBackend {
   virtual const std::int32_t* radii() const = 0;     // [N]
   virtual const std::int32_t* last_ids() const = 0;  // [H, W]
   virtual const Splat* splats() const = 0;           // [n_rows()] indexed by bins().splat_ids
-  /// On the CPU the number of splats, on a GPU that of rows of cuda::ProjectOutputs, which may have no splat; of
-  /// forward_splats(): its rows.
+  /// On the CPU the number of splats, on a GPU that of rows of cuda::ProjectOutputs, which may have no splat.
   virtual std::int64_t n_rows() const { return state_.n_splats; }
   virtual BinnedSplats bins() const = 0;
   const TileGrid& grid() const { return state_.grid; }
@@ -175,7 +174,7 @@ inline void RasterizerBackend::queue_projection(std::size_t, const GaussianArray
                                                 const RenderSettings&, const SplatRowArrays&, std::int64_t) {
   needs_gpu("queue_projection()");
 }
-inline std::vector<std::int64_t> RasterizerBackend::wait_for_projections() {
+inline std::vector<SplatCounts> RasterizerBackend::wait_for_projections() {
   needs_gpu("wait_for_projections()");
 }
 inline void RasterizerBackend::reblend_backward(BackwardKernel, const ImageGradArrays&) {

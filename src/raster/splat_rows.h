@@ -10,6 +10,15 @@
 
 namespace b3dgs {
 
+// A Gaussian that crosses the seam of a panorama has one row, too: that of its first splat (math/project_splat.h).
+// Whoever draws the rows makes the second splat, and adds its sums to those of the first.
+
+/// Numbers of splats of a view.
+struct SplatCounts {
+  std::int64_t n_first = 0;   // of Gaussians that the view sees
+  std::int64_t n_second = 0;  // of those that a panorama draws twice
+};
+
 /// M splats. Of two at the same depth, the earlier one is in front.
 struct SplatRows {
   std::int64_t n_splats = 0;            // M

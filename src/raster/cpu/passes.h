@@ -67,8 +67,18 @@ inline constexpr int kMaxTileSide = 32;
 
 std::unique_ptr<RasterizerBackend> make_rasterizer();
 
-/// Returns M, the number of splats. @throws InvalidGaussianError naming the first invalid Gaussian
-std::int64_t project(const ProjectArgs& args);
+/// @throws InvalidGaussianError naming the first invalid Gaussian
+SplatCounts project(const ProjectArgs& args);
+
+/// In place of project(): splats that were projected elsewhere, numbered as Gaussians, row by row. Returns M.
+/// Parameters of Gaussians are not used.
+std::int64_t load_rows(const SplatRows& rows, const ProjectArgs& args);
+
+/// Whether splat m is the second one of its Gaussian, across the seam of a panorama: it follows the first, and so do
+/// its slots.
+inline bool is_across_the_seam(const Splat* splats, std::int64_t m) {
+  return m > 0 && splats[m - 1].gaussian == splats[m].gaussian;
+}
 
 /// Buffers of binning, reused from view to view.
 struct BinBuffers {

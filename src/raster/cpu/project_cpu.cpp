@@ -16,13 +16,62 @@ namespace {
 
 constexpr std::int64_t kGrain = 1024;  // Gaussians or splats per chunk
 
-/// Projects Gaussian i. `splat` and `extent` are written only if it is seen: one of each or, across the seam of a
-/// panorama, two. Adds their number to n_splats.
+/// Splats of consecutive Gaussians, one after the other.
+struct PackedSplats {
+  Splat* splats = nullptr;  // [n] in memory that has room for all
+  Vec2f* extents = nullptr;
+  std::int64_t n = 0, n_second = 0;
+  std::int64_t invalid = -1;  // the first Gaussian that is invalid, behind those that were added
+
+  void add(const ProjectedGaussian& projected) {
+    extents[n] = projected.extent;
+    splats[n++] = projected.splat;
+  }
+};
+
+/// Of a panorama: adds the second splat of a Gaussian that crosses the seam.
+void add_second(const ProjectArgs& args, const ProjectedGaussian& first, PackedSplats& out) {
+  const ProjectedGaussian second =
+      across_the_seam<TileCount::kAny>(first, full_turn(args.view.fx), args.culling, args.grid);
+  if (second.n_tiles == 0) return;
+  ++out.n_second;
+  if (args.is_drawn) out.add(second);
+}
+
+/// Calls add_one(i, out) for each Gaussian, which adds its splats, at most n_each, and returns whether it is valid.
+/// Each chunk packs its splats where there is room for all of them; afterwards the chunks are moved together.
+template <class AddOne>
+PackedSplats pack_splats(std::int64_t n, std::int64_t n_each, const ProjectArgs& args, AddOne&& add_one) {
+  const Chunks chunks = make_chunks(n, kGrain);
+  std::vector<PackedSplats> packed(static_cast<std::size_t>(chunks.count));
+  parallel_pool(chunks.count, [&](std::int64_t chunk, int) {
+    const std::int64_t first = n_each * chunks.begin(chunk);
+    PackedSplats own{args.splats + first, args.extents + first};
+    for (std::int64_t i = chunks.begin(chunk), end = chunks.end(chunk); i < end && own.invalid < 0; ++i) {
+      if (!add_one(i, own)) own.invalid = i;
+    }
+    packed[static_cast<std::size_t>(chunk)] = own;
+  });
+  PackedSplats all{args.splats, args.extents};
+  for (const PackedSplats& own : packed) {
+    if (own.splats != all.splats + all.n) {
+      std::copy_n(own.splats, own.n, all.splats + all.n);
+      std::copy_n(own.extents, own.n, all.extents + all.n);
+    }
+    all.n += own.n;
+    all.n_second += own.n_second;
+    all.invalid = own.invalid;
+    if (all.invalid >= 0) break;
+  }
+  return all;
+}
+
+/// Projects Gaussian i.
 template <bool kAntialiasing, class Lens>
 Outcome project_one(const ProjectArgs& args, const ViewTransform<float>& view, const Lens& lens, std::int64_t i,
-                    Splat* splats, Vec2f* extents, std::int64_t& n_splats) {
+                    PackedSplats& out) {
   const GaussianArrays& g = args.gaussians;
-  const ProjectedGaussian projected =
+  ProjectedGaussian projected =
       project_splat<TileCount::kAny, kAntialiasing>(g, i, view, lens, args.near_plane, args.culling, args.grid);
   args.radii[i] = 0;
   if (projected.outcome != Outcome::kSeen) return projected.outcome;
@@ -31,27 +80,13 @@ Outcome project_one(const ProjectArgs& args, const ViewTransform<float>& view, c
                                         g.shN + rest_floats(g.sh_degree_max) * i);
   if (!is_usable_color(color.color.x, color.color.y, color.color.z)) return Outcome::kInvalid;
   args.radii[i] = projected.radius;
-  const auto write = [&](const ProjectedGaussian& found) {
-    extents[n_splats] = found.extent;
-    Splat& splat = splats[n_splats++];
-    splat = found.splat;
-    splat.red = color.color.x;
-    splat.green = color.color.y;
-    splat.blue = color.color.z;
-    splat.clamped = color.clamped;
-  };
-  write(projected);
-  if (splats_per_gaussian(args.view.lens) == 2) {
-    const ProjectedGaussian second =
-        across_the_seam<TileCount::kAny>(projected, full_turn(args.view.fx), args.culling, args.grid);
-    if (second.n_tiles > 0) write(second);
-  }
+  projected.splat.red = color.color.x;
+  projected.splat.green = color.color.y;
+  projected.splat.blue = color.color.z;
+  projected.splat.clamped = color.clamped;
+  out.add(projected);
+  if (splats_per_gaussian(args.view.lens) == 2) add_second(args, projected, out);
   return Outcome::kSeen;
-}
-
-/// Whether splat m is the second one of its Gaussian.
-bool is_across_the_seam(const Splat* splats, std::int64_t m) {
-  return m > 0 && splats[m - 1].gaussian == splats[m].gaussian;
 }
 
 /// The sums of splat m, the first of its Gaussian, and of the second, whose slots follow.
@@ -73,47 +108,45 @@ SplatGrad sum_of_gaussian(const Splat* splats, std::int64_t n_splats, const std:
 
 }  // namespace
 
-std::int64_t project(const ProjectArgs& args) {
-  const std::int64_t n = args.gaussians.n_gaussians;
+SplatCounts project(const ProjectArgs& args) {
   const ViewTransform<float> view = make_view_transform<float>(args.view);
-  const std::int64_t n_each = splats_per_gaussian(args.view.lens);
-
-  // Each chunk packs its splats at its chunk_packed beginning; afterwards the chunks are moved together.
-  struct Packed {
-    std::int64_t n_splats, invalid;
+  const std::int64_t n_each = args.is_drawn ? splats_per_gaussian(args.view.lens) : 1;
+  const auto project_valid = [&](std::int64_t i, PackedSplats& out) {
+    const Outcome outcome = with_lens(args.view.lens, [&](const auto& lens) {
+      return args.antialiasing ? project_one<true>(args, view, lens, i, out)
+                               : project_one<false>(args, view, lens, i, out);
+    });
+    return outcome != Outcome::kInvalid;
   };
-  const Chunks chunks = make_chunks(n, kGrain);
-  std::vector<Packed> packed(static_cast<std::size_t>(chunks.count));
-  parallel_pool(chunks.count, [&](std::int64_t chunk, int) {
-    Packed& chunk_packed = packed[static_cast<std::size_t>(chunk)];
-    chunk_packed = {0, n};
-    for (std::int64_t i = chunks.begin(chunk), end = chunks.end(chunk); i < end; ++i) {
-      const std::int64_t begin = n_each * chunks.begin(chunk);
-      Splat* const splats = args.splats + begin;
-      Vec2f* const extents = args.extents + begin;
-      const Outcome outcome = with_lens(args.view.lens, [&](const auto& lens) {
-        return args.antialiasing ? project_one<true>(args, view, lens, i, splats, extents, chunk_packed.n_splats)
-                                 : project_one<false>(args, view, lens, i, splats, extents, chunk_packed.n_splats);
-      });
-      if (outcome == Outcome::kInvalid) {
-        chunk_packed.invalid = i;
-        break;
-      }
-    }
-  });
+  const PackedSplats all = pack_splats(args.gaussians.n_gaussians, n_each, args, project_valid);
+  if (all.invalid >= 0) fail_invalid(args.gaussians, all.invalid);
+  return {args.is_drawn ? all.n - all.n_second : all.n, all.n_second};
+}
 
-  std::int64_t n_splats = 0;
-  for (std::int64_t chunk = 0; chunk < chunks.count; ++chunk) {
-    const Packed& chunk_packed = packed[static_cast<std::size_t>(chunk)];
-    if (chunk_packed.invalid < n) fail_invalid(args.gaussians, chunk_packed.invalid);
-    const std::int64_t begin = n_each * chunks.begin(chunk);
-    if (n_splats != begin) {
-      std::copy_n(args.splats + begin, chunk_packed.n_splats, args.splats + n_splats);
-      std::copy_n(args.extents + begin, chunk_packed.n_splats, args.extents + n_splats);
-    }
-    n_splats += chunk_packed.n_splats;
+std::int64_t load_rows(const SplatRows& rows, const ProjectArgs& args) {
+  const auto load = [&](std::int64_t m) {
+    args.radii[m] = rows.radii[m];
+    Splat splat = rows.splats[m];
+    splat.gaussian = static_cast<std::int32_t>(m);
+    return splat;
+  };
+  if (splats_per_gaussian(args.view.lens) == 2) {
+    const auto add_one = [&](std::int64_t m, PackedSplats& out) {
+      ProjectedGaussian first;
+      first.radius = rows.radii[m];
+      first.extent = rows.extents[m];
+      first.splat = load(m);
+      out.add(first);
+      add_second(args, first, out);
+      return true;
+    };
+    return pack_splats(rows.n_splats, 2, args, add_one).n;
   }
-  return n_splats;
+  parallel_chunks(rows.n_splats, kGrain, [&](std::int64_t begin, std::int64_t end) {
+    std::copy(rows.extents + begin, rows.extents + end, args.extents + begin);
+    for (std::int64_t m = begin; m < end; ++m) args.splats[m] = load(m);
+  });
+  return rows.n_splats;
 }
 
 void project_backward(const ProjectBackwardArgs& args) {

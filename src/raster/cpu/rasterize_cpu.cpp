@@ -56,7 +56,8 @@ class CpuBackend final : public RasterizerBackend {
  public:
   void forward(const GaussianArrays& gaussians, const CameraView& view, const RenderSettings& settings,
                const ImageArrays& out) override {
-    project_gaussians(gaussians, view, settings);
+    const SplatCounts counts = project_gaussians(gaussians, view, settings, /*is_drawn=*/true);
+    state_.n_splats = counts.n_first + counts.n_second;
     draw(settings, out);
     state_.n_gaussians = gaussians.n_gaussians;
   }
@@ -82,39 +83,29 @@ class CpuBackend final : public RasterizerBackend {
     end_stage(state_.stages);
   }
 
-  void project(const GaussianArrays& gaussians, const CameraView& view, const RenderSettings& settings,
-               const SplatAllocator& allocate) override {
-    project_gaussians(gaussians, view, settings);
-    const SplatRowArrays out = allocate(state_.n_splats);
-    parallel_chunks(state_.n_splats, kGrain, [&](std::int64_t begin, std::int64_t end) {
+  std::int64_t project(const GaussianArrays& gaussians, const CameraView& view, const RenderSettings& settings,
+                       const SplatAllocator& allocate) override {
+    const SplatCounts counts = project_gaussians(gaussians, view, settings, /*is_drawn=*/false);
+    const SplatRowArrays out = allocate(counts.n_first);
+    parallel_chunks(counts.n_first, kGrain, [&](std::int64_t begin, std::int64_t end) {
       std::copy(splats_.data() + begin, splats_.data() + end, out.splats + begin);
       std::copy(extents_.data() + begin, extents_.data() + end, out.extents + begin);
       for (std::int64_t m = begin; m < end; ++m) out.radii[m] = radii_.data()[out.splats[m].gaussian];
     });
     end_stage(state_.stages);
+    return counts.n_second;
   }
 
   void forward_splats(const SplatRows& rows, const CameraView& view, const RenderSettings& settings,
                       const ImageArrays& out) override {
     const std::int64_t n = rows.n_splats;
     check_splat_args(n, view, settings);
-    state_.begin_view(view, checked_grid(view, settings.tile), settings);
-    begin_stage(state_.stages, Stage::kProject);
-    Splat* const splats = splats_.resize(n);
-    Vec2f* const extents = extents_.resize(n);
-    std::int32_t* const radii = radii_.resize(n);
-    parallel_chunks(n, kGrain, [&](std::int64_t begin, std::int64_t end) {
-      std::copy(rows.extents + begin, rows.extents + end, extents + begin);
-      std::copy(rows.radii + begin, rows.radii + end, radii + begin);
-      for (std::int64_t m = begin; m < end; ++m) {
-        splats[m] = rows.splats[m];
-        splats[m].gaussian = static_cast<std::int32_t>(m);
-      }
-    });
-    state_.n_splats = n;
+    state_.n_splats = load_rows(rows, begin(n, view, settings, /*is_drawn=*/true));
     PairLimit limit;
     limit.indexed = "the Gaussian of splat";
     draw(settings, out, limit);
+    row_slots_ = bins_.slot_offsets;
+    if (splats_per_gaussian(view.lens) == 2) row_slots_ = find_row_slots(n);
     state_.n_rows = n;
   }
 
@@ -122,7 +113,7 @@ class CpuBackend final : public RasterizerBackend {
     state_.check_rows("backward_splats()");
     blend_backward(grad);
     begin_stage(state_.stages, Stage::kProjectBackward);
-    sum_splat_grads({state_.n_splats, bins_.slot_offsets, pair_grads_.data(), out});
+    sum_splat_grads({state_.n_rows, row_slots_, pair_grads_.data(), out});
     end_stage(state_.stages);
   }
 
@@ -133,7 +124,7 @@ class CpuBackend final : public RasterizerBackend {
 
   void score_splats(const float* error, ScoreSums* out) override {
     state_.check_rows("score_splats()");
-    sum_scores({state_.n_splats, bins_.slot_offsets, score_pairs(error), out});
+    sum_scores({state_.n_rows, row_slots_, score_pairs(error), out});
   }
 
   void reblend(ForwardKernel kernel) override {
@@ -157,18 +148,44 @@ class CpuBackend final : public RasterizerBackend {
   BinnedSplats bins() const override { return bins_; }
 
  private:
-  void project_gaussians(const GaussianArrays& gaussians, const CameraView& view, const RenderSettings& settings) {
-    check_render_args(gaussians, view, settings);
-    B3DGS_CHECK(settings.color_pass == nullptr, "a ColorPass needs a GPU");
+  /// Returns the arguments of a projection of n Gaussians, without these.
+  ProjectArgs begin(std::int64_t n, const CameraView& view, const RenderSettings& settings, bool is_drawn) {
     state_.begin_view(view, checked_grid(view, settings.tile), settings);
     begin_stage(state_.stages, Stage::kProject);
-    const std::int64_t n = gaussians.n_gaussians;
-    splats_.resize(splats_per_gaussian(view.lens) * n);
-    extents_.resize(splats_per_gaussian(view.lens) * n);
-    radii_.resize(n);
-    state_.n_splats =
-        cpu::project({gaussians, view, settings.sh_degree, settings.near_plane, settings.culling, state_.grid,
-                      splats_.data(), extents_.data(), radii_.data(), settings.antialiasing});
+    const std::int64_t n_most = is_drawn ? splats_per_gaussian(view.lens) * n : n;
+    return {{},
+            view,
+            settings.sh_degree,
+            settings.near_plane,
+            settings.culling,
+            state_.grid,
+            splats_.resize(n_most),
+            extents_.resize(n_most),
+            radii_.resize(n),
+            settings.antialiasing,
+            is_drawn};
+  }
+
+  SplatCounts project_gaussians(const GaussianArrays& gaussians, const CameraView& view, const RenderSettings& settings,
+                                bool is_drawn) {
+    check_render_args(gaussians, view, settings);
+    B3DGS_CHECK(settings.color_pass == nullptr, "a ColorPass needs a GPU");
+    ProjectArgs args = begin(gaussians.n_gaussians, view, settings, is_drawn);
+    args.gaussians = gaussians;
+    return cpu::project(args);
+  }
+
+  /// Of a panorama: the first slot of each row of forward_splats(), and the end. The slots of its second splat follow
+  /// those of the first.
+  const std::int64_t* find_row_slots(std::int64_t n_rows) {
+    std::int64_t* const row_slots = row_slot_room_.resize(n_rows + 1);
+    parallel_chunks(state_.n_splats, kGrain, [&](std::int64_t begin, std::int64_t end) {
+      for (std::int64_t m = begin; m < end; ++m) {
+        if (!is_across_the_seam(splats_.data(), m)) row_slots[splats_.data()[m].gaussian] = bins_.slot_offsets[m];
+      }
+    });
+    row_slots[n_rows] = bins_.n_pairs;
+    return row_slots;
   }
 
   /// From the splats to the images.
@@ -225,6 +242,8 @@ class CpuBackend final : public RasterizerBackend {
   Buffer<SplatGrad> pair_grads_;
   BinBuffers bin_buffers_;
   BinnedSplats bins_{};
+  const std::int64_t* row_slots_ = nullptr;  // [rows + 1] of forward_splats()
+  Buffer<std::int64_t> row_slot_room_;
   std::array<double, kCameraGradients> camera_gradients_{};  // of the last backward pass
 };
 

@@ -138,9 +138,8 @@ ScoreSums sum_slots(const ScoreSums* first, const ScoreSums* last) {
 void add_scores(const AddScoresArgs& args) {
   parallel_chunks(args.n_splats, kGrain, [&](std::int64_t begin, std::int64_t end) {
     for (std::int64_t m = begin; m < end; ++m) {
-      // The pairs of a Gaussian's second splat, across the seam of a panorama, follow those of the first.
-      if (m > 0 && args.splats[m - 1].gaussian == args.splats[m].gaussian) continue;
-      const bool has_second = m + 1 < args.n_splats && args.splats[m + 1].gaussian == args.splats[m].gaussian;
+      if (is_across_the_seam(args.splats, m)) continue;
+      const bool has_second = m + 1 < args.n_splats && is_across_the_seam(args.splats, m + 1);
       const std::int64_t last = has_second ? m + 2 : m + 1;
       const ScoreSums whole = args.slot_offsets == nullptr
                                   ? args.sums[m]

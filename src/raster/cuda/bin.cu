@@ -62,7 +62,7 @@ struct NumberListsArgs {
   std::int32_t* next_entries;     // [n_tiles], kCounterStride apart; out: the tile's offset
   std::int32_t* first_more_runs;  // [n_tiles] out: number of runs after the first of the lists in front
   std::int32_t* tiles_by_length;  // [n_tiles] out: longest first, roughly
-  const ViewCounts* counts;       // number of splats, first_invalid
+  const ViewCounts* counts;       // numbers of splats, first_invalid
   ViewCounts* host_counts;        // out: these and all others
 };
 
@@ -147,6 +147,7 @@ __global__ void __launch_bounds__(kNumberThreads) number_lists_kernel(const Numb
   if (thread == 0) {
     ViewCounts& out = *args.host_counts;
     out.n_splats = args.counts->n_splats;
+    out.n_second = args.counts->n_second;
     out.first_invalid = args.counts->first_invalid;
     out.n_buckets = static_cast<std::int64_t>(places_before & 0xffffffffu);
     out.longest_list = longest;

@@ -21,7 +21,8 @@ inline constexpr std::int32_t kCounterStride = 8;
 
 /// Totals of one view; the host reads them once per forward pass.
 struct ViewCounts {
-  std::int64_t n_splats;       // M
+  std::int64_t n_splats;       // of Gaussians that the view sees
+  std::int64_t n_second;       // splats across the seam of a panorama
   std::int64_t first_invalid;  // smallest index of an invalid Gaussian, -1 if there is none
   // After number_lists():
   std::int64_t n_pairs;                    // (tile, splat) pairs: entries of all lists
@@ -72,6 +73,10 @@ struct ProjectCudaArgs {
   bool antialiasing = false;
 };
 void project(const ProjectCudaArgs& args, const LaunchContext& context);
+
+/// Of a panorama, after load_rows(): the second splats, in as many more rows. `args`: n_gaussians is the number of rows
+/// loaded; parameters and colours are not used.
+void add_second(const ProjectCudaArgs& args, const LaunchContext& context);
 
 /// Of a panorama, after a ColorPass: gives the colours of the first N rows to the others.
 void copy_second_colors(const ProjectOutputs& projected, std::int64_t n_gaussians, const LaunchContext& context);

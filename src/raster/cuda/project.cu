@@ -4,7 +4,8 @@
 //     tiles' lists (tile_spans.cuh).
 //   Shared memory: the rows of tiles of the block's splats. Barriers: before and after its use, and to count splats.
 //   In a panorama, a Gaussian at the seam has a second splat, in row N + i: the thread writes it after the block has
-//     counted the first ones. copy_second_colors_kernel copies colours to them after a ColorPass.
+//     counted the first ones. copy_second_colors_kernel copies colours to them after a ColorPass. add_second_kernel
+//     makes those of splats that were projected elsewhere.
 //   For the host: ViewCounts, read once per forward pass to size the buffers of binning.
 
 #include <cstdint>
@@ -50,7 +51,7 @@ __device__ __forceinline__ TileRows project_one(const ProjectCudaArgs& args, std
   return tile_rows(args.grid, args.culling, projected.splat, projected.extent, projected.radius);
 }
 
-/// The same for the second splat of a panorama's Gaussian, from what the thread has written.
+/// The same for the second splat of a panorama's Gaussian, from what was written of the first.
 template <int kShDegree>
 __device__ __forceinline__ TileRows project_second(const ProjectCudaArgs& args, std::int64_t i) {
   const std::int64_t row = args.gaussians.n_gaussians + i;
@@ -75,6 +76,16 @@ __device__ __forceinline__ TileRows project_second(const ProjectCudaArgs& args, 
   return tile_rows(args.grid, args.culling, splat.splat, splat.extent, splat.radius);
 }
 
+/// The second splats of the block. All its threads must call it, each with its Gaussian.
+template <int kShDegree>
+__device__ __forceinline__ void project_second_of_block(SpanTasks<kThreads>& tasks, const ProjectCudaArgs& args,
+                                                        std::int64_t i) {
+  const TileRows rows =
+      i < args.gaussians.n_gaussians ? project_second<kShDegree>(args, i) : no_tile_rows(args.culling);
+  if (args.out.list_growth != nullptr) count_spans(tasks, args.grid, rows, args.out.list_growth);
+  count_splats(rows.begin < rows.end, &args.out.counts->n_second);
+}
+
 template <int kShDegree, bool kAntialiasing, class Lens>
 __global__ void __launch_bounds__(kThreads) project_kernel(const ProjectCudaArgs args) {
   __shared__ SpanTasks<kThreads> tasks;
@@ -82,14 +93,15 @@ __global__ void __launch_bounds__(kThreads) project_kernel(const ProjectCudaArgs
   const TileRows rows = i < args.gaussians.n_gaussians ? project_one<kShDegree, kAntialiasing, Lens>(args, i)
                                                        : no_tile_rows(args.culling);
   if (args.out.list_growth != nullptr) count_spans(tasks, args.grid, rows, args.out.list_growth);
-  count_splats(rows.begin < rows.end, args.out.counts);
+  count_splats(rows.begin < rows.end, &args.out.counts->n_splats);
   if constexpr (!std::is_same_v<Lens, Pinhole>) {
-    if (splats_per_gaussian(args.view.lens) == 1) return;
-    const TileRows second =
-        i < args.gaussians.n_gaussians ? project_second<kShDegree>(args, i) : no_tile_rows(args.culling);
-    if (args.out.list_growth != nullptr) count_spans(tasks, args.grid, second, args.out.list_growth);
-    count_splats(second.begin < second.end, args.out.counts);
+    if (splats_per_gaussian(args.view.lens) == 2) project_second_of_block<kShDegree>(tasks, args, i);
   }
+}
+
+__global__ void __launch_bounds__(kThreads) add_second_kernel(const ProjectCudaArgs args) {
+  __shared__ SpanTasks<kThreads> tasks;
+  project_second_of_block</*kShDegree=*/0>(tasks, args, spread_row<kThreads>());  // with the colours that are there
 }
 
 __global__ void __launch_bounds__(kThreads)
@@ -102,7 +114,7 @@ __global__ void __launch_bounds__(kThreads)
 
 __global__ void __launch_bounds__(kThreads) reset_counts_kernel(const ProjectOutputs out, std::int32_t n_tiles) {
   const auto tile = static_cast<std::int32_t>(blockIdx.x * kThreads + threadIdx.x);
-  if (tile == 0) *out.counts = {0, -1};
+  if (tile == 0) *out.counts = {0, 0, -1};
   if (tile <= n_tiles && out.list_growth != nullptr) out.list_growth[kCounterStride * tile] = 0;
 }
 
@@ -138,6 +150,10 @@ void project(const ProjectCudaArgs& args, const LaunchContext& context) {
       launch<false, Lens>(args, context);
     }
   });
+}
+
+void add_second(const ProjectCudaArgs& args, const LaunchContext& context) {
+  launch_rows<kThreads>(add_second_kernel, args, args.gaussians.n_gaussians, context.stream);
 }
 
 void copy_second_colors(const ProjectOutputs& projected, std::int64_t n_gaussians, const LaunchContext& context) {

@@ -67,17 +67,18 @@ class CudaBackend final : public RasterizerBackend {
     end_stage(state_.stages);
   }
 
-  void project(const GaussianArrays& gaussians, const CameraView& view, const RenderSettings& settings,
-               const SplatAllocator& allocate) override {
+  std::int64_t project(const GaussianArrays& gaussians, const CameraView& view, const RenderSettings& settings,
+                       const SplatAllocator& allocate) override {
     check_render_args(gaussians, view, settings);
     const LaunchContext context = context_();
     const ProjectOutputs projected = project_gaussians(gaussians, view, settings, context, /*is_drawn=*/false);
     color_splats(gaussians, view, settings, projected, projected.counts, context);
     counts_reader_.copy(projected.counts, context);
-    list_seen(projected, n_rows_, bin_buffers_, context);
+    list_seen(projected, n_first_rows_, bin_buffers_, context);
     const ViewCounts counts = counts_reader_.wait();
     copy_seen({projected, bin_buffers_.seen.data(), counts.n_splats, allocate(counts.n_splats)}, context);
     end_stage(state_.stages);
+    return counts.n_second;
   }
 
   void queue_projection(std::size_t index, const GaussianArrays& gaussians, const CameraView& view,
@@ -91,21 +92,21 @@ class CudaBackend final : public RasterizerBackend {
                                      cudaMemcpyDeviceToHost, context.stream));
     n_queued_ = index + 1;
     counts_copied_.record(context.stream);
-    list_seen(projected, n_rows_, bin_buffers_, context);
+    list_seen(projected, n_first_rows_, bin_buffers_, context);
     copy_seen({projected, bin_buffers_.seen.data(), capacity, out, projected.counts}, context);
     end_stage(state_.stages);
   }
 
-  std::vector<std::int64_t> wait_for_projections() override {
+  std::vector<SplatCounts> wait_for_projections() override {
     const std::size_t n_views = std::exchange(n_queued_, 0);
     if (n_views > 0) counts_copied_.wait();
-    std::vector<std::int64_t> n_splats;
+    std::vector<SplatCounts> counts;
     for (std::size_t v = 0; v < n_views; ++v) {
       const ViewCounts& found = *queued_counts_[v]->get();
       check_valid(found);
-      n_splats.push_back(found.n_splats);
+      counts.push_back({found.n_splats, found.n_second});
     }
-    return n_splats;
+    return counts;
   }
 
   void forward_splats(const SplatRows& rows, const CameraView& view, const RenderSettings& settings,
@@ -117,6 +118,15 @@ class CudaBackend final : public RasterizerBackend {
     const ProjectOutputs projected = begin(n, view, settings, context, /*is_drawn=*/true);
     has_zero_grads_ = false;
     load_rows({rows, state_.grid, settings.culling, projected}, context);
+    if (n_rows_ > n) {
+      ProjectCudaArgs second;
+      second.gaussians.n_gaussians = n;
+      second.view = view;
+      second.culling = settings.culling;
+      second.grid = state_.grid;
+      second.out = projected;
+      add_second(second, context);
+    }
     bin_view(projected, settings, "the Gaussian of splat", context);
     draw(projected, settings, out, context);
     state_.n_rows = n;
@@ -126,7 +136,7 @@ class CudaBackend final : public RasterizerBackend {
     state_.check_rows("backward_splats()");
     const LaunchContext context = context_();
     begin_stage(state_.stages, Stage::kBlendBackward);
-    blend_backward(backward_kernel_, grad, out, context);
+    sum_rows(out, context, [&](SplatGradSum* sums) { blend_backward(backward_kernel_, grad, sums, context); });
     end_stage(state_.stages);
   }
 
@@ -143,7 +153,8 @@ class CudaBackend final : public RasterizerBackend {
 
   void score_splats(const float* error, ScoreSums* out) override {
     state_.check_rows("score_splats()");
-    score_rows(error, out, /*wants_weights=*/true, context_());
+    const LaunchContext context = context_();
+    sum_rows(out, context, [&](ScoreSums* sums) { score_rows(error, sums, /*wants_weights=*/true, context); });
   }
 
   void reblend(ForwardKernel kernel) override {
@@ -185,15 +196,16 @@ class CudaBackend final : public RasterizerBackend {
   }
 
  private:
-  /// Returns buffers for n rows.
+  /// Returns buffers for n first splats and, of a panorama, as many second ones.
   ProjectOutputs begin(std::int64_t n, const CameraView& view, const RenderSettings& settings,
                        const LaunchContext& context, bool is_drawn) {
-    n_rows_ = n;
+    n_first_rows_ = n;
+    n_rows_ = n * splats_per_gaussian(view.lens);
     state_.begin_view(view, make_tile_grid(view.width, view.height, settings.tile), settings);
     begin_stage(state_.stages, Stage::kProject);
-    return {splats_.resize(n, context),
-            extents_.resize(n, context),
-            radii_.resize(n, context),
+    return {splats_.resize(n_rows_, context),
+            extents_.resize(n_rows_, context),
+            radii_.resize(n_rows_, context),
             is_drawn ? list_growth_.resize(kCounterStride * (state_.grid.n_tiles() + 1), context) : nullptr,
             counts_.resize(1, context),
             nullptr};
@@ -202,10 +214,9 @@ class CudaBackend final : public RasterizerBackend {
   /// Without the colours if a ColorPass computes them: color_splats() must follow.
   ProjectOutputs project_gaussians(const GaussianArrays& gaussians, const CameraView& view,
                                    const RenderSettings& settings, const LaunchContext& context, bool is_drawn) {
-    const std::int64_t n_rows = gaussians.n_gaussians * splats_per_gaussian(view.lens);
-    ProjectOutputs projected = begin(n_rows, view, settings, context, is_drawn);
+    ProjectOutputs projected = begin(gaussians.n_gaussians, view, settings, context, is_drawn);
     has_zero_grads_ = is_drawn && settings.keep_for_backward;
-    if (has_zero_grads_) projected.sums = splat_grads_.resize(n_rows, context);
+    if (has_zero_grads_) projected.sums = splat_grads_.resize(n_rows_, context);
     cuda::project({gaussians, view, settings.sh_degree, settings.near_plane, settings.culling, state_.grid, projected,
                    settings.color_pass == nullptr, settings.antialiasing},
                   context);
@@ -216,7 +227,7 @@ class CudaBackend final : public RasterizerBackend {
                     const ProjectOutputs& projected, ViewCounts* counts, const LaunchContext& context) {
     if (settings.color_pass == nullptr || gaussians.n_gaussians == 0) return;
     settings.color_pass->color({gaussians, view.center, settings.sh_degree, projected, counts}, context);
-    if (n_rows_ > gaussians.n_gaussians) copy_second_colors(projected, gaussians.n_gaussians, context);
+    if (n_rows_ > n_first_rows_) copy_second_colors(projected, gaussians.n_gaussians, context);
   }
 
   /// Waits for the counts of the lists, after calling `meanwhile`. `widest`: what rows are, in errors.
@@ -233,7 +244,7 @@ class CudaBackend final : public RasterizerBackend {
                                         widest_gaussian(projected, n_rows_, state_.grid, settings.culling, context),
                                         state_.grid.n_tiles(), widest));
     }
-    state_.n_splats = counts.n_splats;
+    state_.n_splats = counts.n_splats + counts.n_second;
     cuts_lists_ = cuts_lists(counts, context.n_multiprocessors);
     const bool keep_slots = settings.deterministic && settings.keep_for_backward;
     binned_ = bin({projected, n_rows_, counts, state_.grid, settings.culling, keep_slots}, bin_buffers_, pass_scratch_,
@@ -340,7 +351,20 @@ class CudaBackend final : public RasterizerBackend {
   /// Of a panorama: to the first rows, which are all that passes over Gaussians read.
   template <class Sums>
   void join_second_splats(Sums* sums, const LaunchContext& context) {
-    if (n_rows_ > state_.n_gaussians) join_second({state_.n_gaussians, radii_.data(), sums}, context);
+    if (n_rows_ > n_first_rows_) join_second({n_first_rows_, radii_.data(), sums}, context);
+  }
+
+  /// Of forward_splats(): sum_all(sums) writes the sums of all rows; `out` receives those of the rows that it was
+  /// given, with those of their second splats.
+  template <class Sums, class SumAll>
+  void sum_rows(Sums* out, const LaunchContext& context, SumAll&& sum_all) {
+    if (n_rows_ == n_first_rows_) return sum_all(out);
+    static_assert(sizeof(Sums) <= sizeof(SplatGradSum), "fits into a splat's gradient");
+    auto* const sums = reinterpret_cast<Sums*>(splat_grads_.resize(n_rows_, context));
+    sum_all(sums);
+    join_second_splats(sums, context);
+    B3DGS_CUDA_CHECK(cudaMemcpyAsync(out, sums, static_cast<std::size_t>(n_first_rows_) * sizeof(Sums),
+                                     cudaMemcpyDeviceToDevice, context.stream));
   }
 
   /// The backward blend and, if wanted, the gradient with respect to the camera. Returns the arguments of
@@ -411,8 +435,8 @@ class CudaBackend final : public RasterizerBackend {
   std::size_t n_queued_ = 0;
   StreamMark counts_copied_;
 
-  std::int64_t n_rows_ = 0;      // of the last projection
-  bool has_zero_grads_ = false;  // splat_grads_, where there is a splat
+  std::int64_t n_rows_ = 0, n_first_rows_ = 0;  // of the last projection: all, and without second splats
+  bool has_zero_grads_ = false;                 // splat_grads_, where there is a splat
   // Of the last forward pass:
   BackwardKernel backward_kernel_{};
   bool deterministic_ = false;

@@ -48,7 +48,7 @@ __global__ void __launch_bounds__(kThreads) load_rows_kernel(const LoadRowsArgs 
     if (is_drawn) rows = tile_rows(args.grid, args.culling, splat, extent, radius);
   }
   count_spans(tasks, args.grid, rows, args.out.list_growth);
-  count_splats(rows.begin < rows.end, args.out.counts);
+  count_splats(rows.begin < rows.end, &args.out.counts->n_splats);
 }
 
 __global__ void __launch_bounds__(kThreads) invert_depths_kernel(const InvertDepthsArgs args) {

@@ -171,7 +171,7 @@ ViewSplats Rasterizer::project(const GaussianTensors& gaussians, const CameraVie
                                const RenderSettings& settings) {
   const GaussianArrays arrays = arrays_of(gaussians, impl_->device);
   ViewSplats out;
-  impl_->backend().project(arrays, view, settings, [&](std::int64_t n) {
+  out.n_second = impl_->backend().project(arrays, view, settings, [&](std::int64_t n) {
     out = allocate_splats(gaussians, n);
     return row_arrays_of(out);
   });
@@ -200,15 +200,17 @@ std::vector<ViewSplats> Rasterizer::project_views(const GaussianTensors& gaussia
     all.push_back(allocate_splats(gaussians, capacity));
     backend.queue_projection(v, arrays, views[v], settings[v], row_arrays_of(all[v]), capacity);
   }
-  const std::vector<std::int64_t> n_splats = backend.wait_for_projections();
+  const std::vector<SplatCounts> counts = backend.wait_for_projections();
   for (std::size_t v = 0; v < views.size(); ++v) {
-    impl_->note_seen(n_splats[v], arrays.n_gaussians);
-    if (n_splats[v] > capacity) {
+    const auto [n_first, n_second] = counts[v];
+    impl_->note_seen(n_first, arrays.n_gaussians);
+    if (n_first > capacity) {
       all[v] = project(gaussians, views[v], settings[v]);
     } else {
       for (torch::Tensor* tensor : {&all[v].splats, &all[v].extents, &all[v].radii}) {
-        *tensor = tensor->slice(0, 0, n_splats[v]);
+        *tensor = tensor->slice(0, 0, n_first);
       }
+      all[v].n_second = n_second;
     }
   }
   return all;

@@ -88,6 +88,8 @@ struct ViewSplats {
   torch::Tensor splats;   // [M, 12] 32 bits each: Splat, with integers in columns 7 (`gaussian`) and 11 (`clamped`)
   torch::Tensor extents;  // [M, 2] half size of the box around alpha >= 1/255, px
   torch::Tensor radii;    // [M] int32, 3 standard deviations in px, rounded up
+  // How many of them forward_splats() draws twice, across the seam of a panorama; set by projection alone.
+  std::int64_t n_second = 0;
   std::int64_t size() const { return splats.defined() ? splats.size(0) : 0; }
 };
 

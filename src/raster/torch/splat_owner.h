@@ -31,7 +31,9 @@ torch::Tensor camera_parts(const GaussianTensors& gaussians, const ViewSplats& s
                            const CameraView& view, const RenderSettings& settings);
 
 /// Their sum over all splats of a view, a new tensor [6] double: exactly what Rasterizer::backward() would have
-/// computed if rows are in the order of Rasterizer::project(). @throws LogicError naming a tensor that does not fit
+/// computed if rows are in the order of Rasterizer::project(). Of a panorama on the CPU up to rounding: there
+/// backward() adds what each of a Gaussian's two splats adds, but only the sums of both together come back to the
+/// owner. @throws LogicError naming a tensor that does not fit
 torch::Tensor sum_camera_parts(const torch::Tensor& parts);
 
 }  // namespace b3dgs

@@ -155,7 +155,7 @@ FloaterCount count_floaters(Rasterizer& rasterizer, const GaussianTensors& gauss
     const torch::Tensor seen = (weights >= kSeenWeight).nonzero().flatten();
     const torch::Tensor ids = splats.splats.select(1, kGaussianColumn).contiguous().view(torch::kInt32);
     const torch::Tensor rows = ids.index_select(0, seen).to(torch::kInt64);
-    n_views += torch::zeros_like(is_close).index_fill_(0, rows, true);  // a panorama may have a row twice
+    n_views.index_add_(0, rows, torch::ones_like(rows, n_views.options()));
     const torch::Tensor center = torch::tensor({view.center.x, view.center.y, view.center.z}, floats);
     const torch::Tensor distances = (gaussians.means.index_select(0, rows) - center).norm(2, 1);
     is_close.index_fill_(0, rows.masked_select(distances < near_depth), true);

@@ -67,7 +67,7 @@ void expect_counted_pairs(const TestScene& scene, const RenderSettings& settings
     by_depth.push_back(i);
     n_pairs += tiles_touched(grid, settings.culling, projected.splats[i], projected.extents[i], projected.radii[i]);
   }
-  EXPECT_EQ(projected.counts.n_splats, static_cast<std::int64_t>(by_depth.size()));
+  EXPECT_EQ(projected.counts.n_splats + projected.counts.n_second, static_cast<std::int64_t>(by_depth.size()));
 
   CudaView view(scene, settings);
   const BinnedSplats bins = view.rasterizer().bins();

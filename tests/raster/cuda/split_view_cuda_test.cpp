@@ -102,29 +102,31 @@ class CudaSplit {
                                     const RenderSettings& settings) {
     const DeviceGaussians device(gaussians);
     std::optional<DeviceSplats> splats;
+    std::int64_t n_second = 0;
     const SplatAllocator allocate = [&](std::int64_t n) { return splats.emplace(n).arrays(); };
     try {
-      rasterizer_->project(device.arrays(), view, settings, allocate);
+      n_second = rasterizer_->project(device.arrays(), view, settings, allocate);
     } catch (const InvalidGaussianError&) {
       return std::nullopt;
     }
-    return splats->to_host();
+    ViewSplats host = splats->to_host();
+    host.n_second = n_second;
+    return host;
   }
 
   /// The same for several views at once, each with room for `capacity` splats; and how many it sees.
-  std::vector<std::pair<ViewSplats, std::int64_t>> project_views(const GaussianTensors& gaussians,
-                                                                 const std::vector<CameraView>& views,
-                                                                 const RenderSettings& settings,
-                                                                 std::int64_t capacity) {
+  std::vector<std::pair<ViewSplats, SplatCounts>> project_views(const GaussianTensors& gaussians,
+                                                                const std::vector<CameraView>& views,
+                                                                const RenderSettings& settings, std::int64_t capacity) {
     const DeviceGaussians device(gaussians);
     std::vector<DeviceSplats> splats;
     for (std::size_t v = 0; v < views.size(); ++v) splats.emplace_back(capacity);
     for (std::size_t v = 0; v < views.size(); ++v) {
       rasterizer_->queue_projection(v, device.arrays(), views[v], settings, splats[v].arrays(), capacity);
     }
-    const std::vector<std::int64_t> n_splats = rasterizer_->wait_for_projections();
-    std::vector<std::pair<ViewSplats, std::int64_t>> all;
-    for (std::size_t v = 0; v < views.size(); ++v) all.emplace_back(splats[v].to_host(), n_splats.at(v));
+    const std::vector<SplatCounts> counts = rasterizer_->wait_for_projections();
+    std::vector<std::pair<ViewSplats, SplatCounts>> all;
+    for (std::size_t v = 0; v < views.size(); ++v) all.emplace_back(splats[v].to_host(), counts.at(v));
     return all;
   }
 
@@ -229,7 +231,7 @@ TEST_P(SplitViewCudaTest, HasTheBytesOfAViewOfOneRasterizer) {
   }
 }
 
-INSTANTIATE_TEST_SUITE_P(Scenes, SplitViewCudaTest, testing::ValuesIn(scenes_to_split()),
+INSTANTIATE_TEST_SUITE_P(Scenes, SplitViewCudaTest, testing::ValuesIn(test_scenes()),
                          [](const auto& info) { return std::string(info.param.name); });
 
 TEST(SplitViewCuda, OfManyGaussiansIsTheSame) {
@@ -259,19 +261,21 @@ TEST(SplitViewCuda, ProjectsSeveralViewsWithOneWait) {
   B3DGS_NEEDS_GPU();
   const TestScene scene = large_cloud();
   const RenderSettings settings = settings_of(scene);
-  CameraView other = scene.view;
+  CameraView other = scene.view, panorama_view = panorama().view;
   other.width /= 2;  // sees fewer
-  const std::vector<CameraView> views{scene.view, other, scene.view};
+  const std::vector<CameraView> views{scene.view, other, panorama_view, scene.view};
   CudaSplit split;
   std::vector<ViewSplats> expected;
   for (const CameraView& view : views) expected.push_back(*split.project(scene.gaussians, view, settings));
   ASSERT_LT(expected[1].size(), expected[0].size());
   ASSERT_GT(expected[1].size(), 100);
+  ASSERT_GT(expected[2].n_second, 10);
   const std::int64_t all = scene.gaussians.size();
   for (const std::int64_t capacity : {all, expected[0].size(), std::int64_t{100}}) {
     const auto found = split.project_views(scene.gaussians, views, settings, capacity);
     for (std::size_t v = 0; v < views.size(); ++v) {
-      EXPECT_EQ(found[v].second, expected[v].size()) << "also of a view that has no room";
+      EXPECT_EQ(found[v].second.n_first, expected[v].size()) << "also of a view that has no room";
+      EXPECT_EQ(found[v].second.n_second, expected[v].n_second);
       const std::int64_t n = std::min(capacity, expected[v].size());
       const ViewSplats& splats = found[v].first;
       EXPECT_TRUE(same_bytes(splats.splats.slice(0, 0, n), expected[v].splats.slice(0, 0, n)));

@@ -620,12 +620,4 @@ const std::vector<TestSceneRow>& test_scenes() {
   return rows;
 }
 
-std::vector<TestSceneRow> scenes_to_split() {
-  std::vector<TestSceneRow> rows;
-  for (const TestSceneRow& row : test_scenes()) {
-    if (row.build != panorama) rows.push_back(row);
-  }
-  return rows;
-}
-
 }  // namespace b3dgs::test

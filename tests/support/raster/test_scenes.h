@@ -73,7 +73,4 @@ inline void PrintTo(const TestSceneRow& row, std::ostream* out) {
 /// All scenes above except large_cloud().
 const std::vector<TestSceneRow>& test_scenes();
 
-/// Those for views that are split at the splats, in which a Gaussian has one splat: not the panorama.
-std::vector<TestSceneRow> scenes_to_split();
-
 }  // namespace b3dgs::test

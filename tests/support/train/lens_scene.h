@@ -1,4 +1,4 @@
-// Scenes in the lens of their photographs: a fisheye of 200 degrees and a panorama, all around the camera.
+// Scenes in the lens of their photographs: a fisheye of 200 degrees, and a panorama whose seam is among the Gaussians.
 #pragma once
 
 #include <gtest/gtest.h>
@@ -11,9 +11,9 @@
 
 namespace b3dgs::test {
 
-/// The tiny scene seen through another lens from the same places, which are moved among the Gaussians, so that they are
-/// on all sides.
-inline Scene lens_scene(const Lens& lens, ImageSize size) {
+/// The tiny scene seen through another lens from the same places, but nearer. Panoramas look away from the Gaussians,
+/// so that the seam is among them. `truth_out` (may be null) receives these.
+inline Scene lens_scene(const Lens& lens, ImageSize size, GaussianTensors* truth_out = nullptr) {
   TinySceneOptions options;
   options.log_scale = -2.6f;
   GaussianTensors truth;
@@ -23,12 +23,20 @@ inline Scene lens_scene(const Lens& lens, ImageSize size) {
     for (View& view : *views) {
       Camera camera = native_camera(lens, size, "");
       camera.cam_from_world = view.camera.cam_from_world;
-      for (double& value : camera.cam_from_world.translation) value *= 0.5;
+      Pose& pose = camera.cam_from_world;
+      for (double& value : pose.translation) value *= 0.5;
+      if (camera.lens.kind == LensKind::kEquirectangular) {
+        for (const std::size_t axis : {0, 2}) {  // half a turn about y
+          pose.translation[axis] *= -1;
+          for (std::size_t column = 0; column < 3; ++column) pose.rotation[3 * axis + column] *= -1;
+        }
+      }
       view.camera = camera;
       view.image = std::make_shared<ViewImage>(to_image8(rasterizer.forward(truth, to_camera_view(camera), {}).color));
       view.valid = lens_mask(camera);
     }
   }
+  if (truth_out != nullptr) *truth_out = truth;
   scene.test = scene.train;  // how well the views are learned, not what is between them
   return scene;
 }
@@ -56,8 +64,8 @@ inline Scene fisheye_scene() {
   return lens_scene(wide_fisheye(), {48, 48});
 }
 
-inline Scene panorama_scene() {
-  return lens_scene(equirectangular_lens({80, 40}), {80, 40});
+inline Scene panorama_scene(GaussianTensors* truth_out = nullptr) {
+  return lens_scene(equirectangular_lens({80, 40}), {80, 40}, truth_out);
 }
 
 inline void expect_improvement(const Scene& scene, const TrainConfig& config) {

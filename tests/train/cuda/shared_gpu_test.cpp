@@ -47,7 +47,8 @@ INSTANTIATE_TEST_SUITE_P(Ranks, TransferOnSharedGpu,
 
 INSTANTIATE_TEST_SUITE_P(Ranks, TrainOnSharedGpu,
                          testing::Values(std::tuple(2, "everything"), std::tuple(3, "everything"),
-                                         std::tuple(3, "parts"), std::tuple(3, "failure")),
+                                         std::tuple(3, "parts"), std::tuple(2, "panoramas"), std::tuple(3, "panoramas"),
+                                         std::tuple(3, "failure")),
                          name_of);
 
 }  // namespace

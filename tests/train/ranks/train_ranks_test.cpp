@@ -61,9 +61,9 @@ INSTANTIATE_TEST_SUITE_P(Ranks, TrainRanks, testing::Values(Run{1, kRows}, Run{2
 INSTANTIATE_TEST_SUITE_P(Ranks, TrainTogether,
                          testing::Values(Run{2, "everything"},  // a row of the model on either side
                                          Run{4, "everything"},  // some ranks have no view in the last step
-                                         Run{3, "parts,few,empty,invalid,stop"},
-                                         Run{2, "memory,exhausted,packing"},  // one lacks what the other has
-                                         Run{3, "failure"},                   // two others hear of it
+                                         Run{3, "parts,panoramas,few,empty,invalid,stop"},
+                                         Run{2, "memory,panoramas,exhausted,packing"},  // one lacks what the other has
+                                         Run{3, "failure"},                             // two others hear of it
                                          Run{3, "loss,evaluation"}, Run{3, "scenes"}),
                          name_of);
 

@@ -3,6 +3,7 @@
 #include <torch/types.h>
 
 #include <atomic>
+#include <cmath>
 #include <cstdlib>
 #include <filesystem>
 #include <iostream>
@@ -22,6 +23,7 @@
 #include "support/same.h"
 #include "support/temp_dir.h"
 #include "support/train/every_feature.h"
+#include "support/train/lens_scene.h"
 #include "support/train/short_memory.h"
 #include "support/train/tiny_scene.h"
 #include "support/train/training.h"
@@ -187,6 +189,37 @@ void check_parts(Communicator& ranks) {
   config.strategy = "default";
   config.densify_until_iter = 12;
   check_strategy(config, scene, ranks, 1);
+}
+
+/// Panoramas and a perspective photograph: Gaussians across the seam have two splats, of which one is exchanged.
+void check_panoramas(Communicator& ranks) {
+  GaussianTensors truth;
+  Scene scene = test::panorama_scene(&truth);
+  for (const View& view : scene.train) {
+    const ViewSplats splats = Rasterizer(torch::kCPU).project(truth, to_camera_view(view.camera), {});
+    expect(splats.n_second > 20 && splats.n_second < splats.size(), "Gaussians across the seam of " + view.name);
+  }
+  scene.train[1] = test::make_tiny_scene().train[1];
+  for (const char* const strategy : {"default", "mcmc", "budget"}) {
+    TrainConfig config = config_of(strategy);
+    config.opacity_reg = config.scale_reg = 0.01;  // by the number of splats
+    config.test_iterations = {17};
+    for (const std::int64_t splats_at_a_time : {kSplatsAtATime, std::int64_t{1}}) {
+      check_strategy(config, scene, ranks, splats_at_a_time);
+    }
+  }
+  // Poses: on a CPU, sums of parts of splats are rounded otherwise (sum_camera_parts()).
+  TrainConfig config = config_of("default");
+  config.pose_opt = true;
+  if (runs_on_gpu()) return check_strategy(config, scene, ranks);
+  config.densify_until_iter = 0;
+  config.test_iterations = {23};
+  const SharedFolder folder(ranks);
+  const Files alone = train_alone(config, scene, folder / "alone", ranks);
+  const Files together = train(config, scene, folder / "together", &ranks);
+  if (!ranks.is_first()) return;
+  const auto psnr = [](const Files& files) { return files.result.evaluations.at(0).second.mean.psnr; };
+  expect(std::abs(psnr(together) - psnr(alone)) < 1e-3, detail::concat("poses: ", psnr(together), ", ", psnr(alone)));
 }
 
 /// Fewer Gaussians than rows of a block: all ranks but one have none, also when resumed with a forecast of memory.
@@ -510,6 +543,7 @@ void check_scenes(Communicator& ranks) {
 void run_scenario(const std::string& scenario, Communicator& ranks) {
   if (scenario == "everything") return check_everything(ranks);
   if (scenario == "parts") return check_parts(ranks);
+  if (scenario == "panoramas") return check_panoramas(ranks);
   if (scenario == "few") return check_few(ranks);
   if (scenario == "empty") return check_empty(ranks);
   if (scenario == "invalid") return check_invalid(ranks);
