@@ -138,8 +138,8 @@ ImageBuffers::ImageBuffers(const std::vector<std::shared_ptr<const ViewImage>>& 
 
 std::vector<std::uint8_t*> ImageBuffers::allocate() {
   memory_.reset(new std::uint8_t[static_cast<std::size_t>(count_ * n_bytes_)]);
-  std::vector<std::uint8_t*> buffers;
-  for (int i = 0; i < count_; ++i) buffers.push_back(memory_.get() + i * n_bytes_);
+  std::vector<std::uint8_t*> buffers(static_cast<std::size_t>(count_));
+  for (int i = 0; i < count_; ++i) buffers[static_cast<std::size_t>(i)] = memory_.get() + i * n_bytes_;
   return buffers;
 }
 

@@ -165,8 +165,8 @@ ViewStatistics GaussianOptimizer::keep_view(const CameraView& view, const Render
 std::vector<ViewSplats> GaussianOptimizer::project_views(GaussianTensors& gaussians, AdamState& state,
                                                          const std::vector<CameraView>& views,
                                                          const std::vector<RenderSettings>& settings) {
-  std::vector<RenderSettings> begun;
-  for (const RenderSettings& each : settings) begun.push_back(begin_view(gaussians, state, each));
+  std::vector<RenderSettings> begun = settings;
+  for (RenderSettings& each : begun) each = begin_view(gaussians, state, each);
   return rasterizer_.project_views(gaussians, views, begun);
 }
 

@@ -85,6 +85,7 @@ void OutputWriter::write(WrittenFile file, const std::function<Content()>& open,
                          const std::vector<torch::Tensor>& tensors, [[maybe_unused]] bool may_copy) {
   try {
     std::vector<Bytes> arrays;
+    arrays.reserve(tensors.size());
     for (const torch::Tensor& tensor : tensors) arrays.push_back(bytes_of(tensor));
     const Content content = open();
 #if B3DGS_TORCH_CUDA
@@ -148,6 +149,7 @@ void OutputWriter::write_checkpoint(const WrittenFile& file, const nlohmann::ord
 void OutputWriter::write_checkpoint(const WrittenFile& file, const nlohmann::ordered_json& header,
                                     const std::vector<TensorPieces>& tensors) {
   std::vector<TensorEntry> entries;
+  entries.reserve(tensors.size());
   for (const TensorPieces& tensor : tensors) entries.push_back(tensor.entry);
   const auto open = [&]() -> Content {
     const auto out = std::make_shared<CheckpointFileWriter>(file.path, header, entries);
