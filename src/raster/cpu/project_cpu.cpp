@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "core/parallel.h"
+#include "raster/cpu/pack_splats.h"
 #include "raster/cpu/passes.h"
 #include "raster/math/gaussian_grad.h"
 #include "raster/math/project_splat.h"
@@ -15,56 +16,6 @@ namespace b3dgs::cpu {
 namespace {
 
 constexpr std::int64_t kGrain = 1024;  // Gaussians or splats per chunk
-
-/// Splats of consecutive Gaussians, one after the other.
-struct PackedSplats {
-  Splat* splats = nullptr;  // [n] in memory that has room for all
-  Vec2f* extents = nullptr;
-  std::int64_t n = 0, n_second = 0;
-  std::int64_t invalid = -1;  // the first Gaussian that is invalid, behind those that were added
-
-  void add(const ProjectedGaussian& projected) {
-    extents[n] = projected.extent;
-    splats[n++] = projected.splat;
-  }
-};
-
-/// Of a panorama: adds the second splat of a Gaussian that crosses the seam.
-void add_second(const ProjectArgs& args, const ProjectedGaussian& first, PackedSplats& out) {
-  const ProjectedGaussian second =
-      across_the_seam<TileCount::kAny>(first, full_turn(args.view.fx), args.culling, args.grid);
-  if (second.n_tiles == 0) return;
-  ++out.n_second;
-  if (args.is_drawn) out.add(second);
-}
-
-/// Calls add_one(i, out) for each Gaussian, which adds its splats, at most n_each, and returns whether it is valid.
-/// Each chunk packs its splats where there is room for all of them; afterwards the chunks are moved together.
-template <class AddOne>
-PackedSplats pack_splats(std::int64_t n, std::int64_t n_each, const ProjectArgs& args, AddOne&& add_one) {
-  const Chunks chunks = make_chunks(n, kGrain);
-  std::vector<PackedSplats> packed(static_cast<std::size_t>(chunks.count));
-  parallel_pool(chunks.count, [&](std::int64_t chunk, int) {
-    const std::int64_t first = n_each * chunks.begin(chunk);
-    PackedSplats own{args.splats + first, args.extents + first};
-    for (std::int64_t i = chunks.begin(chunk), end = chunks.end(chunk); i < end && own.invalid < 0; ++i) {
-      if (!add_one(i, own)) own.invalid = i;
-    }
-    packed[static_cast<std::size_t>(chunk)] = own;
-  });
-  PackedSplats all{args.splats, args.extents};
-  for (const PackedSplats& own : packed) {
-    if (own.splats != all.splats + all.n) {
-      std::copy_n(own.splats, own.n, all.splats + all.n);
-      std::copy_n(own.extents, own.n, all.extents + all.n);
-    }
-    all.n += own.n;
-    all.n_second += own.n_second;
-    all.invalid = own.invalid;
-    if (all.invalid >= 0) break;
-  }
-  return all;
-}
 
 /// Projects Gaussian i.
 template <bool kAntialiasing, class Lens>
@@ -85,7 +36,9 @@ Outcome project_one(const ProjectArgs& args, const ViewTransform<float>& view, c
   projected.splat.blue = color.color.z;
   projected.splat.clamped = color.clamped;
   out.add(projected);
-  if (splats_per_gaussian(args.view.lens) == 2) add_second(args, projected, out);
+  if constexpr (!std::is_same_v<Lens, Pinhole>) {
+    if (splats_per_gaussian(args.view.lens) == 2) add_second(args, projected, out);
+  }
   return Outcome::kSeen;
 }
 
@@ -121,32 +74,6 @@ SplatCounts project(const ProjectArgs& args) {
   const PackedSplats all = pack_splats(args.gaussians.n_gaussians, n_each, args, project_valid);
   if (all.invalid >= 0) fail_invalid(args.gaussians, all.invalid);
   return {args.is_drawn ? all.n - all.n_second : all.n, all.n_second};
-}
-
-std::int64_t load_rows(const SplatRows& rows, const ProjectArgs& args) {
-  const auto load = [&](std::int64_t m) {
-    args.radii[m] = rows.radii[m];
-    Splat splat = rows.splats[m];
-    splat.gaussian = static_cast<std::int32_t>(m);
-    return splat;
-  };
-  if (splats_per_gaussian(args.view.lens) == 2) {
-    const auto add_one = [&](std::int64_t m, PackedSplats& out) {
-      ProjectedGaussian first;
-      first.radius = rows.radii[m];
-      first.extent = rows.extents[m];
-      first.splat = load(m);
-      out.add(first);
-      add_second(args, first, out);
-      return true;
-    };
-    return pack_splats(rows.n_splats, 2, args, add_one).n;
-  }
-  parallel_chunks(rows.n_splats, kGrain, [&](std::int64_t begin, std::int64_t end) {
-    std::copy(rows.extents + begin, rows.extents + end, args.extents + begin);
-    for (std::int64_t m = begin; m < end; ++m) args.splats[m] = load(m);
-  });
-  return rows.n_splats;
 }
 
 void project_backward(const ProjectBackwardArgs& args) {

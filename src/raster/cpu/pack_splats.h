@@ -1,0 +1,65 @@
+// Splats in the order of their Gaussians, of which each has none, one or, in a panorama, two.
+#pragma once
+
+#include <algorithm>
+#include <cstdint>
+#include <vector>
+
+#include "core/parallel.h"
+#include "raster/args.h"
+#include "raster/math/project_splat.h"
+
+namespace b3dgs::cpu {
+
+/// Splats of consecutive Gaussians, one after the other.
+struct PackedSplats {
+  Splat* splats = nullptr;  // [n] in memory that has room for all
+  Vec2f* extents = nullptr;
+  std::int64_t n = 0, n_second = 0;
+  std::int64_t invalid = -1;  // the first Gaussian that is invalid, behind those that were added
+
+  void add(const ProjectedGaussian& projected) {
+    extents[n] = projected.extent;
+    splats[n++] = projected.splat;
+  }
+};
+
+/// Of a panorama: adds the second splat of a Gaussian that crosses the seam.
+inline void add_second(const ProjectArgs& args, const ProjectedGaussian& first, PackedSplats& out) {
+  const ProjectedGaussian second =
+      across_the_seam<TileCount::kAny>(first, full_turn(args.view.fx), args.culling, args.grid);
+  if (second.n_tiles == 0) return;
+  ++out.n_second;
+  if (args.is_drawn) out.add(second);
+}
+
+/// Calls add_one(i, out) for each Gaussian, which adds its splats, at most n_each, and returns whether it is valid.
+/// Each chunk packs its splats where there is room for all of them; afterwards the chunks are moved together.
+template <class AddOne>
+PackedSplats pack_splats(std::int64_t n, std::int64_t n_each, const ProjectArgs& args, AddOne&& add_one) {
+  constexpr std::int64_t kGrain = 1024;  // Gaussians per chunk
+  const Chunks chunks = make_chunks(n, kGrain);
+  std::vector<PackedSplats> packed(static_cast<std::size_t>(chunks.count));
+  parallel_pool(chunks.count, [&](std::int64_t chunk, int) {
+    const std::int64_t first = n_each * chunks.begin(chunk);
+    PackedSplats own{args.splats + first, args.extents + first};
+    for (std::int64_t i = chunks.begin(chunk), end = chunks.end(chunk); i < end && own.invalid < 0; ++i) {
+      if (!add_one(i, own)) own.invalid = i;
+    }
+    packed[static_cast<std::size_t>(chunk)] = own;
+  });
+  PackedSplats all{args.splats, args.extents};
+  for (const PackedSplats& own : packed) {
+    if (own.splats != all.splats + all.n) {
+      std::copy_n(own.splats, own.n, all.splats + all.n);
+      std::copy_n(own.extents, own.n, all.extents + all.n);
+    }
+    all.n += own.n;
+    all.n_second += own.n_second;
+    all.invalid = own.invalid;
+    if (all.invalid >= 0) break;
+  }
+  return all;
+}
+
+}  // namespace b3dgs::cpu
