@@ -56,7 +56,7 @@ class CpuBackend final : public RasterizerBackend {
  public:
   void forward(const GaussianArrays& gaussians, const CameraView& view, const RenderSettings& settings,
                const ImageArrays& out) override {
-    const SplatCounts counts = project_gaussians(gaussians, view, settings, /*is_drawn=*/true);
+    const SplatCounts counts = cpu::project(begin_gaussians(gaussians, view, settings, /*is_drawn=*/true));
     state_.n_splats = counts.n_first + counts.n_second;
     draw(settings, out);
     state_.n_gaussians = gaussians.n_gaussians;
@@ -85,7 +85,7 @@ class CpuBackend final : public RasterizerBackend {
 
   std::int64_t project(const GaussianArrays& gaussians, const CameraView& view, const RenderSettings& settings,
                        const SplatAllocator& allocate) override {
-    const SplatCounts counts = project_gaussians(gaussians, view, settings, /*is_drawn=*/false);
+    const SplatCounts counts = cpu::project(begin_gaussians(gaussians, view, settings, /*is_drawn=*/false));
     const SplatRowArrays out = allocate(counts.n_first);
     parallel_chunks(counts.n_first, kGrain, [&](std::int64_t begin, std::int64_t end) {
       std::copy(splats_.data() + begin, splats_.data() + end, out.splats + begin);
@@ -166,13 +166,13 @@ class CpuBackend final : public RasterizerBackend {
             is_drawn};
   }
 
-  SplatCounts project_gaussians(const GaussianArrays& gaussians, const CameraView& view, const RenderSettings& settings,
-                                bool is_drawn) {
+  ProjectArgs begin_gaussians(const GaussianArrays& gaussians, const CameraView& view, const RenderSettings& settings,
+                              bool is_drawn) {
     check_render_args(gaussians, view, settings);
     B3DGS_CHECK(settings.color_pass == nullptr, "a ColorPass needs a GPU");
     ProjectArgs args = begin(gaussians.n_gaussians, view, settings, is_drawn);
     args.gaussians = gaussians;
-    return cpu::project(args);
+    return args;
   }
 
   /// Of a panorama: the first slot of each row of forward_splats(), and the end. The slots of its second splat follow

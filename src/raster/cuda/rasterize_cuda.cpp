@@ -32,12 +32,30 @@ class CudaBackend final : public RasterizerBackend {
     check_render_args(gaussians, view, settings);
     check_kernels(settings);
     const LaunchContext context = context_();
-    const ProjectOutputs projected = settings.color_pass == nullptr
-                                         ? project_and_bin(gaussians, view, settings, context)
-                                         : project_and_bin_beside_colors(gaussians, view, settings, context);
+    // Lists and colours of a ColorPass do not depend on each other, and neither fills the device. Lists, which take
+    // longer unless the view has very many splats, follow the projection in its stream, where no signal delays them.
+    ColorPass* const pass = settings.color_pass;
+    const LaunchContext lists = pass != nullptr ? side_.fork(context) : context;
+    ProjectCudaArgs args;
+    try {
+      args = begin_gaussians(gaussians, view, settings, lists, /*is_drawn=*/true);
+      cuda::project(args, lists);
+      if (pass != nullptr) side_.join(context);  // colours follow the projection
+      bin_view(args.out, settings, "Gaussian", lists, [&] {
+        if (pass == nullptr) return;
+        color_splats(args, pass, colored_reader_.begin(), context);
+        colored_reader_.mark(context);
+      });
+    } catch (...) {
+      if (pass != nullptr) side_.join(context);
+      colored_reader_.forget();
+      throw;
+    }
+    if (pass != nullptr) side_.join(context);
+    const ProjectOutputs& projected = args.out;
     if (settings.camera_gradient) list_seen(projected, n_rows_, bin_buffers_, context);
     draw(projected, settings, out, context);
-    if (settings.color_pass != nullptr) colored_reader_.wait();
+    if (pass != nullptr) colored_reader_.wait();  // whether all colours are valid
     state_.n_gaussians = gaussians.n_gaussians;
   }
 
@@ -61,7 +79,7 @@ class CudaBackend final : public RasterizerBackend {
     const LaunchContext context = context_();
     const ProjectBackwardCudaArgs args = blend_and_prepare(gaussians, grad, context);
     begin_stage(state_.stages, Stage::kProjectBackward);
-    std::int32_t* const n_records = n_records_.resize(1, context);
+    std::int32_t* const n_records = sums_.n_records.resize(1, context);
     B3DGS_CUDA_CHECK(cudaMemsetAsync(n_records, 0, sizeof(std::int32_t), context.stream));
     keep_splat_records({gaussians.n_gaussians, args.radii, args.splats, args.splat_grads, n_records, out}, context);
     end_stage(state_.stages);
@@ -71,8 +89,7 @@ class CudaBackend final : public RasterizerBackend {
                        const SplatAllocator& allocate) override {
     check_render_args(gaussians, view, settings);
     const LaunchContext context = context_();
-    const ProjectOutputs projected = project_gaussians(gaussians, view, settings, context, /*is_drawn=*/false);
-    color_splats(gaussians, view, settings, projected, projected.counts, context);
+    const ProjectOutputs projected = project_undrawn(gaussians, view, settings, context);
     counts_reader_.copy(projected.counts, context);
     list_seen(projected, n_first_rows_, bin_buffers_, context);
     const ViewCounts counts = counts_reader_.wait();
@@ -85,24 +102,23 @@ class CudaBackend final : public RasterizerBackend {
                         const RenderSettings& settings, const SplatRowArrays& out, std::int64_t capacity) override {
     check_render_args(gaussians, view, settings);
     const LaunchContext context = context_();
-    const ProjectOutputs projected = project_gaussians(gaussians, view, settings, context, /*is_drawn=*/false);
-    color_splats(gaussians, view, settings, projected, projected.counts, context);
-    while (queued_counts_.size() <= index) queued_counts_.push_back(std::make_unique<PinnedValue<ViewCounts>>());
-    B3DGS_CUDA_CHECK(cudaMemcpyAsync(queued_counts_[index]->get(), projected.counts, sizeof(ViewCounts),
+    const ProjectOutputs projected = project_undrawn(gaussians, view, settings, context);
+    while (queue_.counts.size() <= index) queue_.counts.push_back(std::make_unique<PinnedValue<ViewCounts>>());
+    B3DGS_CUDA_CHECK(cudaMemcpyAsync(queue_.counts[index]->get(), projected.counts, sizeof(ViewCounts),
                                      cudaMemcpyDeviceToHost, context.stream));
-    n_queued_ = index + 1;
-    counts_copied_.record(context.stream);
+    queue_.n = index + 1;
+    queue_.copied.record(context.stream);
     list_seen(projected, n_first_rows_, bin_buffers_, context);
     copy_seen({projected, bin_buffers_.seen.data(), capacity, out, projected.counts}, context);
     end_stage(state_.stages);
   }
 
   std::vector<SplatCounts> wait_for_projections() override {
-    const std::size_t n_views = std::exchange(n_queued_, 0);
-    if (n_views > 0) counts_copied_.wait();
+    const std::size_t n_views = std::exchange(queue_.n, 0);
+    if (n_views > 0) queue_.copied.wait();
     std::vector<SplatCounts> counts;
     for (std::size_t v = 0; v < n_views; ++v) {
-      const ViewCounts& found = *queued_counts_[v]->get();
+      const ViewCounts& found = *queue_.counts[v]->get();
       check_valid(found);
       counts.push_back({found.n_splats, found.n_second});
     }
@@ -116,7 +132,7 @@ class CudaBackend final : public RasterizerBackend {
     check_kernels(settings);
     const LaunchContext context = context_();
     const ProjectOutputs projected = begin(n, view, settings, context, /*is_drawn=*/true);
-    has_zero_grads_ = false;
+    sums_.are_zero = false;
     load_rows({rows, state_.grid, settings.culling, projected}, context);
     if (n_rows_ > n) {
       ProjectCudaArgs second;
@@ -144,11 +160,11 @@ class CudaBackend final : public RasterizerBackend {
     state_.check_gaussians("score()");
     const LaunchContext context = context_();
     static_assert(sizeof(ScoreSums) <= sizeof(SplatGradSum), "fits into a splat's gradient");
-    auto* const sums = reinterpret_cast<ScoreSums*>(splat_grads_.resize(n_rows_, context));
-    has_zero_grads_ = false;
+    auto* const sums = reinterpret_cast<ScoreSums*>(sums_.splats.resize(n_rows_, context));
+    sums_.are_zero = false;
     score_rows(error, sums, out.weight_sum != nullptr, context);
     join_second_splats(sums, context);
-    add_scores({splats_.data(), state_.n_gaussians, nullptr, sums, out}, radii_.data(), context);
+    add_scores({rows_.splats.data(), state_.n_gaussians, nullptr, sums, out}, rows_.radii.data(), context);
   }
 
   void score_splats(const float* error, ScoreSums* out) override {
@@ -164,24 +180,24 @@ class CudaBackend final : public RasterizerBackend {
 
   void reblend_backward(BackwardKernel kernel, const ImageGradArrays& grad) override {
     state_.check_view("reblend_backward()");
-    has_zero_grads_ = false;  // of other rows, too
-    blend_backward(kernel, grad, splat_grads_.data(), context_());
+    sums_.are_zero = false;  // of other rows, too
+    blend_backward(kernel, grad, sums_.splats.data(), context_());
   }
 
   void count_load(std::int32_t* processed, std::int32_t* contributing) const override {
     state_.check_view("count_load()");
-    cuda::count_load({splats_.data(), binned_.bins, state_.grid, processed, contributing}, context_());
+    cuda::count_load({rows_.splats.data(), binned_.bins, state_.grid, processed, contributing}, context_());
   }
 
   const double* camera_gradient() const override {
     check_camera_gradient();
-    return camera_gradients_.data();
+    return sums_.camera.data();
   }
 
-  const float* splat_grads() const override { return reinterpret_cast<const float*>(splat_grads_.data()); }
-  const std::int32_t* radii() const override { return radii_.data(); }
-  const std::int32_t* last_ids() const override { return last_ids_.data(); }
-  const Splat* splats() const override { return splats_.data(); }
+  const float* splat_grads() const override { return reinterpret_cast<const float*>(sums_.splats.data()); }
+  const std::int32_t* radii() const override { return rows_.radii.data(); }
+  const std::int32_t* last_ids() const override { return blended_.last_ids.data(); }
+  const Splat* splats() const override { return rows_.splats.data(); }
   std::int64_t n_rows() const override { return n_rows_; }
   BinnedSplats bins() const override { return binned_.bins; }
 
@@ -203,31 +219,42 @@ class CudaBackend final : public RasterizerBackend {
     n_rows_ = n * splats_per_gaussian(view.lens);
     state_.begin_view(view, make_tile_grid(view.width, view.height, settings.tile), settings);
     begin_stage(state_.stages, Stage::kProject);
-    return {splats_.resize(n_rows_, context),
-            extents_.resize(n_rows_, context),
-            radii_.resize(n_rows_, context),
-            is_drawn ? list_growth_.resize(kCounterStride * (state_.grid.n_tiles() + 1), context) : nullptr,
-            counts_.resize(1, context),
+    return {rows_.splats.resize(n_rows_, context),
+            rows_.extents.resize(n_rows_, context),
+            rows_.radii.resize(n_rows_, context),
+            is_drawn ? rows_.list_growth.resize(kCounterStride * (state_.grid.n_tiles() + 1), context) : nullptr,
+            rows_.counts.resize(1, context),
             nullptr};
   }
 
-  /// Without the colours if a ColorPass computes them: color_splats() must follow.
-  ProjectOutputs project_gaussians(const GaussianArrays& gaussians, const CameraView& view,
-                                   const RenderSettings& settings, const LaunchContext& context, bool is_drawn) {
-    ProjectOutputs projected = begin(gaussians.n_gaussians, view, settings, context, is_drawn);
-    has_zero_grads_ = is_drawn && settings.keep_for_backward;
-    if (has_zero_grads_) projected.sums = splat_grads_.resize(n_rows_, context);
-    cuda::project({gaussians, view, settings.sh_degree, settings.near_plane, settings.culling, state_.grid, projected,
-                   settings.color_pass == nullptr, settings.antialiasing},
-                  context);
-    return projected;
+  /// Begins a view, up to the arguments of its projection: without the colours if a ColorPass computes them, so that
+  /// color_splats() must follow.
+  ProjectCudaArgs begin_gaussians(const GaussianArrays& gaussians, const CameraView& view,
+                                  const RenderSettings& settings, const LaunchContext& context, bool is_drawn) {
+    ProjectOutputs out = begin(gaussians.n_gaussians, view, settings, context, is_drawn);
+    sums_.are_zero = is_drawn && settings.keep_for_backward;
+    if (sums_.are_zero) out.sums = sums_.splats.resize(n_rows_, context);
+    ProjectCudaArgs args{gaussians, view, settings.sh_degree, settings.near_plane, settings.culling, state_.grid, out};
+    args.with_colors = settings.color_pass == nullptr;
+    args.antialiasing = settings.antialiasing;
+    return args;
   }
 
-  void color_splats(const GaussianArrays& gaussians, const CameraView& view, const RenderSettings& settings,
-                    const ProjectOutputs& projected, ViewCounts* counts, const LaunchContext& context) {
-    if (settings.color_pass == nullptr || gaussians.n_gaussians == 0) return;
-    settings.color_pass->color({gaussians, view.center, settings.sh_degree, projected, counts}, context);
-    if (n_rows_ > n_first_rows_) copy_second_colors(projected, gaussians.n_gaussians, context);
+  /// Splats with their colours.
+  ProjectOutputs project_undrawn(const GaussianArrays& gaussians, const CameraView& view,
+                                 const RenderSettings& settings, const LaunchContext& context) {
+    const ProjectCudaArgs args = begin_gaussians(gaussians, view, settings, context, /*is_drawn=*/false);
+    cuda::project(args, context);
+    color_splats(args, settings.color_pass, args.out.counts, context);
+    return args.out;
+  }
+
+  /// `counts`: ColorCudaArgs.
+  void color_splats(const ProjectCudaArgs& args, ColorPass* pass, ViewCounts* counts, const LaunchContext& context) {
+    const std::int64_t n = args.gaussians.n_gaussians;
+    if (pass == nullptr || n == 0) return;
+    pass->color({args.gaussians, args.view.center, args.sh_degree, args.out, counts}, context);
+    if (n_rows_ > n_first_rows_) copy_second_colors(args.out, n, context);
   }
 
   /// Waits for the counts of the lists, after calling `meanwhile`. `widest`: what rows are, in errors.
@@ -251,36 +278,6 @@ class CudaBackend final : public RasterizerBackend {
                   context);
   }
 
-  ProjectOutputs project_and_bin(const GaussianArrays& gaussians, const CameraView& view,
-                                 const RenderSettings& settings, const LaunchContext& context) {
-    const ProjectOutputs projected = project_gaussians(gaussians, view, settings, context, /*is_drawn=*/true);
-    bin_view(projected, settings, "Gaussian", context);
-    return projected;
-  }
-
-  /// Colours and lists do not depend on each other, and neither fills the device. Lists, which take longer unless the
-  /// view has very many splats, follow the projection in its stream, so that they need not wait for a signal.
-  /// Whether the colours are valid, the host learns at the end of the pass.
-  ProjectOutputs project_and_bin_beside_colors(const GaussianArrays& gaussians, const CameraView& view,
-                                               const RenderSettings& settings, const LaunchContext& context) {
-    const LaunchContext side = side_.fork(context);
-    ProjectOutputs projected;
-    try {
-      projected = project_gaussians(gaussians, view, settings, side, /*is_drawn=*/true);
-      side_.join(context);
-      bin_view(projected, settings, "Gaussian", side, [&] {
-        color_splats(gaussians, view, settings, projected, colored_reader_.begin(), context);
-        colored_reader_.mark(context);
-      });
-    } catch (...) {
-      side_.join(context);
-      colored_reader_.forget();
-      throw;
-    }
-    side_.join(context);
-    return projected;
-  }
-
   /// From the lists to the images.
   void draw(const ProjectOutputs& projected, const RenderSettings& settings, const ImageArrays& out,
             const LaunchContext& context) {
@@ -292,30 +289,36 @@ class CudaBackend final : public RasterizerBackend {
     backward_kernel_ = settings.backward_kernel;
     deterministic_ = settings.deterministic;
     if (settings.keep_for_backward) {
-      parts_.color = part_color_.resize(n_bucket_pixels(), context);
-      if (settings.depth_gradient) parts_.depth = part_depth_.resize(n_bucket_pixels(), context);
+      parts_.color = blended_.part_color.resize(n_bucket_pixels(), context);
+      if (settings.depth_gradient) parts_.depth = blended_.part_depth.resize(n_bucket_pixels(), context);
       reserve_for_backward(context);
     }
     const std::int64_t n_pixels = std::int64_t{state_.view.width} * state_.view.height;
-    transmittance_.resize(n_pixels, context);
-    last_ids_.resize(n_pixels, context);
+    blended_.transmittance.resize(n_pixels, context);
+    blended_.last_ids.resize(n_pixels, context);
     blend_forward(settings.kernel, context);
     end_stage(state_.stages);
   }
 
   /// Takes the memory that the backward pass needs while this pass can still be repeated.
   void reserve_for_backward(const LaunchContext& context) {
-    splat_grads_.resize(n_rows_, context);
-    if (deterministic_) pair_grads_.resize(binned_.bins.n_pairs, context);
+    sums_.splats.resize(n_rows_, context);
+    if (deterministic_) sums_.pairs.resize(binned_.bins.n_pairs, context);
     if (state_.camera_gradient) {
-      camera_parts_.resize(kCameraGradientParts * kCameraGradients, context);
-      camera_gradients_.resize(kCameraGradients, context);
+      sums_.camera_parts.resize(kCameraGradientParts * kCameraGradients, context);
+      sums_.camera.resize(kCameraGradients, context);
     }
   }
 
   void blend_forward(ForwardKernel kernel, const LaunchContext& context) {
-    const BlendForwardArgs blend{splats_.data(),    extents_.data(), binned_.bins,          state_.grid,
-                                 state_.background, state_.rendered, transmittance_.data(), last_ids_.data()};
+    const BlendForwardArgs blend{rows_.splats.data(),
+                                 rows_.extents.data(),
+                                 binned_.bins,
+                                 state_.grid,
+                                 state_.background,
+                                 state_.rendered,
+                                 blended_.transmittance.data(),
+                                 blended_.last_ids.data()};
     BlendForwardCudaArgs args{blend, binned_.buckets, binned_.tiles_by_length, cuts_lists_, parts_};
     forward_scratch_.allocate(kernel, args, pass_scratch_, context);
     kForwardLaunches[static_cast<std::size_t>(kernel)](args, context);
@@ -329,14 +332,22 @@ class CudaBackend final : public RasterizerBackend {
     B3DGS_CHECK(grad.depth == nullptr || parts_.depth != nullptr,
                 "gradient with respect to depth after a forward() without depth_gradient");
     BlendBackwardCudaArgs args{};
-    args.blend = {splats_.data(),  extents_.data(),       binned_.bins,     state_.grid, state_.background,
-                  state_.rendered, transmittance_.data(), last_ids_.data(), grad,        nullptr};
+    args.blend = {rows_.splats.data(),
+                  rows_.extents.data(),
+                  binned_.bins,
+                  state_.grid,
+                  state_.background,
+                  state_.rendered,
+                  blended_.transmittance.data(),
+                  blended_.last_ids.data(),
+                  grad,
+                  nullptr};
     args.buckets = binned_.buckets;
     args.parts = stored_parts_;
     args.splat_grads = sums;
-    if (sums != splat_grads_.data() || !std::exchange(has_zero_grads_, false)) zero(sums, n_rows_, context);
+    if (sums != sums_.splats.data() || !std::exchange(sums_.are_zero, false)) zero(sums, n_rows_, context);
     if (deterministic_ && binned_.bins.n_pairs > 0) {
-      args.pair_grads = pair_grads_.resize(binned_.bins.n_pairs, context);
+      args.pair_grads = sums_.pairs.resize(binned_.bins.n_pairs, context);
       zero(args.pair_grads, binned_.bins.n_pairs, context);
     }
     kBackwardLaunches[static_cast<std::size_t>(kernel)](args, context);
@@ -344,14 +355,14 @@ class CudaBackend final : public RasterizerBackend {
       sum_splat_grads({n_rows_, binned_.bins.slot_offsets, args.pair_grads, sums}, context);
     }
     if (state_.inverse_depth && grad.depth != nullptr) {
-      invert_depth_gradients({n_rows_, radii_.data(), splats_.data(), sums}, context);
+      invert_depth_gradients({n_rows_, rows_.radii.data(), rows_.splats.data(), sums}, context);
     }
   }
 
   /// Of a panorama: to the first rows, which are all that passes over Gaussians read.
   template <class Sums>
   void join_second_splats(Sums* sums, const LaunchContext& context) {
-    if (n_rows_ > n_first_rows_) join_second({n_first_rows_, radii_.data(), sums}, context);
+    if (n_rows_ > n_first_rows_) join_second({n_first_rows_, rows_.radii.data(), sums}, context);
   }
 
   /// Of forward_splats(): sum_all(sums) writes the sums of all rows; `out` receives those of the rows that it was
@@ -360,7 +371,7 @@ class CudaBackend final : public RasterizerBackend {
   void sum_rows(Sums* out, const LaunchContext& context, SumAll&& sum_all) {
     if (n_rows_ == n_first_rows_) return sum_all(out);
     static_assert(sizeof(Sums) <= sizeof(SplatGradSum), "fits into a splat's gradient");
-    auto* const sums = reinterpret_cast<Sums*>(splat_grads_.resize(n_rows_, context));
+    auto* const sums = reinterpret_cast<Sums*>(sums_.splats.resize(n_rows_, context));
     sum_all(sums);
     join_second_splats(sums, context);
     B3DGS_CUDA_CHECK(cudaMemcpyAsync(out, sums, static_cast<std::size_t>(n_first_rows_) * sizeof(Sums),
@@ -373,17 +384,17 @@ class CudaBackend final : public RasterizerBackend {
                                             const LaunchContext& context) {
     state_.check_same(gaussians);
     begin_stage(state_.stages, Stage::kBlendBackward);
-    blend_backward(backward_kernel_, grad, splat_grads_.data(), context);
-    join_second_splats(splat_grads_.data(), context);
+    blend_backward(backward_kernel_, grad, sums_.splats.data(), context);
+    join_second_splats(sums_.splats.data(), context);
     end_stage(state_.stages);
-    ProjectBackwardCudaArgs args{gaussians,     state_.view,    state_.sh_degree,
-                                 radii_.data(), splats_.data(), splat_grads_.data()};
+    ProjectBackwardCudaArgs args{gaussians,          state_.view,         state_.sh_degree,
+                                 rows_.radii.data(), rows_.splats.data(), sums_.splats.data()};
     args.antialiasing = state_.antialiasing;
     state_.has_camera_gradient = state_.camera_gradient;
     if (state_.camera_gradient) {
       begin_stage(state_.stages, Stage::kProjectBackward);
       cuda::camera_gradient(
-          {args, bin_buffers_.seen.data(), state_.n_splats, camera_parts_.data(), camera_gradients_.data()}, context);
+          {args, bin_buffers_.seen.data(), state_.n_splats, sums_.camera_parts.data(), sums_.camera.data()}, context);
       end_stage(state_.stages);
     }
     return args;
@@ -392,8 +403,8 @@ class CudaBackend final : public RasterizerBackend {
   /// `sums`: [rows] out.
   void score_rows(const float* error, ScoreSums* sums, bool wants_weights, const LaunchContext& context) {
     zero(sums, n_rows_, context);
-    cuda::score({splats_.data(), extents_.data(), binned_.bins, state_.grid, error, sums}, binned_.tiles_by_length,
-                wants_weights, context);
+    cuda::score({rows_.splats.data(), rows_.extents.data(), binned_.bins, state_.grid, error, sums},
+                binned_.tiles_by_length, wants_weights, context);
   }
 
   template <class Row>
@@ -409,34 +420,48 @@ class CudaBackend final : public RasterizerBackend {
 
   template <class Visit>
   void visit_buffers(Visit&& visit) {
-    visit(splats_), visit(extents_), visit(radii_), visit(last_ids_), visit(list_growth_);
-    visit(n_records_), visit(counts_), visit(part_color_), visit(part_depth_), visit(transmittance_),
-        visit(splat_grads_);
-    visit(pair_grads_), visit(pass_scratch_), visit(camera_parts_), visit(camera_gradients_);
+    visit(rows_.splats), visit(rows_.extents), visit(rows_.radii), visit(blended_.last_ids), visit(rows_.list_growth);
+    visit(sums_.n_records), visit(rows_.counts), visit(blended_.part_color), visit(blended_.part_depth),
+        visit(blended_.transmittance), visit(sums_.splats);
+    visit(sums_.pairs), visit(pass_scratch_), visit(sums_.camera_parts), visit(sums_.camera);
     forward_scratch_.visit_buffers(visit);
     bin_buffers_.visit_buffers(visit);
   }
 
   std::function<LaunchContext()> context_;
-  DeviceBuffer<Splat> splats_;
-  DeviceBuffer<Vec2f> extents_;
-  DeviceBuffer<std::int32_t> radii_, last_ids_, list_growth_, n_records_;
-  DeviceBuffer<ViewCounts> counts_;
-  DeviceBuffer<float4> part_color_;
-  DeviceBuffer<float> part_depth_, transmittance_;
+  /// Of the last projection.
+  struct {
+    DeviceBuffer<Splat> splats;
+    DeviceBuffer<Vec2f> extents;
+    DeviceBuffer<std::int32_t> radii, list_growth;
+    DeviceBuffer<ViewCounts> counts;
+  } rows_;
+  /// What a forward blend leaves.
+  struct {
+    DeviceBuffer<std::int32_t> last_ids;
+    DeviceBuffer<float4> part_color;
+    DeviceBuffer<float> part_depth, transmittance;
+  } blended_;
+  /// Sums of the backward pass.
+  struct {
+    DeviceBuffer<SplatGradSum> splats, pairs;
+    DeviceBuffer<double> camera_parts, camera;
+    DeviceBuffer<std::int32_t> n_records;
+    bool are_zero = false;  // `splats`, where there is a splat
+  } sums_;
+  /// Projections that were queued.
+  struct {
+    std::vector<std::unique_ptr<PinnedValue<ViewCounts>>> counts;
+    std::size_t n = 0;
+    StreamMark copied;
+  } queue_;
+  BinBuffers bin_buffers_;
   ForwardScratch forward_scratch_;
   PassScratch pass_scratch_;
-  DeviceBuffer<SplatGradSum> splat_grads_, pair_grads_;
-  DeviceBuffer<double> camera_parts_, camera_gradients_;
-  BinBuffers bin_buffers_;
   CountsReader counts_reader_, colored_reader_;
   SideStream side_;
-  std::vector<std::unique_ptr<PinnedValue<ViewCounts>>> queued_counts_;  // of the projections that were queued
-  std::size_t n_queued_ = 0;
-  StreamMark counts_copied_;
 
   std::int64_t n_rows_ = 0, n_first_rows_ = 0;  // of the last projection: all, and without second splats
-  bool has_zero_grads_ = false;                 // splat_grads_, where there is a splat
   // Of the last forward pass:
   BackwardKernel backward_kernel_{};
   bool deterministic_ = false;
