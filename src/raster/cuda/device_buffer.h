@@ -171,7 +171,7 @@ class StreamMark {
   cudaEvent_t event_ = nullptr;
 };
 
-/// A stream for passes that run beside others, whose blocks start before theirs.
+/// A stream for passes beside others; its blocks start first.
 class SideStream {
  public:
   SideStream() {

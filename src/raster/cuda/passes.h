@@ -19,7 +19,7 @@ std::unique_ptr<RasterizerBackend> make_rasterizer(std::function<LaunchContext()
 /// to the same sector wait for each other.
 inline constexpr std::int32_t kCounterStride = 8;
 
-/// Totals of one view; the host reads them once per forward pass.
+/// Totals of one view, which the host reads.
 struct ViewCounts {
   std::int64_t n_splats;       // of Gaussians that the view sees
   std::int64_t n_second;       // splats across the seam of a panorama

@@ -6,7 +6,7 @@
 //   In a panorama, a Gaussian at the seam has a second splat, in row N + i: the thread writes it after the block has
 //     counted the first ones. copy_second_colors_kernel copies colours to them after a ColorPass. add_second_kernel
 //     makes those of splats that were projected elsewhere.
-//   For the host: ViewCounts, read once per forward pass to size the buffers of binning.
+//   For the host: ViewCounts, which size the buffers of binning.
 
 #include <cstdint>
 

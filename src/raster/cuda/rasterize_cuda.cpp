@@ -32,8 +32,8 @@ class CudaBackend final : public RasterizerBackend {
     check_render_args(gaussians, view, settings);
     check_kernels(settings);
     const LaunchContext context = context_();
-    // Lists and colours of a ColorPass do not depend on each other, and neither fills the device. Lists, which take
-    // longer unless the view has very many splats, follow the projection in its stream, where no signal delays them.
+    // Lists and the colours of a ColorPass do not depend on each other, and neither fills the device. Projection and
+    // lists are in the side stream, which has priority, so that lists wait for no event.
     ColorPass* const pass = settings.color_pass;
     const LaunchContext lists = pass != nullptr ? side_.fork(context) : context;
     ProjectCudaArgs args;

@@ -2,8 +2,9 @@
 // except for the SH coefficients beyond degree 0, whose updates are deferred (deferred_sh.h).
 //
 // A step must read and write parameters and moments, 24 bytes per float; gradients in memory would add 8. Gaussians
-// that the view does not see are updated too, since their moments decay. Gradients of rows of three floats go through
-// shared memory, so that a warp writes whole memory sectors. Barriers: one, after which parameters may be written.
+// that the view does not see are updated too, since their moments decay. Gradients of means, scales and colours go
+// through shared memory, so that a warp writes whole memory sectors. Barriers: one, after which parameters may be
+// written.
 
 #include "raster/cuda/launch.cuh"
 #include "raster/cuda/project.cuh"

@@ -1,5 +1,5 @@
-// Forward blend, a thread per pixel and a block per tile.
-//   naive: the paper's baseline, and the reference if kernels disagree. Tiles are assigned statically: a block runs as
+// Forward blend, a thread per pixel.
+//   naive: the paper's baseline, and the reference if kernels disagree. A block per tile: it runs as
 //     long as its slowest pixel, and the most crowded tile determines the time of the launch.
 //   dynamic: the paper's inter-block dynamic workload distribution. As many blocks as are resident at once take tiles
 //     from an atomic counter until none is left. The hardware's block scheduler does nearly the same for naive, so the

@@ -12,19 +12,18 @@
 //   blended again                                  |from T = 0.01 |          end_pixels
 //
 // Kernel 1, cut_lists: one block writes the list of tasks, the segments ordered by their number within their list.
-// Kernel 2, forward_segmented: a block per 128 pixels of a segment or short list, a thread per pixel. The first
-// segments of all lists
-//   run first, then the second ones, and so on. Segments behind finished pixels would be wasted work, so a block first
+// Kernel 2, forward_segmented: a block per 128 pixels of a segment or short list. The first segments of all lists run
+//   first, then the second ones, and so on. Segments behind finished pixels would be wasted work, so a block first
 //   multiplies the transmittances of the segments in front that are already done (a flag each, stored with release and
 //   loaded with acquire), and skips its segment if no pixel can still be visible. Which segments are skipped depends on
 //   timing. The image does not: a skipped segment is behind the end of all its pixels.
 // Kernel 3, join_segments: a block per tile, a thread per pixel. Combines the pixel's segments front to back, up to the
 //   one in which it finishes, and writes the pixel unless that segment has to be blended again.
 // Kernel 4, end_pixels: a block per 128 pixels of a task blends the segment again for the pixels that finish in it, and
-// writes them.
+//   writes them.
 //
 // Shared memory: staged splats in kernels 2 and 4 (staged_blend.cuh); counters in kernel 1.
-// Barriers: one per bucket of splats, and one before a segment is marked as done.
+// Barriers: one per bucket of splats, one to skip a segment, and one before it is marked as done.
 // Saved for the backward pass: final transmittance, last splat, bucket parts relative to their segment, and the
 //   transmittance in front of each segment (Segments::fronts).
 

@@ -1,11 +1,10 @@
 // Pixel-wise blending with complete splats staged in shared memory, including colour and depth, so that no contributing
 // splat needs an access to global memory. Used by shared-memory and segmented.
 //
-//   Block: 128 pixels, which are a tile of 16 x 8 or half of one of 16 x 16. Warp: a sub-tile of 8 x 4. Thread: a
-//   pixel. Stage: each thread copies one splat of the next bucket asynchronously while the current one is blended (two
-//   buckets
-//     in shared memory, one barrier per bucket, which also counts finished pixels to stop early).
-//   Cull: a lane per splat, a warp tests whose bounding box reaches its sub-tile, and queues the indices of these.
+//   Block: 128 pixels, a tile of 16 x 8 or half of one of 16 x 16. Warp: a sub-tile of 8 x 4. Thread: a pixel.
+//   Stage: each thread copies one splat of the next bucket (128 entries) asynchronously while this one is blended. One
+//     barrier per bucket also counts finished pixels, to stop early.
+//   Cull: a warp queues the splats whose bounding box reaches its sub-tile, a lane per splat.
 //   Blend: each thread evaluates eight queued splats before blending them in order, because in a crowded tile the
 //     latency per splat determines the time.
 // Asynchronous copies, culling by sub-tile and evaluation in groups are not in the paper.
@@ -18,7 +17,7 @@
 namespace b3dgs::cuda {
 
 constexpr int kStagedThreads = kBucketEntries;  // a thread per pixel, and per splat that is staged
-constexpr int kQueueMargin = 4;                 // splats are blended in groups, of which the last must be full
+constexpr int kQueueMargin = 4;                 // the last group, of four, is filled up with kNothing
 
 /// Blocks for a tile.
 template <int kTilePixels>
