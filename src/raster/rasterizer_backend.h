@@ -62,8 +62,8 @@ struct ViewState {
 };
 
 /// All arrays are in memory of the device. On a GPU the passes are asynchronous: only forward(), project(),
-/// wait_for_projections() and forward_splats() wait, once each, for numbers of splats and pairs. On the CPU they use
-/// thread_count() threads (core/parallel.h); results do not depend on their number.
+/// wait_for_projections() and forward_splats() wait, for numbers of splats and pairs and for valid colours. On the CPU
+/// they use thread_count() threads (core/parallel.h); results do not depend on their number.
 /// @throws what its passes throw: LogicError for arguments that do not fit, InvalidGaussianError naming the first
 /// invalid Gaussian, NumericError for too many pairs, CudaError
 class RasterizerBackend {
@@ -131,7 +131,7 @@ class RasterizerBackend {
   virtual const double* camera_gradient() const = 0;
 
   /// Of a GPU: [n_rows(), 12] floats, the splats' sums of the last backward blend, of which the first 10 are a
-  /// SplatGrad.
+  /// SplatGrad. Rows without a splat are undefined, except after reblend_backward().
   virtual const float* splat_grads() const { return nullptr; }
 
   // Of the last forward():

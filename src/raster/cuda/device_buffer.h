@@ -35,8 +35,9 @@ struct LaunchContext {
   cudaStream_t stream = nullptr;
   DeviceMemory* memory = nullptr;
   int n_multiprocessors = 0;
-  cudaStream_t memory_stream =
-      stream;  // on which memory is allocated and freed; the other stream ends before it goes on
+  // In whose order memory is allocated and freed. If it is another one (SideStream), passes on it neither allocate nor
+  // free until join().
+  cudaStream_t memory_stream = stream;
 };
 
 /// A context on the current device.
@@ -132,7 +133,7 @@ class PassScratch {
   DeviceBuffer<unsigned char> block_;
 };
 
-/// A value in pinned host memory, for asynchronous copies from the device.
+/// A value in pinned host memory, which copies and kernels may write.
 template <class T>
 class PinnedValue {
  public:

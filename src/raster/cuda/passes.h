@@ -40,8 +40,8 @@ struct ProjectOutputs {
   // [tiles + 1], kCounterStride apart: length of each tile's list minus that of the tile before it, row by row. A splat
   // adds 1 where its span of tiles in a row begins, and subtracts 1 where it ends. Null: nothing is to be drawn.
   std::int32_t* list_growth = nullptr;
-  ViewCounts* counts = nullptr;  // [1] n_splats and first_invalid
-  SplatGradSum* sums = nullptr;  // [rows] 0 where there is a splat, for the backward blend; null: no backward pass
+  ViewCounts* counts = nullptr;  // [1] n_splats, n_second and first_invalid
+  SplatGradSum* sums = nullptr;  // [rows] 0 where there is a splat, for the backward blend; null: that zeroes them
 };
 
 /// Arguments of a ColorPass.
@@ -58,6 +58,7 @@ struct ColorCudaArgs {
 class ColorPass {
  public:
   virtual ~ColorPass() = default;
+  /// Runs beside binning: must neither allocate nor free memory (LaunchContext::memory_stream).
   virtual void color(const ColorCudaArgs& args, const LaunchContext& context) = 0;
 };
 

@@ -48,7 +48,8 @@ class CudaBackend final : public RasterizerBackend {
       });
     } catch (...) {
       if (pass != nullptr) side_.join(context);
-      colored_reader_.forget();
+      counts_reader_.finish();
+      colored_reader_.finish();
       throw;
     }
     if (pass != nullptr) side_.join(context);
@@ -180,7 +181,7 @@ class CudaBackend final : public RasterizerBackend {
 
   void reblend_backward(BackwardKernel kernel, const ImageGradArrays& grad) override {
     state_.check_view("reblend_backward()");
-    sums_.are_zero = false;  // of other rows, too
+    sums_.are_zero = false;  // the caller reads all rows
     blend_backward(kernel, grad, sums_.splats.data(), context_());
   }
 
@@ -254,7 +255,8 @@ class CudaBackend final : public RasterizerBackend {
     const std::int64_t n = args.gaussians.n_gaussians;
     if (pass == nullptr || n == 0) return;
     pass->color({args.gaussians, args.view.center, args.sh_degree, args.out, counts}, context);
-    if (n_rows_ > n_first_rows_) copy_second_colors(args.out, n, context);
+    const bool is_drawn = args.out.list_growth != nullptr;
+    if (is_drawn && n_rows_ > n_first_rows_) copy_second_colors(args.out, n, context);
   }
 
   /// Waits for the counts of the lists, after calling `meanwhile`. `widest`: what rows are, in errors.
@@ -447,7 +449,7 @@ class CudaBackend final : public RasterizerBackend {
     DeviceBuffer<SplatGradSum> splats, pairs;
     DeviceBuffer<double> camera_parts, camera;
     DeviceBuffer<std::int32_t> n_records;
-    bool are_zero = false;  // `splats`, where there is a splat
+    bool are_zero = false;  // rows of `splats` that have a splat, as the projection wrote them
   } sums_;
   /// Projections that were queued.
   struct {

@@ -3,6 +3,7 @@
 
 #include <atomic>
 #include <type_traits>
+#include <utility>
 #include <vector>
 
 #include "raster/checks.h"
@@ -23,8 +24,9 @@ inline void check_valid(const ViewCounts& counts) {
 /// next kernel start several microseconds later.
 class CountsReader {
  public:
-  /// What kernels of this view may write. The view before must have been read.
+  /// What kernels of this view may write. Those of the view before have ended, also if an error left them unread.
   ViewCounts* begin() {
+    if (std::exchange(is_pending_, true)) written_.wait();
     ViewCounts* const counts = host_.get();
     *counts = {};
     counts->first_invalid = -1;
@@ -37,10 +39,13 @@ class CountsReader {
     mark(context);
   }
   /// Everything queued so far writes the counts.
-  void mark(const LaunchContext& context) { written_.record(context.stream); }
+  void mark(const LaunchContext& context) {
+    is_pending_ = true;
+    written_.record(context.stream);
+  }
   /// @throws InvalidGaussianError
   ViewCounts wait() {
-    written_.wait();
+    finish();
     check_valid(*host_.get());
     return *host_.get();
   }
@@ -52,16 +57,21 @@ class CountsReader {
       if (turn % kTurns == 0 && written_.is_reached()) break;
     }
     std::atomic_thread_fence(std::memory_order_acquire);
+    is_pending_ = false;
     check_valid(*host_.get());
     return *host_.get();
   }
-  /// Waits only.
-  void forget() { written_.wait(); }
+  /// Waits until no kernel writes.
+  void finish() {
+    written_.wait();
+    is_pending_ = false;
+  }
 
  private:
   static constexpr std::int64_t kUnwritten = -1;
   PinnedValue<ViewCounts> host_;
   StreamMark written_;
+  bool is_pending_ = false;  // what was marked has not been waited for
 };
 
 /// For the error message about too many pairs. Waits for the device.

@@ -125,7 +125,8 @@ template <TileCount kCount>
 B3DGS_HD ProjectedGaussian across_the_seam(const ProjectedGaussian& first, float turn, Culling culling,
                                            const TileGrid& grid) {
   ProjectedGaussian second = first;
-  second.splat.mean_x += first.splat.mean_x < static_cast<float>(grid.image_width) / 2 ? turn : -turn;
+  const bool is_left = first.splat.mean_x < static_cast<float>(grid.image_width) / 2;
+  second.splat.mean_x = (StrictFloat(first.splat.mean_x) + (is_left ? turn : -turn)).value;
   second.n_tiles = tiles_touched<kCount>(grid, culling, second.splat, second.extent, second.radius);
   return second;
 }

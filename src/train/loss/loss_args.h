@@ -91,7 +91,8 @@ namespace cuda {
 /// Floats of workspace for an image; aligned to 8 bytes.
 std::int64_t loss_workspace_size(std::int32_t width, std::int32_t height);
 
-/// Writes the loss to `value` (device memory) and the gradient; sums have a fixed order. Asynchronous.
+/// Writes the loss to `value` (on the device, or in pinned memory) and the gradient; sums have a fixed order.
+/// Asynchronous.
 void compute_loss(const LossArgs& args, LossValue* value, cudaStream_t stream);
 
 }  // namespace cuda

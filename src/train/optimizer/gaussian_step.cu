@@ -31,13 +31,13 @@ __device__ __forceinline__ void step_four(const AdamArgs& args, std::int64_t row
 }
 
 /// Steps the block's rows of three floats along `grads`, a float at a time.
-__device__ __forceinline__ void step_threes(const AdamArgs& args, std::int64_t first_row, std::int64_t n_rows,
+__device__ __forceinline__ void step_threes(const AdamArgs& args, std::int64_t first_row, std::int64_t n_gaussians,
                                             const float* grads) {
   float param[3], m[3], v[3];
 #pragma unroll
   for (int j = 0; j < 3; ++j) {
     const std::int64_t at = 3 * first_row + j * kThreads + threadIdx.x;
-    if (at >= 3 * n_rows) break;
+    if (at >= 3 * n_gaussians) break;
     param[j] = args.param[at];
     m[j] = args.m[at];
     v[j] = args.v[at];
@@ -45,7 +45,7 @@ __device__ __forceinline__ void step_threes(const AdamArgs& args, std::int64_t f
 #pragma unroll
   for (int j = 0; j < 3; ++j) {
     const std::int64_t at = 3 * first_row + j * kThreads + threadIdx.x;
-    if (at >= 3 * n_rows) break;
+    if (at >= 3 * n_gaussians) break;
     step_one(args.size, grads[j * kThreads + threadIdx.x], param[j], m[j], v[j]);
     args.param[at] = param[j];
     args.m[at] = m[j];

@@ -111,6 +111,7 @@ __device__ __forceinline__ int blend_some(const StagedSplats& staged, const int*
 __device__ __forceinline__ int blend_queued(const StagedSplats& staged, const int* queue, int n, float center_x,
                                             float center_y, PixelState<float>& part) {
   int last = -1, next = 0;
+  // Eight at a time while more than four are left: at most kQueueMargin - 1 behind the last.
   for (; next + 4 < n; next += 8) {
     if (next % kWarpSize == 0 && !__any_sync(kFullWarp, is_open(part.transmittance))) return last;
     last = blend_some<8>(staged, queue + next, center_x, center_y, part, last);

@@ -5,14 +5,12 @@
 //
 // Scoring, kernel 1, score: sums for each splat.
 //   Grid: a block per tile, longest list first. Warp: a sub-tile of 8 x 4 pixels. Thread: one pixel.
-//   Stage, cull, evaluation in fours: as in staged_blend.cuh; each thread also zeroes the sums of the splat it stages.
-//   Score: a warp takes the remaining splats in order and adds its 32 pixels' weights with integer reductions. Each
-//   lane
-//     keeps the sums of one of 32 splats and then adds them to the block's. A warp stops once all its pixels are
-//     finished.
-//   Barriers: one per batch. After it, each thread adds the block's sums of the splat that it staged in the batch
-//   before
-//     to memory: an integer atomic per sum, tile and splat. Integers add up to the same sum in any order.
+//   Stage and cull: as in staged_blend.cuh; each thread also zeroes the sums of the splat it stages.
+//   Score: a warp takes the remaining splats in order, evaluates four at once, and adds its 32 pixels' weights with
+//     integer reductions. Each lane keeps the sums of one of 32 splats and then adds them to the block's. A warp stops
+//     once all its pixels are finished.
+//   Barriers: one per batch. After it, each thread adds the block's sums of the splat it staged last time to memory: an
+//     integer atomic per sum, tile and splat. Integers add up to the same sum in any order.
 //
 // Scoring, kernel 2, add_scores: a thread per splat adds its sums to its Gaussian's.
 
