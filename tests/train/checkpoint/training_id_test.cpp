@@ -151,8 +151,10 @@ TEST(FolderLock, RefusesASecondTrainingAndNamesTheFirst) {
     EXPECT_TRUE(test::fails_with<InputError>({folder.string(), "process " + own, "train_tests"},
                                              [&] { FolderLock second(folder); }));
   }
-  EXPECT_TRUE(fs::is_empty(folder)) << "the lock file is removed";
-  const FolderLock again(folder);
+  EXPECT_FALSE(fs::exists(folder)) << "made by the lock, and still empty";
+  fs::create_directory(folder);
+  { const FolderLock again(folder); }
+  EXPECT_TRUE(fs::is_empty(folder)) << "the lock file is removed, a user's folder is not";
 }
 
 TEST(FolderLock, EndsWithItsProcess) {

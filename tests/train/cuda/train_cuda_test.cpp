@@ -69,22 +69,25 @@ TEST(DeviceSnapshot, KeepsTheOldValuesWhileTheArraysChange) {
   GatedStream stream;
   cuda::DeviceReader reader;
   B3DGS_CUDA_CHECK(cudaDeviceSynchronize());  // the arrays have been filled
+  const auto bytes_of = [](const test::DeviceArray<std::uint8_t>& array, std::size_t n) {
+    return std::string_view(reinterpret_cast<const char*>(array.data()), n);
+  };
   const auto snapshot =
-      cuda::DeviceSnapshot::make({{large.data(), sizes[0]}, {nullptr, 0}, {small.data(), sizes[1]}}, stream.get());
+      cuda::DeviceSnapshot::make({bytes_of(large, sizes[0]), {}, bytes_of(small, sizes[1])}, stream.get());
   ASSERT_NE(snapshot, nullptr);
   reader.follow(stream.get());
   B3DGS_CUDA_CHECK(cudaMemsetAsync(large.data(), 0, sizes[0], stream.get()));
   ASSERT_EQ(snapshot->arrays().size(), 3u);
   for (const std::size_t i : {std::size_t{0}, std::size_t{2}}) {
     std::vector<std::uint8_t> read;
-    const cuda::DeviceBytes& copy = snapshot->arrays()[i];
-    reader.read(copy.data, copy.bytes, [&](const void* piece, std::size_t bytes) {
+    const std::string_view copy = snapshot->arrays()[i];
+    reader.read(copy.data(), copy.size(), [&](const void* piece, std::size_t bytes) {
       const auto* const from = static_cast<const std::uint8_t*>(piece);
       read.insert(read.end(), from, from + bytes);
     });
     EXPECT_TRUE(test::same(read, images[i / 2])) << i;
   }
-  EXPECT_EQ(cuda::DeviceSnapshot::make({{large.data(), std::size_t{1} << 50}}, stream.get()), nullptr) << "no room";
+  EXPECT_EQ(cuda::DeviceSnapshot::make({bytes_of(large, std::size_t{1} << 50)}, stream.get()), nullptr) << "no room";
 }
 
 class ImageUploaderTest : public testing::Test {
