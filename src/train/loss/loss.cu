@@ -1,6 +1,6 @@
 // L1 + D-SSIM on the GPU: one kernel computes the SSIM map, its partial derivatives and the value, a second one the
-// gradient. A block owns 32 x 32 pixels and filters rows, then columns, in shared memory. Shared-memory loads are the
-// bottleneck: a thread filters four adjacent outputs at once, which needs 14 values for 44 products.
+// gradient. A block owns one channel of 32 x 32 pixels and filters rows, then columns, in shared memory. Shared-memory
+// loads are the bottleneck: a thread filters four adjacent outputs at once, which needs 14 values for 44 products.
 
 #include "core/cuda_check.h"
 #include "train/loss/loss_args.h"
@@ -10,7 +10,7 @@ namespace {
 
 constexpr int kSide = 32;
 constexpr int kThreads = 256;
-constexpr int kBlocks = 4;  // resident per multiprocessor; limits the registers
+constexpr int kBlocks = 5;  // resident per multiprocessor; limits the registers
 constexpr int kRadius = kSsimRadius;
 constexpr int kHalo = kSide + 2 * kRadius;
 constexpr int kRun = 4;  // adjacent outputs that a thread filters at once
@@ -76,13 +76,24 @@ __device__ __forceinline__ void for_row_runs(Body&& body) {
   for (int i = static_cast<int>(threadIdx.x); i < kHalo * kRuns; i += kThreads) body(i / kRuns, i % kRuns * kRun);
 }
 
+/// What a block works on. The channels of a tile are neighbours, so that they share the loads of its lines from memory.
+struct ChannelTile {
+  int channel, x, y;  // px, of the first pixel
+};
+
+__device__ __forceinline__ ChannelTile channel_tile(const LossArgs& args, unsigned block) {
+  const unsigned n_columns = (static_cast<unsigned>(args.width) + kSide - 1) / kSide, tile = block / 3;
+  return {static_cast<int>(block % 3), static_cast<int>(tile % n_columns) * kSide,
+          static_cast<int>(tile / n_columns) * kSide};
+}
+
 /// Calls body(row, column, pixel) for each pixel of the halo; pixel is -1 outside the image.
 template <class Body>
-__device__ __forceinline__ void for_halo(const LossArgs& args, int block_x, int block_y, Body&& body) {
+__device__ __forceinline__ void for_halo(const LossArgs& args, const ChannelTile& tile, Body&& body) {
 #pragma unroll 4
   for (int i = static_cast<int>(threadIdx.x); i < kHalo * kHalo; i += kThreads) {
     const int row = i / kHalo, column = i % kHalo;
-    const int x = block_x * kSide + column - kRadius, y = block_y * kSide + row - kRadius;
+    const int x = tile.x + column - kRadius, y = tile.y + row - kRadius;
     const bool inside = x >= 0 && x < args.width && y >= 0 && y < args.height;
     body(row, column, inside ? static_cast<std::int64_t>(y) * args.width + x : -1);
   }
@@ -106,19 +117,21 @@ __device__ __forceinline__ float truth_of(const LossArgs& args, std::int64_t p, 
   return static_cast<float>(args.truth[3 * p + channel]) * (1.0f / 255);
 }
 
-/// Sums of |rendered - truth| and of SSIM over a block's valid pixels and channels.
+/// Sums of |rendered - truth| and of SSIM over a block's valid pixels.
 struct BlockLoss {
   float l1 = 0, ssim = 0;
 };
 
-/// SSIM of one channel of a pixel from the filtered maps: rendered, truth, their squares, their product. If `partials`
-/// (the pixel's element in planes of n_pixels) is not null, it receives the derivatives with respect to the three maps
-/// that depend on the rendered image, times `scale`.
-__device__ __forceinline__ float ssim_of(const float (&maps)[5], float scale, float* partials, std::int64_t n_pixels) {
-  const float mu1 = maps[0], mu2 = maps[1];
-  const float variance1 = maps[2] - mu1 * mu1, variance2 = maps[3] - mu2 * mu2, covariance = maps[4] - mu1 * mu2;
+constexpr int kMaps = 4;  // rendered, truth, the sum of their squares, their product
+
+/// SSIM of one channel of a pixel from the filtered maps. If `partials` (the pixel's element in planes of n_pixels) is
+/// not null, it receives the derivatives with respect to the three maps that depend on the rendered image, times
+/// `scale`.
+__device__ __forceinline__ float ssim_of(const float (&maps)[kMaps], float scale, float* partials,
+                                         std::int64_t n_pixels) {
+  const float mu1 = maps[0], mu2 = maps[1], means_squared = mu1 * mu1 + mu2 * mu2, covariance = maps[3] - mu1 * mu2;
   const float a = 2 * mu1 * mu2 + kSsimC1, b = 2 * covariance + kSsimC2;
-  const float c = mu1 * mu1 + mu2 * mu2 + kSsimC1, d = variance1 + variance2 + kSsimC2;
+  const float c = means_squared + kSsimC1, d = maps[2] - means_squared + kSsimC2;
   const float inverse = 1 / (c * d), value = a * b * inverse, inverse_d = c * inverse;
   if (partials != nullptr) {
     // Variance and covariance depend on the mean too: this is the total derivative with respect to the mean.
@@ -132,60 +145,53 @@ __device__ __forceinline__ float ssim_of(const float (&maps)[5], float scale, fl
 /// Writes the sums of each block, and the partials of each pixel and channel.
 __global__ void __launch_bounds__(kThreads, kBlocks)
     loss_map_kernel(const LossArgs args, float* partials, BlockLoss* sums) {
-  __shared__ alignas(16) HaloPlane rendered, truth;  // one channel; 0 at invalid pixels and outside the image
-  __shared__ alignas(16) RowPlane rows[5];
+  __shared__ alignas(16) HaloPlane rendered, truth;  // 0 at invalid pixels and outside the image
+  __shared__ alignas(16) RowPlane rows[kMaps];
   __shared__ float scratch[kThreads / 32];
-  const auto block_x = static_cast<int>(blockIdx.x), block_y = static_cast<int>(blockIdx.y);
+  const ChannelTile tile = channel_tile(args, blockIdx.x);
   const int column = static_cast<int>(threadIdx.x) % kSide, first_row = static_cast<int>(threadIdx.x) / kSide * kRun;
   const std::int64_t n_pixels = static_cast<std::int64_t>(args.width) * args.height;
 
+  for_halo(args, tile, [&](int row, int halo_column, std::int64_t p) {
+    const bool valid = p >= 0 && (args.valid == nullptr || args.valid[p] != 0);
+    rendered[row][halo_column] = valid ? args.rendered[3 * p + tile.channel] : 0.0f;
+    truth[row][halo_column] = valid ? truth_of(args, p, tile.channel) : 0.0f;
+  });
+  __syncthreads();  // the images are loaded
+  for_row_runs([&](int row, int first_column) {
+    float a[kRunInputs], b[kRunInputs], product[kRunInputs];
+    load_run(rendered[row] + first_column, a);
+    load_run(truth[row] + first_column, b);
+    store_run(rows[0][row] + first_column, filter_run(a));
+    store_run(rows[1][row] + first_column, filter_run(b));
+#pragma unroll
+    for (int k = 0; k < kRunInputs; ++k) product[k] = a[k] * b[k];
+    store_run(rows[3][row] + first_column, filter_run(product));
+#pragma unroll
+    for (int k = 0; k < kRunInputs; ++k) product[k] = a[k] * a[k] + b[k] * b[k];
+    store_run(rows[2][row] + first_column, filter_run(product));
+  });
+  __syncthreads();  // rows are filtered
+  Run maps[kMaps];
+#pragma unroll
+  for (int m = 0; m < kMaps; ++m) maps[m] = filter_column(rows[m], first_row, column);
   BlockLoss own;
-  for (int channel = 0; channel < 3; ++channel) {
-    __syncthreads();  // the last channel has been read
-    for_halo(args, block_x, block_y, [&](int row, int halo_column, std::int64_t p) {
-      const bool valid = p >= 0 && (args.valid == nullptr || args.valid[p] != 0);
-      rendered[row][halo_column] = valid ? args.rendered[3 * p + channel] : 0.0f;
-      truth[row][halo_column] = valid ? truth_of(args, p, channel) : 0.0f;
-    });
-    __syncthreads();  // this channel is loaded
-    for_row_runs([&](int row, int first_column) {
-      float a[kRunInputs], b[kRunInputs], product[kRunInputs];
-      load_run(rendered[row] + first_column, a);
-      load_run(truth[row] + first_column, b);
-      store_run(rows[0][row] + first_column, filter_run(a));
-      store_run(rows[1][row] + first_column, filter_run(b));
 #pragma unroll
-      for (int k = 0; k < kRunInputs; ++k) product[k] = a[k] * b[k];
-      store_run(rows[4][row] + first_column, filter_run(product));
-#pragma unroll
-      for (int k = 0; k < kRunInputs; ++k) product[k] = a[k] * a[k];
-      store_run(rows[2][row] + first_column, filter_run(product));
-#pragma unroll
-      for (int k = 0; k < kRunInputs; ++k) product[k] = b[k] * b[k];
-      store_run(rows[3][row] + first_column, filter_run(product));
-    });
-    __syncthreads();  // rows are filtered
-    Run maps[5];
-#pragma unroll
-    for (int m = 0; m < 5; ++m) maps[m] = filter_column(rows[m], first_row, column);
-#pragma unroll
-    for (int j = 0; j < kRun; ++j) {
-      const int x = block_x * kSide + column, y = block_y * kSide + first_row + j;
-      if (x >= args.width || y >= args.height) continue;
-      const std::int64_t p = static_cast<std::int64_t>(y) * args.width + x;
-      const bool valid = args.valid == nullptr || args.valid[p] != 0;
-      const float of_pixel[5] = {maps[0].of[j], maps[1].of[j], maps[2].of[j], maps[3].of[j], maps[4].of[j]};
-      const float ssim = ssim_of(of_pixel, valid ? 1.0f : 0.0f,
-                                 partials == nullptr ? nullptr : partials + 3 * channel * n_pixels + p, n_pixels);
-      if (!valid) continue;
-      const int r = first_row + j + kRadius, c = column + kRadius;
-      const float difference = rendered[r][c] - truth[r][c];
-      own.l1 += fabsf(difference);
-      own.ssim += ssim;
-    }
+  for (int j = 0; j < kRun; ++j) {
+    const int x = tile.x + column, y = tile.y + first_row + j;
+    if (x >= args.width || y >= args.height) continue;
+    const std::int64_t p = static_cast<std::int64_t>(y) * args.width + x;
+    const bool valid = args.valid == nullptr || args.valid[p] != 0;
+    const float of_pixel[kMaps] = {maps[0].of[j], maps[1].of[j], maps[2].of[j], maps[3].of[j]};
+    const float ssim = ssim_of(of_pixel, valid ? 1.0f : 0.0f,
+                               partials == nullptr ? nullptr : partials + 3 * tile.channel * n_pixels + p, n_pixels);
+    if (!valid) continue;
+    const int r = first_row + j + kRadius, c = column + kRadius;
+    own.l1 += fabsf(rendered[r][c] - truth[r][c]);
+    own.ssim += ssim;
   }
   const BlockLoss sum{block_sum(own.l1, scratch), block_sum(own.ssim, scratch)};
-  if (threadIdx.x == 0) sums[blockIdx.y * gridDim.x + blockIdx.x] = sum;
+  if (threadIdx.x == 0) sums[blockIdx.x] = sum;
 }
 
 /// Adds up the sums of all blocks in a fixed order; called by one block.
@@ -210,79 +216,72 @@ __global__ void __launch_bounds__(kThreads)
 }
 
 /// Gradient with respect to the rendered image: the partials are filtered again, and the slope of L1 is added. The
-/// first row of blocks computes the value at the same time.
+/// first block computes the value at the same time.
 __global__ void __launch_bounds__(kThreads, kBlocks)
     loss_grad_kernel(const LossArgs args, const float* partials, const BlockLoss* sums, LossValue* value) {
   __shared__ alignas(16) HaloPlane maps[3];
   __shared__ alignas(16) RowPlane rows[3];
   __shared__ double scratch[kThreads / 32];
-  if (blockIdx.y == 0) {
-    const auto n_blocks = static_cast<int>(gridDim.x * (gridDim.y - 1));
-    if (blockIdx.x == 0) sum_loss(args, sums, n_blocks, scratch, value);
-    return;
-  }
-  const auto block_x = static_cast<int>(blockIdx.x), block_y = static_cast<int>(blockIdx.y) - 1;
+  if (blockIdx.x == 0) return sum_loss(args, sums, static_cast<int>(gridDim.x) - 1, scratch, value);
+  const ChannelTile tile = channel_tile(args, blockIdx.x - 1);
   const int column = static_cast<int>(threadIdx.x) % kSide, first_row = static_cast<int>(threadIdx.x) / kSide * kRun;
   const std::int64_t n_pixels = static_cast<std::int64_t>(args.width) * args.height;
   const LossScales scales = loss_scales(args);
 
-  for (int channel = 0; channel < 3; ++channel) {
-    __syncthreads();  // the last channel has been read
-    for_halo(args, block_x, block_y, [&](int row, int halo_column, std::int64_t p) {
+  for_halo(args, tile, [&](int row, int halo_column, std::int64_t p) {
 #pragma unroll
-      for (int m = 0; m < 3; ++m) {
-        maps[m][row][halo_column] = p >= 0 ? partials[(3 * channel + m) * n_pixels + p] : 0.0f;
-      }
-    });
-    __syncthreads();  // the partials are loaded
-    for_row_runs([&](int row, int first_column) {
-#pragma unroll
-      for (int m = 0; m < 3; ++m) {
-        float in[kRunInputs];
-        load_run(maps[m][row] + first_column, in);
-        store_run(rows[m][row] + first_column, filter_run(in));
-      }
-    });
-    __syncthreads();  // rows are filtered
-    const Run mean = filter_column(rows[0], first_row, column), square = filter_column(rows[1], first_row, column),
-              product = filter_column(rows[2], first_row, column);
-#pragma unroll
-    for (int j = 0; j < kRun; ++j) {
-      const int x = block_x * kSide + column, y = block_y * kSide + first_row + j;
-      if (x >= args.width || y >= args.height) continue;
-      const std::int64_t p = static_cast<std::int64_t>(y) * args.width + x;
-      float grad = 0;
-      if (args.valid == nullptr || args.valid[p] != 0) {
-        const float a = args.rendered[3 * p + channel], b = truth_of(args, p, channel);
-        const float sign = a > b ? 1.0f : (a < b ? -1.0f : 0.0f);
-        grad = scales.ssim * (mean.of[j] + 2 * a * square.of[j] + b * product.of[j]) + scales.l1 * sign;
-      }
-      args.grad[3 * p + channel] = grad;
+    for (int m = 0; m < 3; ++m) {
+      maps[m][row][halo_column] = p >= 0 ? partials[(3 * tile.channel + m) * n_pixels + p] : 0.0f;
     }
+  });
+  __syncthreads();  // the partials are loaded
+  for_row_runs([&](int row, int first_column) {
+#pragma unroll
+    for (int m = 0; m < 3; ++m) {
+      float in[kRunInputs];
+      load_run(maps[m][row] + first_column, in);
+      store_run(rows[m][row] + first_column, filter_run(in));
+    }
+  });
+  __syncthreads();  // rows are filtered
+  const Run mean = filter_column(rows[0], first_row, column), square = filter_column(rows[1], first_row, column),
+            product = filter_column(rows[2], first_row, column);
+#pragma unroll
+  for (int j = 0; j < kRun; ++j) {
+    const int x = tile.x + column, y = tile.y + first_row + j;
+    if (x >= args.width || y >= args.height) continue;
+    const std::int64_t p = static_cast<std::int64_t>(y) * args.width + x;
+    float grad = 0;
+    if (args.valid == nullptr || args.valid[p] != 0) {
+      const float a = args.rendered[3 * p + tile.channel], b = truth_of(args, p, tile.channel);
+      const float sign = a > b ? 1.0f : (a < b ? -1.0f : 0.0f);
+      grad = scales.ssim * (mean.of[j] + 2 * a * square.of[j] + b * product.of[j]) + scales.l1 * sign;
+    }
+    args.grad[3 * p + tile.channel] = grad;
   }
 }
 
-dim3 blocks_of(std::int32_t width, std::int32_t height) {
-  return dim3(static_cast<unsigned>((width + kSide - 1) / kSide), static_cast<unsigned>((height + kSide - 1) / kSide));
+/// One for each channel of each tile.
+unsigned n_blocks_of(std::int32_t width, std::int32_t height) {
+  return 3 * static_cast<unsigned>((width + kSide - 1) / kSide) * static_cast<unsigned>((height + kSide - 1) / kSide);
 }
 
 }  // namespace
 
 std::int64_t loss_workspace_size(std::int32_t width, std::int32_t height) {
-  const dim3 blocks = blocks_of(width, height);
-  return 9 * std::int64_t{width} * height + 2 * std::int64_t{blocks.x} * blocks.y;
+  return 9 * std::int64_t{width} * height + 2 * std::int64_t{n_blocks_of(width, height)};
 }
 
 void compute_loss(const LossArgs& args, LossValue* value, cudaStream_t stream) {
-  const dim3 blocks = blocks_of(args.width, args.height);
+  const unsigned n_blocks = n_blocks_of(args.width, args.height);
   auto* const sums = reinterpret_cast<BlockLoss*>(args.workspace);
-  float* const partials = args.workspace + 2 * std::int64_t{blocks.x} * blocks.y;
-  loss_map_kernel<<<blocks, kThreads, 0, stream>>>(args, args.grad != nullptr ? partials : nullptr, sums);
+  float* const partials = args.workspace + 2 * std::int64_t{n_blocks};
+  loss_map_kernel<<<n_blocks, kThreads, 0, stream>>>(args, args.grad != nullptr ? partials : nullptr, sums);
   B3DGS_CUDA_CHECK_LAUNCH();
   if (args.grad == nullptr) {
-    loss_sum_kernel<<<1, kThreads, 0, stream>>>(args, sums, static_cast<int>(blocks.x * blocks.y), value);
+    loss_sum_kernel<<<1, kThreads, 0, stream>>>(args, sums, static_cast<int>(n_blocks), value);
   } else {
-    loss_grad_kernel<<<dim3(blocks.x, blocks.y + 1), kThreads, 0, stream>>>(args, partials, sums, value);
+    loss_grad_kernel<<<n_blocks + 1, kThreads, 0, stream>>>(args, partials, sums, value);
   }
   B3DGS_CUDA_CHECK_LAUNCH();
 }
