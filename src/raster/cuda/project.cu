@@ -19,7 +19,7 @@
 namespace b3dgs::cuda {
 namespace {
 
-constexpr int kThreads = 256;
+constexpr int kThreads = 128;
 
 /// Instead of an SH degree: a ColorPass computes the colours.
 constexpr int kNoColors = -1;
