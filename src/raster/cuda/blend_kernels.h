@@ -49,7 +49,7 @@ class ForwardScratch {
         args.quad_masks = arrays.take<std::uint32_t>(args.buckets.n * kMasksPerBucket * tile_pixels / kQuadPixels);
       });
     }
-    if (kernel == ForwardKernel::kSegmented && args.cuts_lists) {
+    if (kernel == ForwardKernel::kSegmented && args.longest_whole < kAnyLength) {
       // Each task has a full segment in front of it, since only a list's last segment may be shorter.
       const std::int64_t n_tasks_max = args.blend.bins.n_pairs / kSegmentEntries;
       const std::int64_t n = 2 * args.blend.bins.n_pairs / kSegmentEntries, n_pixels = n * tile_pixels;
@@ -81,7 +81,7 @@ class ForwardScratch {
 /// The bucket parts that a forward pass with these arguments has stored for the backward pass.
 inline BucketParts parts_after(ForwardKernel kernel, const BlendForwardCudaArgs& args) {
   BucketParts parts = args.parts;
-  if (kernel == ForwardKernel::kSegmented && args.cuts_lists) {
+  if (kernel == ForwardKernel::kSegmented && args.longest_whole < kAnyLength) {
     parts.first_segment_of_tile = args.segments.first_of_tile;
     parts.segment_fronts = args.segments.fronts;
   }

@@ -2,7 +2,10 @@
 // the device. rasterize_cuda.cpp calls them.
 #pragma once
 
+#include <algorithm>
+#include <cstdint>
 #include <functional>
+#include <limits>
 #include <memory>
 
 #include "raster/args.h"
@@ -195,11 +198,16 @@ inline constexpr std::int32_t kSegmentEntries = 1024;
 /// Blocks that blend a segment, at most: halves of a tile.
 inline constexpr std::int32_t kSegmentBlocks = 2;
 
-/// Whether `segmented` cuts long lists; otherwise it is shared-memory. Lists begin longest first, so the longest ends
-/// after the others only if it has much of the work: more entries than a multiprocessor's share. A block alone takes
-/// longer for each entry than a full multiprocessor, but in most long lists all pixels are opaque before the end.
-inline bool cuts_lists(const ViewCounts& counts, int n_multiprocessors) {
-  return counts.longest_list > 2 * kSegmentEntries && counts.longest_list * n_multiprocessors > counts.n_pairs;
+/// A length that no list exceeds.
+inline constexpr std::int32_t kAnyLength = std::numeric_limits<std::int32_t>::max();
+
+/// `segmented` cuts lists of more entries than this; if none (kAnyLength), it is shared-memory. Lists begin longest
+/// first, so the longest ends after the others only if it has more entries than a multiprocessor's share of all. Then
+/// the others that would end late are cut too. Cutting blends part of the entries twice, so few segments do not pay.
+inline std::int32_t longest_whole_list(const ViewCounts& counts, int n_multiprocessors) {
+  const std::int64_t share = counts.n_pairs / n_multiprocessors;
+  if (counts.longest_list <= std::max<std::int64_t>(4 * kSegmentEntries, share)) return kAnyLength;
+  return static_cast<std::int32_t>(std::max<std::int64_t>(2 * kSegmentEntries, share / 4));
 }
 
 /// One segment of a tile's list; segment 0 may be the whole list.
@@ -229,7 +237,7 @@ struct BlendForwardCudaArgs {
   BlendForwardArgs blend{};
   Buckets buckets{};
   const std::int32_t* tiles_by_length = nullptr;  // [n_tiles] a permutation; BinnedView
-  bool cuts_lists = false;                        // cuts_lists(), for `segmented`
+  std::int32_t longest_whole = kAnyLength;        // longest_whole_list(), for `segmented`
   BucketParts parts{};
   std::int32_t* next_task = nullptr;  // [1] task counter, for kernels that set it to 0 first
   // Scratch of `combined`: for each tile: [quads, runs of 32 entries]

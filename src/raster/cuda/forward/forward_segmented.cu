@@ -1,5 +1,5 @@
 // Forward blend, segmented: shared-memory, with long lists cut into segments of 1024 entries that are blended in
-// parallel, if the longest has much of the work (cuts_lists()). Balanced like combined, with the cost per splat
+// parallel, if the longest has much of the work (longest_whole_list()). Balanced like combined, with the cost per splat
 // of a pixel-wise kernel. Not in the paper, whose balanced kernel distributes a crowded tile over its pixels.
 //
 // Compositing is associative: a segment is blended as if the transmittance in front of it were 1, and (transmittance,
@@ -40,9 +40,10 @@ namespace {
 
 constexpr int kCutThreads = 1024;  // one block; also how many segment numbers are sorted exactly
 
-/// Number of segments of a list with `length` entries; 1 if it is not cut.
-__device__ __forceinline__ std::int32_t n_segments(std::int32_t length) {
-  return length > kSegmentEntries ? (length + kSegmentEntries - 1) / kSegmentEntries : 1;
+/// Number of segments of a tile's list; 1 if it is not cut.
+__device__ __forceinline__ std::int32_t n_segments(const BlendForwardCudaArgs& args, std::int32_t tile) {
+  const std::int32_t length = list_length(args.blend.bins, tile);
+  return length > args.longest_whole ? (length + kSegmentEntries - 1) / kSegmentEntries : 1;
 }
 
 /// Lists all segments except the first of each list, sorted by their number within the list (numbers from
@@ -68,7 +69,7 @@ __global__ void __launch_bounds__(kCutThreads) cut_lists_kernel(const BlendForwa
 
   // Count tiles by their number of segments, and assign each cut list a range of segment indices.
   for (std::int32_t tile = thread; tile < n_tiles; tile += kCutThreads) {
-    const std::int32_t count = n_segments(list_length(args.blend.bins, tile));
+    const std::int32_t count = n_segments(args, tile);
     // A list of two or more segments fills more than half of them, so twice the entries in front of the list, divided
     // by the segment length, leaves enough indices for the lists in front (Segments).
     segments.first_of_tile[tile] =
@@ -92,7 +93,7 @@ __global__ void __launch_bounds__(kCutThreads) cut_lists_kernel(const BlendForwa
 
   // Write the tasks.
   for (std::int32_t tile = thread; tile < n_tiles; tile += kCutThreads) {
-    const std::int32_t count = n_segments(list_length(args.blend.bins, tile));
+    const std::int32_t count = n_segments(args, tile);
     if (count == 1) continue;
     const std::int32_t first = segments.first_of_tile[tile], rank = atomicAdd(next_rank + min(count, kLast), 1);
     for (std::int32_t k = 0; k < kSegmentBlocks * count; ++k) segments.is_done[kSegmentBlocks * first + k] = 0;
@@ -219,7 +220,7 @@ __global__ void __launch_bounds__(kThreads) join_segments_kernel(const BlendForw
     return;
   }
 
-  const std::int32_t count = n_segments(list_length(args.blend.bins, tile));
+  const std::int32_t count = n_segments(args, tile);
   PixelState<float> pixel{1, 0, 0, 0, 0};
   std::int32_t last = -1;
   for (std::int32_t start = 0; start < count; start += kAtOnce) {
@@ -295,7 +296,7 @@ void launch_forward_segmented(const BlendForwardCudaArgs& args, const LaunchCont
   static_assert(kSegmentEntries % kBucketEntries == 0, "a segment consists of whole buckets");
   static_assert(2 * (kIndexMax / kSegmentEntries) * (kCudaTileWidth * 16) <= kIndexMax,
                 "32 bits index the pixels of all segments");
-  if (!args.cuts_lists) return launch_forward_shared_memory(args, context);
+  if (args.longest_whole == kAnyLength) return launch_forward_shared_memory(args, context);
   const std::int32_t n_tiles = args.blend.grid.n_tiles(), n_tasks_max = args.segments.n_tasks_max;
   cut_lists_kernel<<<1, kCutThreads, 0, context.stream>>>(args);
   B3DGS_CUDA_CHECK_LAUNCH();
