@@ -105,7 +105,9 @@ TEST(SegmentedCuda, SegmentsBehindTheEndOfAllPixelsChangeNothing) {
     const CudaView whole(scene, settings);
     settings.kernel = ForwardKernel::kSegmented;
     const CudaView cut(scene, settings);
-    if (n_faint > 0) EXPECT_FALSE(test::same(cut.color, whole.color)) << "no list was cut";  // rounds differently
+    if (n_faint > 0) {
+      EXPECT_FALSE(test::same(cut.color, whole.color)) << "no list was cut";  // else rounded differently
+    }
     // Which segments are skipped differs from run to run; the image does not.
     for (int run = 0; run < 3; ++run) {
       const CudaView again(scene, settings);
