@@ -11,7 +11,6 @@
 namespace b3dgs {
 namespace {
 
-constexpr double kPi = 3.141592653589793;
 constexpr double kGroundRadius = 2.6;
 constexpr double kOrbitRadius = 4.4;
 constexpr double kFieldOfView = 50 * kPi / 180;    // horizontal

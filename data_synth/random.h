@@ -5,6 +5,7 @@
 #include <cmath>
 #include <cstdint>
 #include <random>
+#include "core/vec.h"
 
 namespace b3dgs {
 
@@ -18,7 +19,7 @@ class Random {
   /// Mean 0, standard deviation 1 (Box-Muller).
   double normal() {
     const double radius = std::sqrt(-2 * std::log(1 - uniform()));
-    return radius * std::cos(6.283185307179586 * uniform());
+    return radius * std::cos((2 * kPi) * uniform());
   }
   double exponential(double mean) { return -mean * std::log(1 - uniform()); }
 

@@ -19,7 +19,7 @@ constexpr double kFacadeSetback = 1.5;           // m, mean distance of facades 
 constexpr double kFacadeHeight = 9;              // m
 constexpr double kFocal = 800;                   // px at a width of 960
 constexpr double kViewSpacing = 1;               // m
-constexpr double kColorNoise = 0.1;              // maximum error of a point's colour
+constexpr double kPointColorNoise = 0.1;         // maximum error of a point's colour
 constexpr double kShadeNoise = 0.05;             // standard deviation of a Gaussian's colour
 constexpr double kTruthShare = 0.5;              // true Gaussians per point
 // For --truth points. At the initial opacity of 0.1 the images would be hazy, with nothing to learn.
@@ -75,7 +75,7 @@ void append(const Vec& position, std::vector<float>& positions) {
 /// Scales and rotation of a flat Gaussian on its surface, with a random orientation in the plane.
 void append_shape(bool is_road, double size, Random& random, SplatCloud& cloud) {
   const double stretch = random.uniform(1, 2), wide = size * random.uniform(0.6, 1.2), thin = 0.2 * size;
-  const double half_turn = random.uniform(0, 3.141592653589793);
+  const double half_turn = random.uniform(0, kPi);
   const auto turned = static_cast<float>(std::cos(half_turn)), axis = static_cast<float>(std::sin(half_turn));
   if (is_road) {
     for (const double scale : {wide * stretch, thin, wide / stretch}) {
@@ -139,7 +139,7 @@ SynthScene make_street(const SynthConfig& config) {
     const Vec color = texture(place);
     for (const double value : {color.x, color.y, color.z}) {
       const double draw = random.uniform();
-      const double found = shows_points ? 256 * draw : 255 * (value + kColorNoise * (2 * draw - 1));
+      const double found = shows_points ? 256 * draw : 255 * (value + kPointColorNoise * (2 * draw - 1));
       scene.points.colors.push_back(static_cast<std::uint8_t>(std::clamp(found, 0.0, 255.0)));
     }
   }

@@ -4,6 +4,7 @@
 #include <cmath>
 
 #include "core/check.h"
+#include "core/vec.h"
 #include "model/raster_input.h"
 #include "raster/cpu/passes.h"
 #include "raster/math/sh.h"
@@ -27,8 +28,6 @@ SynthConfig with_scene_defaults(SynthConfig config) {
 }
 
 namespace {
-
-constexpr double kPi = 3.14159265358979323846;
 
 /// The lens of the config, of the size and with the principal point of `pinhole`.
 Camera with_lens_of(const SynthConfig& config, const Camera& pinhole) {

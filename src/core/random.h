@@ -65,7 +65,7 @@ B3DGS_HD std::array<float, 4> random_normal(const RandomKey& key, std::uint64_t 
   std::array<float, 4> values{};
   for (std::size_t i = 0; i < 4; i += 2) {
     const double radius = std::sqrt(-2 * std::log((bits[i] + 0.5) * 0x1p-32));
-    const double angle = 6.283185307179586 * (bits[i + 1] * 0x1p-32);
+    const double angle = (2 * kPi) * (bits[i + 1] * 0x1p-32);
     values[i] = static_cast<float>(radius * std::cos(angle));
     values[i + 1] = static_cast<float>(radius * std::sin(angle));
   }

@@ -14,6 +14,9 @@ using cudaStream_t = CUstream_st*;
 
 namespace b3dgs {
 
+inline constexpr double kPi = 3.14159265358979323846;
+inline constexpr double kDegree = kPi / 180;  // radians
+
 template <class Real>
 struct Vec2 {
   Real x, y;

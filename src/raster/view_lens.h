@@ -35,7 +35,7 @@ struct LensParams {
 };
 
 // rad: 80 degrees
-inline constexpr double kMostForDepthAlongAxis = 80 * 3.14159265358979323846 / 180;
+inline constexpr double kMostForDepthAlongAxis = 80 * kDegree;
 
 /// Whether depth is the distance from the camera's centre rather than along its axis. True where depth along the axis
 /// is hardly meaningful: of a panorama, and of a fisheye with a max_angle above 80 degrees. Other fisheyes blend in the
@@ -56,7 +56,7 @@ B3DGS_HD int splats_per_gaussian(const ViewLens& lens) {
 /// Width of a panorama's full turn, px.
 template <class Real>
 B3DGS_HD Real full_turn(Real fx) {
-  return static_cast<Real>(2 * 3.14159265358979323846) * fx;
+  return static_cast<Real>(2 * kPi) * fx;
 }
 
 }  // namespace b3dgs

@@ -11,6 +11,7 @@
 
 #include "core/check.h"
 #include "core/text.h"
+#include "core/vec.h"
 #include "scene/cameras/camera_lens.h"
 
 namespace b3dgs {
@@ -19,7 +20,7 @@ namespace {
 namespace fs = std::filesystem;
 
 // How far the poses of faces may differ from that of their panorama: an angle, and as many pixels of parallax.
-constexpr double kMostAngle = 3 * 3.14159265358979323846 / 180;
+constexpr double kMostAngle = 3 * kDegree;
 
 Camera panorama_camera(ImageSize size) {
   return native_camera(equirectangular_lens(size), size, "panorama");

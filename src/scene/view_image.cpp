@@ -10,6 +10,7 @@
 #include "core/check.h"
 #include "core/host_memory.h"
 #include "core/parallel.h"
+#include "core/vec.h"
 #include "scene/cameras/camera_lens.h"
 #include "scene/images/image_folder.h"
 
@@ -25,7 +26,7 @@ std::pair<std::shared_ptr<const Image8>, std::string> shown_by(const ViewSource&
   const auto n_left_out = std::count(mask->pixels.begin(), mask->pixels.end(), 0);
   return {mask,
           detail::concat(source.camera_place, ": the formula of the lens ends ",
-                         std::round(10 * source.camera.lens.max_angle * 180 / 3.14159265358979) / 10,
+                         std::round(10 * source.camera.lens.max_angle * 180 / kPi) / 10,
                          " degrees from the axis, inside the image; ",
                          std::max<std::int64_t>(1, 100 * n_left_out / static_cast<std::int64_t>(mask->pixels.size())),
                          "% of the pixels are beyond and left out")};

@@ -8,6 +8,8 @@
 
 #include "compare/compare_verdict.h"
 #include "compare/comparison.h"
+#include "core/vec.h"
+#include "support/expect_error.h"
 
 namespace b3dgs {
 namespace {
@@ -24,7 +26,7 @@ class Chance {
   explicit Chance(std::uint32_t seed) : engine_(seed) {}
   double operator()(double deviation) {
     const double radius = std::sqrt(-2 * std::log(uniform()));
-    return deviation * radius * std::cos(2 * 3.14159265358979 * uniform());
+    return deviation * radius * std::cos(2 * kPi * uniform());
   }
 
  private:
@@ -76,10 +78,6 @@ Comparison simulate(Chance& chance, const Simulated& simulated) {
   return comparison;
 }
 
-bool contains(const std::string& text, const std::string& part) {
-  return text.find(part) != std::string::npos;
-}
-
 /// What a text calls different.
 struct Called {
   bool time = false, psnr = false;
@@ -87,8 +85,8 @@ struct Called {
 };
 
 Called called_in_verdict(const std::string& text) {
-  return {contains(text, " saved ") || contains(text, " longer than "),
-          !contains(text, "may be chance") && !contains(text, "equal within")};
+  return {test::contains(text, " saved ") || test::contains(text, " longer than "),
+          !test::contains(text, "may be chance") && !test::contains(text, "equal within")};
 }
 
 /// The text from `from` up to the next `until`.
@@ -107,7 +105,7 @@ Called called_in_report(const nlohmann::ordered_json& data) {
 Called called_on_terminal(const std::string& text) {
   const std::string row = part_of(text, "\nb ", "\na");  // ends before the next configuration, or at the end
   const std::string line = row.substr(0, row.find('\n', 1));
-  return {contains(line, " faster ") || contains(line, " slower "), contains(line, " differs ")};
+  return {test::contains(line, " faster ") || test::contains(line, " slower "), test::contains(line, " differs ")};
 }
 
 struct Rates {
@@ -215,11 +213,12 @@ TEST(CompareChance, BalancingIsRarelyCreditedWhereItSavesNothing) {
         const std::string text = verdict(summary), of_balancing = text.substr(0, text.find(';'));
         if (text.rfind("Load balancing saved no time", 0) != 0) {
           if (text.rfind("Load balancing saved ", 0) == 0) ++n_saved;
-        } else if (contains(of_balancing, "longer than")) {
+        } else if (test::contains(of_balancing, "longer than")) {
           ++n_lost;
         }
         const bool is_unclear = text.rfind("Whether load balancing saves time is not clear", 0) == 0;
-        EXPECT_EQ(is_unclear, contains(describe(summary.balancing[0]), "whether load balancing saves time is not"));
+        EXPECT_EQ(is_unclear,
+                  test::contains(describe(summary.balancing[0]), "whether load balancing saves time is not"));
       }
       EXPECT_LE(n_saved / kSimulations, kAtMost) << n_seeds << " seeds, repetition " << has_repetition;
       EXPECT_LE((n_saved + n_lost) / kSimulations, kAtMost) << n_seeds << " seeds, repetition " << has_repetition;

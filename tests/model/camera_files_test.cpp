@@ -7,6 +7,7 @@
 #include <nlohmann/json.hpp>
 
 #include "core/check.h"
+#include "core/vec.h"
 #include "scene/cameras/camera.h"
 #include "scene/cameras/camera_lens.h"
 #include "scene/images/image.h"
@@ -19,8 +20,6 @@ namespace {
 
 using Json = nlohmann::ordered_json;
 using test::fails_with;
-
-constexpr double kPi = 3.14159265358979323846;
 
 /// Five cameras of 90 x 60 px with square pixels and different focal lengths.
 std::vector<View> some_views() {

@@ -7,13 +7,12 @@
 #include <string>
 #include <vector>
 
+#include "core/vec.h"
 #include "raster/math/projection.h"
 #include "support/finite_difference.h"
 
 namespace b3dgs::test {
 namespace {
-
-constexpr double kDegree = 3.14159265358979323846 / 180;
 
 struct LensRow {
   const char* name;
@@ -136,7 +135,7 @@ TEST(Lens, ProjectsAsByHand) {
   EXPECT_EQ(lens_shrink<double>(fisheye, {0, 0, -3}, 3), 0.5);
 
   const LensParams<double> panorama = make_lens(LensKind::kEquirectangular, 0, {});
-  const LensScale<double> scale{360 / 6.283185307179586, 180 / 3.141592653589793, 180, 90};  // 360 x 180 px
+  const LensScale<double> scale{360 / (2 * kPi), 180 / kPi, 180, 90};  // 360 x 180 px
   EXPECT_NEAR(lens_point(panorama, scale, {1, 0, 0}).pixel.x, 270, 1e-9);
   EXPECT_NEAR(lens_point(panorama, scale, {0, 1, 1}).pixel.y, 135, 1e-9);
 

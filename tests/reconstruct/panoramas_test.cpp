@@ -5,6 +5,7 @@
 #include <chrono>
 #include <cmath>
 
+#include "core/vec.h"
 #include "reconstruct/fake_programs.h"
 #include "reconstruct/reconstruct.h"
 #include "scene/scene.h"
@@ -20,8 +21,6 @@ using test::FakePrograms;
 using test::TempDir;
 using test::write_photographs;
 using Matrix = std::array<double, 9>;
-
-constexpr double kDegree = 3.14159265358979323846 / 180;
 
 Matrix product(const Matrix& a, const Matrix& b) {
   Matrix c{};

@@ -8,6 +8,7 @@
 #include <map>
 
 #include "core/check.h"
+#include "core/vec.h"
 #include "scene/colmap/colmap.h"
 #include "scene/view_image.h"
 #include "scene_folder.h"
@@ -15,8 +16,6 @@
 
 namespace b3dgs::test {
 namespace {
-
-constexpr double kDegree = 3.14159265358979323846 / 180;
 
 Camera native(CameraModel model, std::vector<double> params, int width, int height) {
   ColmapCamera camera;

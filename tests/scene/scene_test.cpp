@@ -9,6 +9,7 @@
 #include "core/check.h"
 #include "scene/colmap/colmap.h"
 #include "scene/images/image.h"
+#include "scene/scene_folder.h"
 #include "scene/view_image.h"
 #include "support/expect_error.h"
 #include "support/files.h"
@@ -19,10 +20,11 @@ namespace {
 
 namespace fs = std::filesystem;
 using test::fails_with;
+using test::flat;
+using test::kHeight;
+using test::kWidth;
 using test::TempDir;
 using test::write_bytes;
-
-constexpr int kWidth = 40, kHeight = 30;
 
 std::string numbered_name(int i) {
   char name[32];
@@ -42,12 +44,6 @@ ColmapModel line_model(int n) {
   return model;
 }
 
-Image8 flat(int width, int height, int value) {
-  Image8 image(width, height, 3);
-  std::fill(image.pixels.begin(), image.pixels.end(), static_cast<std::uint8_t>(value));
-  return image;
-}
-
 class LoadScene : public testing::Test {
  protected:
   LoadScene() { options_.source_path = folder_.path().string(); }
@@ -58,7 +54,7 @@ class LoadScene : public testing::Test {
   void write_images(const ColmapModel& model, const fs::path& image_folder = "images", int width = kWidth,
                     int height = kHeight) {
     for (const ColmapImage& image : model.images) {
-      write_image(folder_ / image_folder / image.name, flat(width, height, static_cast<int>(image.id)));
+      write_image(folder_ / image_folder / image.name, flat(width, height, 3, static_cast<int>(image.id)));
     }
   }
   void write_scene(int n) {
@@ -201,7 +197,7 @@ TEST_F(LoadScene, CountsMissingAndUnregisteredImages) {
   write_scene(4);
   fs::remove(folder_ / "images/01.png");
   fs::remove(folder_ / "images/03.png");
-  write_image(folder_ / "images/other.jpg", flat(4, 4, 0));
+  write_image(folder_ / "images/other.jpg", flat(4, 4, 3, 0));
   write_bytes(folder_ / "images/notes.txt", "no image");
   const Scene scene = load();
   ASSERT_EQ(scene.train.size(), 2u);
@@ -229,7 +225,7 @@ TEST_F(LoadScene, FindsImagesUnderTheNamesThatToolsGiveThem) {
   model.images[3].name = "cam1/flat.png";
   write(model);
   for (const char* name : {"prefixed.png", "left/deep.png", "shot.png", "flat.png"}) {
-    write_image(folder_ / "images" / name, flat(kWidth, kHeight, 1));
+    write_image(folder_ / "images" / name, flat(kWidth, kHeight, 3, 1));
   }
   const Scene scene = load();
   EXPECT_EQ(scene.train.size(), 4u);
@@ -241,7 +237,7 @@ TEST_F(LoadScene, DoesNotUseAnImageOfAnotherSubfolder) {
   model.images[0].name = "left/a.png";
   model.images[1].name = "right/a.png";
   write(model);
-  write_image(folder_ / "images/left/a.png", flat(kWidth, kHeight, 1));
+  write_image(folder_ / "images/left/a.png", flat(kWidth, kHeight, 3, 1));
   const Scene scene = load();
   ASSERT_EQ(scene.train.size(), 1u);
   EXPECT_EQ(scene.train[0].name, "left/a.png");
@@ -253,7 +249,7 @@ TEST_F(LoadScene, RejectsTwoNamesThatMatchOneFile) {
   model.images[0].name = "left/a.png";
   model.images[1].name = "right/a.png";
   write(model);
-  write_image(folder_ / "images/a.png", flat(kWidth, kHeight, 1));
+  write_image(folder_ / "images/a.png", flat(kWidth, kHeight, 3, 1));
   EXPECT_TRUE(refuses({"images/a.png", "left/a.png", "right/a.png", "both match only this file"}));
 }
 
@@ -261,7 +257,7 @@ TEST_F(LoadScene, SearchesTheSceneFolderIfThereIsNoImageFolder) {
   ColmapModel model = line_model(1);
   model.images[0].name = "left/a.png";
   write(model);
-  write_image(folder_ / "left/a.png", flat(kWidth, kHeight, 1));
+  write_image(folder_ / "left/a.png", flat(kWidth, kHeight, 3, 1));
   EXPECT_TRUE(says(load(), "images/ not found: searching the scene folder itself"));
 }
 
@@ -330,7 +326,7 @@ TEST_F(LoadScene, UndistortsAndSharesTheMask) {
   ColmapModel model = line_model(3);
   model.cameras[1] = {1, CameraModel::kSimpleRadial, 400, 300, {400, 200, 150, 0.4}};
   write(model);
-  for (const ColmapImage& image : model.images) write_image(folder_ / "images" / image.name, flat(400, 300, 200));
+  for (const ColmapImage& image : model.images) write_image(folder_ / "images" / image.name, flat(400, 300, 3, 200));
   options_.resolution = 2;
   const Scene scene = load();
   const View& view = scene.train[0];
@@ -365,8 +361,8 @@ TEST_F(LoadScene, MixesSizesAndOrientations) {
   model.cameras[2] = {2, CameraModel::kPinhole, kHeight, kWidth, {50, 50, 15, 20}};
   model.images[0].camera_id = 2;
   write(model);
-  write_image(folder_ / "images/00.png", flat(kWidth, kHeight, 1));
-  write_image(folder_ / "images/01.png", flat(kHeight, kWidth, 2));
+  write_image(folder_ / "images/00.png", flat(kWidth, kHeight, 3, 1));
+  write_image(folder_ / "images/01.png", flat(kHeight, kWidth, 3, 2));
   const Scene scene = load();
   EXPECT_EQ(scene.train[0].camera.width, kWidth);
   EXPECT_EQ(scene.train[1].camera.width, kHeight);

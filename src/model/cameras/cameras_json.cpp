@@ -10,6 +10,7 @@
 
 #include "core/check.h"
 #include "core/json_text.h"
+#include "core/vec.h"
 #include "scene/cameras/camera.h"
 #include "scene/cameras/camera_lens.h"
 #include "scene/cameras/coordinate_frame.h"
@@ -97,7 +98,7 @@ NamedCamera camera_from_json(const Json& entry, const std::string& place) {
 double angle_between(const Pose& a, const Pose& b) {
   double square = 0;  // of the matrices' difference: 8 sin^2(angle / 2)
   for (std::size_t i = 0; i < 9; ++i) square += (a.rotation[i] - b.rotation[i]) * (a.rotation[i] - b.rotation[i]);
-  return 2 * std::asin(std::min(1.0, std::sqrt(square / 8))) * 180 / 3.14159265358979323846;
+  return 2 * std::asin(std::min(1.0, std::sqrt(square / 8))) * 180 / kPi;
 }
 
 double distance_between(const Camera& a, const Camera& b) {

@@ -16,7 +16,6 @@ namespace b3dgs {
 namespace {
 
 constexpr std::size_t kRest = 15;  // coefficients of degree 1 to 3
-constexpr double kPi = 3.14159265358979323846;
 
 using Vec = Vec3<double>;
 

@@ -248,7 +248,7 @@ B3DGS_HD LensPlace<Real> lens_place(const LensParams<Real>& lens, const Vec3<Rea
   using std::sqrt;
   using std::tan;
   if (lens.kind == LensKind::kEquirectangular) {
-    constexpr Real kMax = Real(kMaxLatitude * 3.14159265358979323846 / 180);
+    constexpr Real kMax = Real(kMaxLatitude * kDegree);
     const Real h = sqrt(c.x * c.x + c.z * c.z), t = sqrt(h * h + c.y * c.y), y = c.y < 0 ? -c.y : c.y;
     if (y <= h * tan(kMax)) return {c, false};
     const Real scale = h > 0 ? t * cos(kMax) / h : 0;

@@ -4,6 +4,7 @@
 #include <cmath>
 
 #include "core/check.h"
+#include "core/vec.h"
 #include "raster/math/lens.h"
 
 namespace b3dgs {
@@ -93,7 +94,6 @@ std::array<double, 3> rotated_back(const std::array<double, 9>& r, const std::ar
 }
 
 Camera Camera::with_field_of_view(int width, int height, double fov, const Pose& cam_from_world) {
-  constexpr double kPi = 3.14159265358979323846;
   const double focal = 0.5 * height / std::tan(0.5 * fov * kPi / 180);
   return {width, height, focal, focal, 0.5 * width, 0.5 * height, cam_from_world, {}};
 }

@@ -6,12 +6,12 @@
 
 #include "core/check.h"
 #include "core/parallel.h"
+#include "core/vec.h"
 #include "raster/math/lens.h"
 
 namespace b3dgs {
 namespace {
 
-constexpr double kPi = 3.14159265358979323846;
 // Perspective lenses do not reach 90 degrees, and of fisheyes nothing is known so far back.
 constexpr double kMaxPerspectiveAngle = 85 * kPi / 180, kMaxFisheyeAngle = 175 * kPi / 180;
 // Gaussians are linearised up to this times the angle of the image's corners.
@@ -23,7 +23,7 @@ LensPoint<double> seen_at(const Camera& camera, const Vec3<double>& point) {
   return lens_point(camera.lens, {camera.fx, camera.fy, camera.cx, camera.cy}, point);
 }
 
-Vec3<double> direction(double angle, double azimuth) {
+Vec3<double> direction_at(double angle, double azimuth) {
   return {std::sin(angle) * std::cos(azimuth), std::sin(angle) * std::sin(azimuth), std::cos(angle)};
 }
 
@@ -55,7 +55,7 @@ Camera native_camera(const Lens& lens, ImageSize size, const std::string& place)
   for (const double azimuth : azimuths) {
     for (int j = 1; j <= kAngles && limit * j / kAngles <= fold; ++j) {
       const double angle = limit * j / kAngles;
-      const Vec3<double> at = direction(angle, azimuth);
+      const Vec3<double> at = direction_at(angle, azimuth);
       const LensPoint<double> seen = seen_at(camera, at);
       const double magnification = dot(cross(seen.row_x, seen.row_y), at) / (camera.fx * camera.fy);
       if (!(magnification > kLeastMagnification)) {
@@ -77,7 +77,7 @@ LensRays::LensRays(const Camera& camera) : camera_(camera) {
   camera_.fx = camera_.fy = 1;
   camera_.cx = camera_.cy = 0;
   for (int i = 0; i <= kSteps; ++i) {
-    const Vec2<double> place = seen_at(camera_, direction(camera.lens.max_angle * i / kSteps, 0)).pixel;
+    const Vec2<double> place = seen_at(camera_, direction_at(camera.lens.max_angle * i / kSteps, 0)).pixel;
     radii_[i] = std::hypot(place.x, place.y);
   }
   camera_ = camera;
@@ -98,7 +98,7 @@ std::optional<std::array<double, 3>> LensRays::at(double x, double y) const {
   const auto next = std::upper_bound(radii_.begin() + 1, radii_.end() - 1, radius);
   const double before = *(next - 1), step = *next > before ? std::min((radius - before) / (*next - before), 1.0) : 1.0;
   const double angle = camera_.lens.max_angle * (static_cast<double>(next - 1 - radii_.begin()) + step) / kSteps;
-  Vec3<double> at = direction(angle, std::atan2(v, u));
+  Vec3<double> at = direction_at(angle, std::atan2(v, u));
   constexpr int kMaxSteps = 20;
   for (int i = 0; i < kMaxSteps; ++i) {
     const LensPoint<double> seen = seen_at(camera_, at);

@@ -1,3 +1,4 @@
+#include "core/vec.h"
 #include "scene/transforms/transforms.h"
 
 #include <algorithm>
@@ -30,7 +31,6 @@ std::array<double, 2> focal_lengths(const FrameValues& values, ImageSize size) {
   const auto from_angle = [&](const char* key, int side) -> std::optional<double> {
     const std::optional<double> angle = values.number(key);
     if (!angle) return std::nullopt;
-    constexpr double kPi = 3.14159265358979323846;
     if (!(*angle > 0 && *angle < kPi)) {
       input_error(values.place(), ": expected ", key, " above 0 and below pi (radians), found ", *angle);
     }

@@ -6,6 +6,7 @@
 #include <string>
 
 #include "core/check.h"
+#include "core/vec.h"
 #include "model/raster_input.h"
 #include "train/optimizer/adam.h"
 #include "train/optimizer/adam_args.h"
@@ -35,7 +36,6 @@ std::vector<View> with_refined_poses(std::vector<View> views, const std::vector<
 }
 
 CorrectionLimits pose_limits(double extent) {
-  constexpr double kDegree = 3.14159265358979323846 / 180;
   return {3 * kDegree, 0.03 * extent};
 }
 

@@ -6,24 +6,24 @@
 #include <cmath>
 
 #include "app/render/camera_choice.h"
+#include "core/vec.h"
 
 namespace b3dgs {
 namespace {
 
-constexpr double kPi = 3.14159265358979323846;
-const Vec3d kFocus{3, -2, 5};
-const Vec3d kUp{0.6, 0, 0.8};
-const Vec3d kAcross{0.8, 0, -0.6};  // perpendicular to kUp, as is y
+const cv::Vec3d kFocus{3, -2, 5};
+const cv::Vec3d kUp{0.6, 0, 0.8};
+const cv::Vec3d kAcross{0.8, 0, -0.6};  // perpendicular to kUp, as is y
 
-double length(const Vec3d& v) {
+double length(const cv::Vec3d& v) {
   return cv::norm(v);
 }
-Vec3d center_of(const Camera& camera) {
-  return Vec3d(camera.center().data());
+cv::Vec3d center_of(const Camera& camera) {
+  return cv::Vec3d(camera.center().data());
 }
-Vec3d to_camera(const Camera& camera, const Vec3d& p) {
+cv::Vec3d to_camera(const Camera& camera, const cv::Vec3d& p) {
   const auto& [r, t] = camera.cam_from_world;
-  return cv::Matx33d(r.data()) * p + Vec3d(t.data());
+  return cv::Matx33d(r.data()) * p + cv::Vec3d(t.data());
 }
 
 Camera some_lens() {
@@ -48,29 +48,29 @@ std::vector<Camera> cameras_at(const std::vector<double>& angles, double first_r
   return cameras;
 }
 
-void expect_all_look_at(const std::vector<Camera>& cameras, const Vec3d& point, const Vec3d& up) {
+void expect_all_look_at(const std::vector<Camera>& cameras, const cv::Vec3d& point, const cv::Vec3d& up) {
   for (const Camera& camera : cameras) {
-    const Vec3d focus = to_camera(camera, point), above = to_camera(camera, point + 0.1 * up);
+    const cv::Vec3d focus = to_camera(camera, point), above = to_camera(camera, point + 0.1 * up);
     EXPECT_GT(focus[2], 0);
     EXPECT_NEAR(camera.fx * focus[0] / focus[2] + camera.cx, 0.5 * camera.width, 1e-9);
     EXPECT_NEAR(camera.fy * focus[1] / focus[2] + camera.cy, 0.5 * camera.height, 1e-9);
     EXPECT_NEAR(above[0], 0, 1e-9) << "the horizon is level";
     EXPECT_LT(above[1], 0) << "up is up";
     const std::array<double, 9>& r = camera.cam_from_world.rotation;
-    const Vec3d rows[3] = {Vec3d(&r[0]), Vec3d(&r[3]), Vec3d(&r[6])};
+    const cv::Vec3d rows[3] = {cv::Vec3d(&r[0]), cv::Vec3d(&r[3]), cv::Vec3d(&r[6])};
     for (int i = 0; i < 3; ++i) EXPECT_NEAR(length(rows[i]), 1, 1e-12);
     EXPECT_NEAR(rows[0].cross(rows[1]).dot(rows[2]), 1, 1e-12);
   }
 }
 
 TEST(Turntable, IsAClosedCircleAroundTheFocus) {
-  const Orbit orbit = turntable(kFocus, kUp, 4, 0.3, kFocus + Vec3d{0, 7, 0});
+  const Orbit orbit = turntable(kFocus, kUp, 4, 0.3, kFocus + cv::Vec3d{0, 7, 0});
   const std::vector<Camera> cameras = cameras_on(orbit, some_lens(), 12);
   ASSERT_EQ(cameras.size(), 12u);
   expect_all_look_at(cameras, kFocus, kUp);
-  EXPECT_NEAR((center_of(cameras[0]) - kFocus).dot(Vec3d{0, 1, 0}), 4 * std::cos(0.3), 1e-9) << "starts there";
+  EXPECT_NEAR((center_of(cameras[0]) - kFocus).dot(cv::Vec3d{0, 1, 0}), 4 * std::cos(0.3), 1e-9) << "starts there";
   for (std::size_t i = 0; i < cameras.size(); ++i) {
-    const Vec3d offset = center_of(cameras[i]) - kFocus;
+    const cv::Vec3d offset = center_of(cameras[i]) - kFocus;
     EXPECT_NEAR(length(offset), 4, 1e-9);
     EXPECT_NEAR(offset.dot(kUp), 4 * std::sin(0.3), 1e-9);
     const Camera& next = cameras[(i + 1) % cameras.size()];  // the loop closes with a step as long as the others
@@ -87,8 +87,8 @@ TEST(OrbitThrough, FollowsTheEllipseOfTheCameras) {
   const std::vector<Camera> cameras = cameras_on(orbit, some_lens(), 50);
   expect_all_look_at(cameras, kFocus, kUp);
   for (const Camera& camera : cameras) {
-    const Vec3d offset = center_of(camera) - kFocus;
-    EXPECT_NEAR(std::hypot(offset.dot(kAcross) / 3, offset.dot(Vec3d{0, 1, 0}) / 2), 1, 1e-9);
+    const cv::Vec3d offset = center_of(camera) - kFocus;
+    EXPECT_NEAR(std::hypot(offset.dot(kAcross) / 3, offset.dot(cv::Vec3d{0, 1, 0}) / 2), 1, 1e-9);
     EXPECT_NEAR(offset.dot(kUp), 1, 1e-9);
   }
   EXPECT_NEAR(length(center_of(cameras[0]) - center_of(keys[0])), 0, 1e-9) << "begins at the first camera";
@@ -106,7 +106,7 @@ TEST(OrbitThrough, GoesBackAndForthWhereCamerasCoverAnArc) {
   expect_all_look_at(cameras, kFocus, kUp);
   double least = 9, most = 0;
   for (std::size_t i = 0; i < cameras.size(); ++i) {
-    const Vec3d offset = center_of(cameras[i]) - kFocus;
+    const cv::Vec3d offset = center_of(cameras[i]) - kFocus;
     const double x = offset.dot(kAcross), y = offset.dot(kUp.cross(kAcross)), z = offset.dot(kUp);
     EXPECT_NEAR(std::hypot(x, y), 3, 1e-9);
     EXPECT_NEAR(z, -1, 0.2 + 1e-9);
@@ -137,7 +137,7 @@ TEST(OrbitThrough, StaysFiniteForOneCameraAboveTheFocus) {
 
 TEST(Focus, IsWhereTheAxesMeet) {
   const std::vector<Camera> cameras = cameras_at({0, 1, 2, 4}, 3, 2, 1);
-  const Vec3d focus = focus_of(cameras, {100, 100, 100});
+  const cv::Vec3d focus = focus_of(cameras, {100, 100, 100});
   EXPECT_NEAR(length(focus - kFocus), 0, 1e-9);
   EXPECT_NEAR(length(up_of(cameras_at({0, 1.5, 3, 4.5}, 3, 3, 0)) - kUp), 0, 1e-9);
 }
@@ -145,13 +145,13 @@ TEST(Focus, IsWhereTheAxesMeet) {
 TEST(Focus, OfParallelAxesIsNearTheGaussians) {
   std::vector<Camera> cameras = cameras_at({0}, 3, 3, 0);
   cameras.push_back(cameras[0]);
-  const Vec3d side = {0, 1, 0};  // the second camera stands beside the first one, 0.2 further
+  const cv::Vec3d side = {0, 1, 0};  // the second camera stands beside the first one, 0.2 further
   const Camera& first = cameras[0];
   for (std::size_t i = 0; i < 3; ++i) {
     cameras[1].cam_from_world.translation[i] -= 0.2 * first.cam_from_world.rotation[3 * i + 1] * side[1];
   }
-  const Vec3d focus = focus_of(cameras, kFocus + Vec3d{0, 0.1, 0} + 4.0 * kUp);
-  EXPECT_NEAR(length(focus - kFocus - Vec3d{0, 0.1, 0}), 0, 0.05);
+  const cv::Vec3d focus = focus_of(cameras, kFocus + cv::Vec3d{0, 0.1, 0} + 4.0 * kUp);
+  EXPECT_NEAR(length(focus - kFocus - cv::Vec3d{0, 0.1, 0}), 0, 0.05);
 }
 
 TEST(Focus, IsThatOfTheGaussiansIfCamerasLookOutward) {
@@ -162,7 +162,7 @@ TEST(Focus, IsThatOfTheGaussiansIfCamerasLookOutward) {
       camera.cam_from_world.translation[row] *= -1;
     }
   }
-  const Vec3d fallback{1, 2, 3};
+  const cv::Vec3d fallback{1, 2, 3};
   EXPECT_NEAR(length(focus_of(cameras, fallback) - fallback), 0, 1e-12);
 }
 

@@ -4,6 +4,7 @@
 #include <cmath>
 #include <nlohmann/json.hpp>
 
+#include "core/vec.h"
 #include "model/cameras/cameras_json.h"
 #include "scene/cameras/camera.h"
 #include "scene/images/image.h"
@@ -85,7 +86,7 @@ TEST_F(Render, CamerasOfAFileGiveTheImagesOfTheirViews) {
   Json path_frames = Json::array(), frames = Json::array();
   for (const View& view : views_) {
     const OpenGlMatrix m = opengl_from_pose(view.camera.cam_from_world);
-    const double fov = 2 * std::atan(0.5 * view.camera.height / view.camera.fy) * 180 / 3.14159265358979323846;
+    const double fov = 2 * std::atan(0.5 * view.camera.height / view.camera.fy) * 180 / kPi;
     path_frames.push_back({{"camera_to_world", m}, {"fov", fov}, {"aspect", 64.0 / 48}});
     frames.push_back({{"file_path", view.name},
                       {"transform_matrix",

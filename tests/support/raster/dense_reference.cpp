@@ -1,4 +1,5 @@
 #include "support/raster/dense_reference.h"
+#include "core/vec.h"
 
 #include <torch/csrc/autograd/autograd.h>
 
@@ -17,7 +18,6 @@ constexpr double kStop = 1e-4;
 constexpr double kBlur = 0.3;    // px^2
 constexpr double kMargin = 0.3;  // of half the image
 constexpr double kMinRatio = 2.5e-5;
-constexpr double kPi = 3.14159265358979323846;
 
 torch::Tensor vector3(const Vec3f& v) {
   return torch::tensor({double{v.x}, double{v.y}, double{v.z}}, torch::kFloat64);

@@ -6,6 +6,7 @@
 #include <memory>
 
 #include "core/random.h"
+#include "core/vec.h"
 #include "scene/scene.h"
 #include "scene/view_image.h"
 #include "train/evaluate.h"
@@ -76,7 +77,7 @@ inline Scene make_tiny_scene(const TinySceneOptions& options = {}, GaussianTenso
   if (truth_out != nullptr) *truth_out = gaussians;
   Rasterizer rasterizer(torch::kCPU);
   for (int i = 0; i < options.n_views; ++i) {
-    const double angle = 6.283185307 * i / options.n_views;
+    const double angle = (2 * kPi) * i / options.n_views;
     View view;
     view.name = "view" + std::to_string(i) + ".png";
     view.camera = look_at_origin(3 * std::cos(angle), i % 2 == 0 ? -1.0 : 0.7, 3 * std::sin(angle), options.width,

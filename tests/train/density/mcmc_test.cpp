@@ -11,6 +11,7 @@
 
 #include "core/parallel.h"
 #include "core/random.h"
+#include "core/vec.h"
 #include "raster/math/opacity.h"
 #include "support/approx.h"
 #include "train/density/strategies/mcmc_math.h"
@@ -18,8 +19,6 @@
 
 namespace b3dgs {
 namespace {
-
-constexpr double kPi = 3.14159265358979323846;
 
 // --- Copies ---
 
@@ -118,16 +117,16 @@ TEST(McmcDraws, GiveDeadGaussiansNoWeight) {
 
 // --- Rounds ---
 
-struct Model {
+struct McmcModel {
   GaussianTensors gaussians;
   AdamState adam;
   DensityStatistics statistics;
 };
 
 /// Means and moments are different for each row.
-Model make_model(const torch::Tensor& opacities) {
+McmcModel make_model(const torch::Tensor& opacities) {
   const std::int64_t n = opacities.size(0);
-  Model model;
+  McmcModel model;
   torch::manual_seed(8);
   model.gaussians = {torch::randn({n, 3}),    torch::randn({n, 3}) * 0.3 - 2, torch::randn({n, 4}),
                      torch::logit(opacities), torch::randn({n, 1, 3}),        torch::randn({n, 3, 3})};
@@ -139,7 +138,7 @@ Model make_model(const torch::Tensor& opacities) {
   return model;
 }
 
-std::vector<std::int64_t> to_vector(const torch::Tensor& rows) {
+std::vector<std::int64_t> indices_of(const torch::Tensor& rows) {
   const torch::Tensor r = rows.contiguous();
   return {r.data_ptr<std::int64_t>(), r.data_ptr<std::int64_t>() + r.numel()};
 }
@@ -150,8 +149,8 @@ TEST(McmcRound, MovesDeadOnesAndGrowsWithoutChangingWhatPassesThrough) {
   torch::Tensor opacities = torch::rand({400}) * 0.9 + 0.01;
   opacities.slice(0, 0, 400, 5).fill_(0.004f);  // 80 dead ones
   opacities[17] = 0.999f;
-  Model model = make_model(opacities);
-  const Model before = make_model(opacities);
+  McmcModel model = make_model(opacities);
+  const McmcModel before = make_model(opacities);
   McmcRule rule = kRule;
   rule.growth = 0.3;
   const DensityRound round = plan_mcmc_round(model.gaussians, rule, 3, 600);
@@ -162,7 +161,7 @@ TEST(McmcRound, MovesDeadOnesAndGrowsWithoutChangingWhatPassesThrough) {
   apply_row_edit(round.edit, model.gaussians, model.adam, model.statistics);
 
   // Through all copies of a Gaussian passes as much light as through the one that they replace.
-  const std::vector<std::int64_t> sources = to_vector(round.edit.sources);
+  const std::vector<std::int64_t> sources = indices_of(round.edit.sources);
   std::vector<double> passes(400, 1);
   std::vector<int> copies(400, 0);
   const torch::Tensor after = torch::sigmoid(model.gaussians.logit_opacities.to(torch::kFloat64));
@@ -198,13 +197,13 @@ TEST(McmcRound, MovesDeadOnesAndGrowsWithoutChangingWhatPassesThrough) {
 }
 
 TEST(McmcRound, SharesOneGaussianAmongItsCopies) {
-  Model model = make_model(torch::tensor({0.8f, 0.001f, 0.001f}));
+  McmcModel model = make_model(torch::tensor({0.8f, 0.001f, 0.001f}));
   McmcRule rule = kRule;
   rule.growth = 1;
   rule.max_gaussians = 5;
   const torch::Tensor scales = model.gaussians.log_scales[0].clone();
   const DensityRound round = plan_mcmc_round(model.gaussians, rule, 3, 600);
-  EXPECT_EQ(to_vector(round.edit.sources), (std::vector<std::int64_t>{0, 0, 0, 0, 0}));
+  EXPECT_EQ(indices_of(round.edit.sources), (std::vector<std::int64_t>{0, 0, 0, 0, 0}));
   EXPECT_EQ(round.edit.n_kept, 0);
   EXPECT_EQ(round.n_over_limit, 1);
   // Three copies; then two of those are drawn once more, or one of them twice.
@@ -223,13 +222,13 @@ TEST(McmcRound, SharesOneGaussianAmongItsCopies) {
 TEST(McmcRound, MakesNoCopyThatIsDeadAtBirth) {
   torch::Tensor opacities = torch::full({300}, 0.001f);
   opacities.slice(0, 0, 20).fill_(0.006f);
-  const Model model = make_model(opacities);
+  const McmcModel model = make_model(opacities);
   const DensityRound round = plan_mcmc_round(model.gaussians, {0.005, 0.5, 0}, 3, 600);
   ASSERT_EQ(round.edit.sources.size(0), 450);
   const float dead = logit(0.005);
   EXPECT_GT(round.edit.new_logit_opacities.min().item<float>(), dead);
   EXPECT_LT(round.edit.new_logit_opacities.max().item<float>(), logit(0.0051)) << "all of them share";
-  Model edited = model;
+  McmcModel edited = model;
   apply_row_edit(round.edit, edited.gaussians, edited.adam, edited.statistics);
   EXPECT_EQ(plan_mcmc_round(edited.gaussians, {0.005, 0, 0}, 3, 700).n_pruned, 0);
 }
@@ -237,7 +236,7 @@ TEST(McmcRound, MakesNoCopyThatIsDeadAtBirth) {
 TEST(McmcRound, CountsAtMost51Copies) {
   torch::Tensor opacities = torch::full({101}, 0.001f);
   opacities[0] = 0.9f;
-  const Model model = make_model(opacities);
+  const McmcModel model = make_model(opacities);
   const DensityRound round = plan_mcmc_round(model.gaussians, {0.005, 0, 0}, 3, 600);
   const double x = model.gaussians.logit_opacities[0].item<double>();
   EXPECT_TRUE(test::within(round.edit.new_logit_opacities, torch::full({101}, shared_logit(x, 51)), 1e-6));
@@ -246,7 +245,7 @@ TEST(McmcRound, CountsAtMost51Copies) {
 TEST(McmcRound, StaysWithinTheLimit) {
   torch::Tensor opacities = torch::full({100}, 0.5f);
   opacities.slice(0, 0, 10).fill_(0.001f);
-  const Model model = make_model(opacities);
+  const McmcModel model = make_model(opacities);
   const auto round_within = [&](std::int64_t limit) {
     return plan_mcmc_round(model.gaussians, {0.005, 0.1, limit}, 3, 600);
   };
@@ -261,12 +260,12 @@ TEST(McmcRound, StaysWithinTheLimit) {
 }
 
 TEST(McmcRound, WithoutLiveGaussiansChangesNothing) {
-  for (const Model& model : {make_model(torch::full({7}, 0.004f)), make_model(torch::full({0}, 0.5f))}) {
+  for (const McmcModel& model : {make_model(torch::full({7}, 0.004f)), make_model(torch::full({0}, 0.5f))}) {
     const std::int64_t n = model.gaussians.size();
     const DensityRound round = plan_mcmc_round(model.gaussians, {0.005, 1, 0}, 3, 600);
     EXPECT_TRUE(test::same(round.edit.sources, torch::arange(n)));
     EXPECT_EQ(round.edit.n_kept, n);
-    Model edited = model;
+    McmcModel edited = model;
     apply_row_edit(round.edit, edited.gaussians, edited.adam, edited.statistics);
     EXPECT_EQ(edited.gaussians.size(), n);
   }
@@ -274,7 +273,7 @@ TEST(McmcRound, WithoutLiveGaussiansChangesNothing) {
 
 TEST(McmcRound, IsTheSameForAnyNumberOfThreadsAndFollowsSeedAndIteration) {
   torch::manual_seed(4);
-  const Model model = make_model(torch::rand({20000}).pow(6));
+  const McmcModel model = make_model(torch::rand({20000}).pow(6));
   const auto sources_of = [&](std::int64_t seed, int iteration, int threads) {
     set_thread_count(threads);
     const RowEdit edit = plan_mcmc_round(model.gaussians, kRule, seed, iteration).edit;
@@ -308,7 +307,7 @@ TEST(McmcNoise, HasMeanZeroAndTheSquareOfSigmaAsCovariance) {
   // noise = rate gate Sigma eps, so its covariance is (rate gate)^2 Sigma Sigma^T = (rate gate)^2 Sigma^2.
   constexpr std::int64_t kRows = 200000;
   constexpr double kRate = 3, kOpacity = 0.02;
-  Model model = make_model(torch::full({1}, kOpacity));
+  McmcModel model = make_model(torch::full({1}, kOpacity));
   GaussianTensors& g = model.gaussians;
   const torch::Tensor sigma = covariances(g)[0];
   for (torch::Tensor* tensor : g.all()) {
@@ -332,7 +331,7 @@ TEST(McmcNoise, IsLeftOutOnlyWhereItCannotChangeAFloat) {
   constexpr std::int64_t kRows = 20000;
   constexpr double kRate = 400;  // a typical --noise_lr x learning rate of the means
   torch::manual_seed(9);
-  Model model = make_model(torch::rand({kRows}) * 0.4);
+  McmcModel model = make_model(torch::rand({kRows}) * 0.4);
   GaussianTensors& g = model.gaussians;
   g.means.slice(0, 0, kRows, 7).mul_(1e-3);
   g.means.slice(0, 0, kRows, 101).select(1, 2).zero_();  // the smallest noise changes 0
@@ -402,7 +401,7 @@ TEST(McmcStrategy, AddsNoiseInProportionToTheLearningRateOfTheMeans) {
   constexpr double kExtent = 2;
   const std::unique_ptr<DensityStrategy> strategy = make_density_strategy(config, kExtent);
   for (const int iteration : {1, 700}) {
-    Model model = make_model(torch::full({50}, 0.01f));
+    McmcModel model = make_model(torch::full({50}, 0.01f));
     GaussianTensors expected = make_model(torch::full({50}, 0.01f)).gaussians;
     strategy->after_step(iteration, model.gaussians);
     const double rate = kExtent * 0.00016 * std::pow(0.01, iteration / 1000.0);

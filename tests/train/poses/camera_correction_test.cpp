@@ -5,6 +5,7 @@
 
 #include <vector>
 
+#include "core/vec.h"
 #include "support/finite_difference.h"
 
 namespace b3dgs {
@@ -49,7 +50,7 @@ TEST(CameraCorrection, TurnsByItsAngleAndMovesTheCentreByItsLength) {
 }
 
 TEST(CameraCorrection, TurnsFromTheFirstToTheSecondAxisAboutTheThird) {
-  const Vec3d turned = rotate({0, 0, 3.14159265358979323846 / 2}, {1, 0, 0});
+  const Vec3d turned = rotate({0, 0, kPi / 2}, {1, 0, 0});
   EXPECT_NEAR(turned.x, 0, 1e-15);
   EXPECT_NEAR(turned.y, 1, 1e-15);
   EXPECT_NEAR(turned.z, 0, 1e-15);

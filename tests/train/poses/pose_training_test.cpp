@@ -10,6 +10,7 @@
 
 #include "core/files/folders.h"
 #include "core/random.h"
+#include "core/vec.h"
 #include "model/cameras/cameras_json.h"
 #include "support/approx.h"
 #include "support/expect_error.h"
@@ -27,8 +28,6 @@ namespace {
 using test::eventful_config;
 using test::train;
 using test::Trained;
-
-constexpr double kDegree = 3.14159265358979323846 / 180;
 
 double length(Vec3d v) {
   return std::sqrt(dot(v, v));
