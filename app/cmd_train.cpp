@@ -74,48 +74,50 @@ std::string describe_memory(const MemoryForecast& forecast) {
          format_bytes(forecast.limit) + "; room for about " + format_count(forecast.largest_count) + " Gaussians";
 }
 
-void print_line(const char* name, const std::string& text) {
+void print_labelled(const char* name, const std::string& text) {
   std::printf("%-12s%s\n", name, text.c_str());
 }
 
 void report_history(const ModelFolder& folder, std::int64_t limit) {
   const TrainHistory history = read_train_log(folder.log());
   const std::string kept = limit_text(history, limit), floaters = floaters_text(history);
-  if (!kept.empty()) print_line("Gaussians", kept);
-  if (!floaters.empty()) print_line("floaters", "possible: " + floaters + "; see docs/recipes.md#floaters");
+  if (!kept.empty()) print_labelled("Gaussians", kept);
+  if (!floaters.empty()) print_labelled("floaters", "possible: " + floaters + "; see docs/recipes.md#floaters");
   if (const std::optional<Overfitting> found = find_overfitting(history)) {
-    print_line("overfitting",
-               print_to_string("PSNR was %.2f dB higher after iteration %d, as happens with few photographs or things "
-                               "that move; see docs/recipes.md#few-photographs",
-                               found->lost, found->iteration));
+    print_labelled(
+        "overfitting",
+        print_to_string("PSNR was %.2f dB higher after iteration %d, as happens with few photographs or things "
+                        "that move; see docs/recipes.md#few-photographs",
+                        found->lost, found->iteration));
   }
 }
 
-void report(const TrainResult& result, const TrainConfig& config, double total_s) {
+void report_training(const TrainResult& result, const TrainConfig& config, double total_s) {
   const std::string range = result.first_iteration > 0 && result.first_iteration < result.iteration
                                 ? print_to_string(" (%d to %d)", result.first_iteration + 1, result.iteration)
                                 : "";
   const bool is_in_training = result.interrupted || result.n_saved == 0;
-  print_line(
+  print_labelled(
       "trained",
       detail::concat(result.iteration - result.first_iteration, " iterations", range, " in ",
                      format_duration(result.train_s), " (", format_duration(total_s), " with reading and saving), ",
                      format_count(is_in_training ? result.n_gaussians : result.n_saved), " Gaussians"));
   if (result.peak_memory_bytes > 0) {
-    print_line("GPU memory", "peak " + format_bytes(result.peak_memory_bytes) + ", without the CUDA context");
+    print_labelled("GPU memory", "peak " + format_bytes(result.peak_memory_bytes) + ", without the CUDA context");
   }
   for (const auto& [iteration, evaluation] : result.evaluations) {
     const ImageQuality& mean = evaluation.mean;
-    print_line("quality", print_to_string("iteration %d: PSNR %.2f dB, SSIM %.4f on %s%zu test views", iteration,
-                                          mean.psnr, mean.ssim, evaluation.fits_left_half ? "the right half of " : "",
-                                          evaluation.views.size()) +
-                              describe_unmeasured(evaluation));
+    print_labelled(
+        "quality",
+        print_to_string("iteration %d: PSNR %.2f dB, SSIM %.4f on %s%zu test views", iteration, mean.psnr, mean.ssim,
+                        evaluation.fits_left_half ? "the right half of " : "", evaluation.views.size()) +
+            describe_unmeasured(evaluation));
   }
-  if (result.n_removed > 0) print_line("removed", format_count(result.n_removed) + " invalid Gaussians");
-  for (const fs::path& path : result.not_written) print_line("not written", path.string());
-  if (!result.ply.empty()) print_line("PLY", result.ply.string());
-  if (!result.checkpoint.empty()) print_line("checkpoint", result.checkpoint.string());
-  print_line("model", config.model_path);
+  if (result.n_removed > 0) print_labelled("removed", format_count(result.n_removed) + " invalid Gaussians");
+  for (const fs::path& path : result.not_written) print_labelled("not written", path.string());
+  if (!result.ply.empty()) print_labelled("PLY", result.ply.string());
+  if (!result.checkpoint.empty()) print_labelled("checkpoint", result.checkpoint.string());
+  print_labelled("model", config.model_path);
 }
 
 /// The scene, with an equal part of the host memory for each rank of this machine unless --host_memory_gb says how
@@ -228,12 +230,12 @@ int train(const CommandLine& line, const TrainCommandOptions& options, const std
   const TrainResult result = trainer.run();
   if (watched) watched->close();
   status.clear();
-  if (is_first) report(result, config, steady_seconds() - start_s);
+  if (is_first) report_training(result, config, steady_seconds() - start_s);
   try {
     record_session({describe_machine(device), reading_s, result.output_s}, trainer, scene, folder, ranks);
     if (is_first) {
       report_history(folder, result.interrupted ? 0 : config.max_gaussians);
-      print_line("report", write_train_report(folder).string());
+      print_labelled("report", write_train_report(folder).string());
     }
   } catch (const IoError& error) {
     status.warn(detail::concat(error.what(), "; only the report is missing, write it with: b3dgs report ",

@@ -15,7 +15,7 @@ namespace b3dgs {
 namespace {
 
 /// With photographs where the scene is there; else with the cameras of the model folder, if it has any.
-LoadedModel load(const ModelOptions& options, StatusLine& status) {
+LoadedModel load_with_photographs(const ModelOptions& options, StatusLine& status) {
   LoadedModel model = load_model(options);
   if (model.is_file() && options.source_path.empty()) return model;
   model.config.eval = model.config.eval || model.is_file();
@@ -40,7 +40,7 @@ int run_view(const std::vector<std::string>& words) {
   StatusLine status = StatusLine::for_stderr(model_options.quiet);
   const torch::Device device = choose_device(model_options.device);
   const std::string title = std::filesystem::path(model_options.model_path).lexically_normal().filename().string();
-  const LoadedModel model = load(model_options, status);
+  const LoadedModel model = load_with_photographs(model_options, status);
   ModelRenderer renderer(model, device);
   WatchedModel watched({renderer.gaussians, renderer.settings, model.iteration}, model.scene,
                        viewed_scene(model.scene, model.splats.means, title));

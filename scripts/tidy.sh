@@ -11,7 +11,7 @@ if [[ ${1:-} == --without-torch ]]; then
   shift
 fi
 # clang does not read the headers that g++ precompiles.
-cmake --preset cpu -B build/tidy -DCMAKE_DISABLE_PRECOMPILE_HEADERS=ON >/dev/null
+cmake --preset cpu -B build/tidy -DCMAKE_DISABLE_PRECOMPILE_HEADERS=ON -DCMAKE_UNITY_BUILD=OFF >/dev/null
 files=("$@")
 if ((${#files[@]} == 0)); then
   mapfile -t files < <(git ls-files 'src/*.cpp' 'app/*.cpp' 'data_synth/*.cpp' | grep -v '/cuda/' | grep -E "$with_torch")

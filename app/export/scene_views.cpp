@@ -14,7 +14,7 @@ namespace b3dgs {
 namespace {
 
 /// An axis of the camera in world coordinates: 0 right, 1 down.
-torch::Tensor axis_of(const Camera& camera, std::size_t axis) {
+torch::Tensor axis_tensor(const Camera& camera, std::size_t axis) {
   const double* const row = &camera.cam_from_world.rotation[3 * axis];
   return torch::tensor({row[0], row[1], row[2]}, torch::kFloat64);
 }
@@ -47,8 +47,8 @@ std::array<double, 3> up_direction(const std::vector<View>& views) {
   constexpr double kMinSpread = 0.05;    // share of the horizontal axes' second direction
   torch::Tensor mean_up = torch::zeros({3}, torch::kFloat64), spread = torch::zeros({3, 3}, torch::kFloat64);
   for (const View& view : views) {
-    const torch::Tensor right = axis_of(view.camera, 0);
-    mean_up -= axis_of(view.camera, 1);
+    const torch::Tensor right = axis_tensor(view.camera, 0);
+    mean_up -= axis_tensor(view.camera, 1);
     spread += torch::outer(right, right);
   }
   const auto n = static_cast<double>(views.size());

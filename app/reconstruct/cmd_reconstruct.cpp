@@ -20,7 +20,7 @@ extern "C" void stop_reconstruction(int signal) {
   stop_signal = signal;
 }
 
-void report(const ReconstructResult& result, const std::string& scene) {
+void report_reconstruction(const ReconstructResult& result, const std::string& scene) {
   std::cout << scene << ": " << result.n_registered << " of " << result.n_photographs << " photographs registered, "
             << format_count(static_cast<std::int64_t>(result.n_points)) << " points, mean reprojection error "
             << print_to_string("%.2f px", result.mean_error) << "\n";
@@ -59,7 +59,7 @@ int run_reconstruct(const std::vector<std::string>& words) {
     status.print("stopped; give the same command again to go on");
     return 128 + stop_signal;
   }
-  report(result, options.output);
+  report_reconstruction(result, options.output);
   return 0;
 }
 

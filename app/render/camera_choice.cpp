@@ -94,7 +94,7 @@ Camera as_pinhole(const Camera& camera) {
   return Camera::with_field_of_view(camera.width, camera.height, kDefaultFov, camera.cam_from_world);
 }
 
-Vec3d up_axis(const std::string& name, const std::vector<Camera>& keys) {
+cv::Vec3d up_axis(const std::string& name, const std::vector<Camera>& keys) {
   if (name == "auto") return up_of(keys);
   const double sign = name[0] == '-' ? -1 : 1;
   const char axis = name.back();
@@ -102,7 +102,7 @@ Vec3d up_axis(const std::string& name, const std::vector<Camera>& keys) {
 }
 
 /// "(1.5, 0, -2.25)", to 0.01.
-std::string vec_text(const Vec3d& v) {
+std::string vec_text(const cv::Vec3d& v) {
   const auto rounded = [](double value) { return std::round(100 * value) / 100 + 0.0; };  // not -0
   return print_to_string("(%.10g, %.10g, %.10g)", rounded(v[0]), rounded(v[1]), rounded(v[2]));
 }
@@ -117,14 +117,14 @@ double fitting_distance(const SplatBounds& bounds, const Camera& lens) {
 Orbit choose_orbit(const CommandLine& line, const CameraOptions& options, const std::vector<Camera>& keys,
                    const SplatCloud& splats, const Camera& lens) {
   const SplatBounds bounds = splat_bounds(splats);
-  const Vec3d up = up_axis(options.up, keys);
-  const Vec3d focus = focus_of(keys, bounds.center);
+  const cv::Vec3d up = up_axis(options.up, keys);
+  const cv::Vec3d focus = focus_of(keys, bounds.center);
   if (options.path == "orbit" && !keys.empty()) return orbit_through(keys, focus, up);
   CameraPlacement placement{fitting_distance(bounds, lens), radians(kDefaultElevation)};
-  Vec3d toward = focus + Vec3d{0, 0, -1};
+  cv::Vec3d toward = focus + cv::Vec3d{0, 0, -1};
   if (!keys.empty()) {
     placement = placement_of(keys, focus, up);
-    toward = Vec3d(keys[0].center().data());
+    toward = cv::Vec3d(keys[0].center().data());
   }
   if (options.distance > 0) placement.distance = options.distance / splats.frame.unit;
   if (line.was_given("elevation")) placement.elevation = radians(options.elevation);
@@ -178,7 +178,7 @@ CameraChoice choose_places(const CommandLine& line, const CameraOptions& options
   choice.cameras = cameras_on(orbit, lens, options.frames);
   const std::array<double, 3> world = splats.frame.to_world(orbit.focus.val);
   const double distance = splats.frame.unit * std::hypot(orbit.first_radius, orbit.height);
-  choice.notes.push_back("around " + vec_text(Vec3d(world.data())) + ", up " + vec_text(orbit.up) +
+  choice.notes.push_back("around " + vec_text(cv::Vec3d(world.data())) + ", up " + vec_text(orbit.up) +
                          print_to_string(", distance %.3g", distance));
   if (keys.empty()) return choice;
   const Coverage coverage = coverage_of(keys, orbit.focus, orbit.up, orbit.first_axis);

@@ -17,15 +17,15 @@ constexpr double kLongestEllipse = 2.5;    // ratio of the axes
 constexpr double kInside = 0.9;            // share of the cameras' arc that an orbit along it uses
 constexpr double kLeastSwing = M_PI / 18;  // of that orbit to each side, rad
 
-Vec3d center_of(const Camera& camera) {
-  return Vec3d(camera.center().data());
+cv::Vec3d center_of(const Camera& camera) {
+  return cv::Vec3d(camera.center().data());
 }
 /// Of the camera, in world coordinates: 0 right, 1 down, 2 forward.
-Vec3d axis_of(const Camera& camera, std::size_t axis) {
-  return Vec3d(&camera.cam_from_world.rotation[3 * axis]);
+cv::Vec3d axis_of(const Camera& camera, std::size_t axis) {
+  return cv::Vec3d(&camera.cam_from_world.rotation[3 * axis]);
 }
 /// Of a camera at `center`; `rotation` is row-major.
-Pose pose_at(const Vec3d& center, const std::array<double, 9>& rotation) {
+Pose pose_at(const cv::Vec3d& center, const std::array<double, 9>& rotation) {
   return {rotation, rotated(rotation, {-center[0], -center[1], -center[2]})};
 }
 
@@ -47,8 +47,8 @@ Quat slerp(const Quat& a, Quat b, double share) {
 }
 
 /// Catmull-Rom segment from p1 to p2, t in [0, 1].
-Vec3d catmull_rom(const Vec3d& p0, const Vec3d& p1, const Vec3d& p2, const Vec3d& p3, double t) {
-  const Vec3d cubic = 3.0 * (p1 - p2) + p3 - p0;
+cv::Vec3d catmull_rom(const cv::Vec3d& p0, const cv::Vec3d& p1, const cv::Vec3d& p2, const cv::Vec3d& p3, double t) {
+  const cv::Vec3d cubic = 3.0 * (p1 - p2) + p3 - p0;
   return p1 + 0.5 * t * (p2 - p0 + t * (2.0 * p0 - 5.0 * p1 + 4.0 * p2 - p3 + t * cubic));
 }
 
@@ -71,19 +71,19 @@ double median(std::vector<double> values) {
 }
 
 /// A unit vector perpendicular to `up`, as near to `wanted` as possible.
-Vec3d horizontal(const Vec3d& wanted, const Vec3d& up) {
-  const Vec3d across = wanted - wanted.dot(up) * up;
+cv::Vec3d horizontal(const cv::Vec3d& wanted, const cv::Vec3d& up) {
+  const cv::Vec3d across = wanted - wanted.dot(up) * up;
   if (cv::norm(across) > 1e-6 * cv::norm(wanted)) return cv::normalize(across);
-  const Vec3d other = std::abs(up[0]) < 0.5 ? Vec3d{1, 0, 0} : Vec3d{0, 1, 0};
+  const cv::Vec3d other = std::abs(up[0]) < 0.5 ? cv::Vec3d{1, 0, 0} : cv::Vec3d{0, 1, 0};
   return cv::normalize(other - other.dot(up) * up);
 }
 
 /// Positions relative to the focus along `axis` and up x axis.
-std::vector<std::pair<double, double>> horizontal_positions(const std::vector<Camera>& cameras, const Vec3d& focus,
-                                                            const Vec3d& axis, const Vec3d& up) {
+std::vector<std::pair<double, double>> horizontal_positions(const std::vector<Camera>& cameras, const cv::Vec3d& focus,
+                                                            const cv::Vec3d& axis, const cv::Vec3d& up) {
   std::vector<std::pair<double, double>> positions;
   for (const Camera& camera : cameras) {
-    const Vec3d offset = center_of(camera) - focus;
+    const cv::Vec3d offset = center_of(camera) - focus;
     positions.emplace_back(offset.dot(axis), offset.dot(up.cross(axis)));
   }
   return positions;
@@ -96,16 +96,16 @@ struct Ellipse {
 /// The ellipse a x^2 + b x y + c y^2 = 1 by least squares; radii of 0 if the positions do not determine one.
 Ellipse fit_ellipse(const std::vector<std::pair<double, double>>& positions, double scale) {
   cv::Matx33d m;  // of the normal equations
-  Vec3d sum;
+  cv::Vec3d sum;
   for (const auto& [x_world, y_world] : positions) {
     const double x = x_world / scale, y = y_world / scale;
-    const Vec3d row(x * x, x * y, y * y);
+    const cv::Vec3d row(x * x, x * y, y * y);
     m += row * row.t();
     sum += row;
   }
   const auto n = static_cast<double>(positions.size());
   if (!(std::abs(cv::determinant(m)) > 1e-6 * n * n * n)) return {};
-  const Vec3d solution = m.solve(sum, cv::DECOMP_LU);
+  const cv::Vec3d solution = m.solve(sum, cv::DECOMP_LU);
   const double a = solution[0], b = solution[1], c = solution[2];
   // The eigenvalues of [a, b/2; b/2, c] are 1 / radius^2.
   const double middle = 0.5 * (a + c), spread = std::hypot(0.5 * (a - c), 0.5 * b);
@@ -134,7 +134,8 @@ std::vector<Camera> interpolate_cameras(const std::vector<Camera>& keys, int fra
     camera.fy += share * (next.fy - camera.fy);
     camera.cx += share * (next.cx - camera.cx);
     camera.cy += share * (next.cy - camera.cy);
-    const Vec3d center = catmull_rom(center_at(key - 1), center_at(key), center_at(key + 1), center_at(key + 2), share);
+    const cv::Vec3d center =
+        catmull_rom(center_at(key - 1), center_at(key), center_at(key + 1), center_at(key + 2), share);
     const Quat rotation = slerp(quaternion_from_rotation(camera.cam_from_world.rotation),
                                 quaternion_from_rotation(next.cam_from_world.rotation), share);
     camera.cam_from_world = pose_at(center, rotation_from_quaternion(rotation));
@@ -150,48 +151,48 @@ SplatBounds splat_bounds(const SplatCloud& splats) {
     std::vector<std::pair<double, double>> values;
     for (std::int64_t i = 0; i < splats.size(); i += stride) {
       const auto row = static_cast<std::size_t>(i);
-      values.emplace_back(value_of(Vec3d(cv::Vec3f(&splats.means[3 * row]))), opacity_of(splats, row));
+      values.emplace_back(value_of(cv::Vec3d(cv::Vec3f(&splats.means[3 * row]))), opacity_of(splats, row));
     }
     return weighted_median(values);
   };
-  for (int axis = 0; axis < 3; ++axis) bounds.center[axis] = median_of([&](const Vec3d& p) { return p[axis]; });
-  bounds.radius = median_of([&](const Vec3d& p) { return cv::norm(p - bounds.center); });
+  for (int axis = 0; axis < 3; ++axis) bounds.center[axis] = median_of([&](const cv::Vec3d& p) { return p[axis]; });
+  bounds.radius = median_of([&](const cv::Vec3d& p) { return cv::norm(p - bounds.center); });
   if (!(bounds.radius > 0)) bounds.radius = 1;
   return bounds;
 }
 
-Vec3d focus_of(const std::vector<Camera>& cameras, const Vec3d& fallback) {
+cv::Vec3d focus_of(const std::vector<Camera>& cameras, const cv::Vec3d& fallback) {
   if (cameras.empty()) return fallback;
   // Sum of (I - d d^T) (p - c) = 0 over the axes c + s d, about the fallback so that coordinates stay small.
   cv::Matx33d a;
-  Vec3d b;
+  cv::Vec3d b;
   const double share = 1 / static_cast<double>(cameras.size());
   for (const Camera& camera : cameras) {
-    const Vec3d d = axis_of(camera, 2), c = center_of(camera) - fallback;
+    const cv::Vec3d d = axis_of(camera, 2), c = center_of(camera) - fallback;
     a += share * (cv::Matx33d::eye() - d * d.t());
     b += share * (c - c.dot(d) * d);
   }
   // Draws the point along the axes to the fallback, which is 0 here.
   if (cv::determinant(a) < kParallel) a += 0.01 * cv::Matx33d::eye();
-  const Vec3d focus = fallback + Vec3d(a.solve(b, cv::DECOMP_LU));
+  const cv::Vec3d focus = fallback + cv::Vec3d(a.solve(b, cv::DECOMP_LU));
   const auto n_in_front = std::count_if(cameras.begin(), cameras.end(), [&](const Camera& camera) {
     return (focus - center_of(camera)).dot(axis_of(camera, 2)) > 0;
   });
   return 2 * n_in_front >= static_cast<std::ptrdiff_t>(cameras.size()) ? focus : fallback;
 }
 
-Vec3d up_of(const std::vector<Camera>& cameras) {
-  Vec3d sum;
+cv::Vec3d up_of(const std::vector<Camera>& cameras) {
+  cv::Vec3d sum;
   for (const Camera& camera : cameras) sum -= axis_of(camera, 1);
   const double least = 0.1 * static_cast<double>(cameras.size());
-  return !cameras.empty() && cv::norm(sum) > least ? cv::normalize(sum) : Vec3d{0, -1, 0};
+  return !cameras.empty() && cv::norm(sum) > least ? cv::normalize(sum) : cv::Vec3d{0, -1, 0};
 }
 
-CameraPlacement placement_of(const std::vector<Camera>& cameras, const Vec3d& focus, const Vec3d& up) {
+CameraPlacement placement_of(const std::vector<Camera>& cameras, const cv::Vec3d& focus, const cv::Vec3d& up) {
   B3DGS_CHECK(!cameras.empty(), "no cameras");
   std::vector<double> distances, elevations;
   for (const Camera& camera : cameras) {
-    const Vec3d offset = center_of(camera) - focus;
+    const cv::Vec3d offset = center_of(camera) - focus;
     const double distance = cv::norm(offset);
     distances.push_back(distance);
     elevations.push_back(distance > 0 ? std::asin(std::clamp(offset.dot(up) / distance, -1.0, 1.0)) : 0);
@@ -200,7 +201,8 @@ CameraPlacement placement_of(const std::vector<Camera>& cameras, const Vec3d& fo
   return {distance > 0 ? distance : 1, median(elevations)};
 }
 
-Coverage coverage_of(const std::vector<Camera>& cameras, const Vec3d& focus, const Vec3d& up, const Vec3d& axis) {
+Coverage coverage_of(const std::vector<Camera>& cameras, const cv::Vec3d& focus, const cv::Vec3d& up,
+                     const cv::Vec3d& axis) {
   B3DGS_CHECK(!cameras.empty(), "no cameras");
   std::vector<double> angles;
   for (const auto& [x, y] : horizontal_positions(cameras, focus, axis, up)) angles.push_back(std::atan2(y, x));
@@ -213,12 +215,12 @@ Coverage coverage_of(const std::vector<Camera>& cameras, const Vec3d& focus, con
   return coverage;
 }
 
-Orbit orbit_through(const std::vector<Camera>& cameras, const Vec3d& focus, const Vec3d& up) {
+Orbit orbit_through(const std::vector<Camera>& cameras, const cv::Vec3d& focus, const cv::Vec3d& up) {
   B3DGS_CHECK(!cameras.empty(), "no cameras");
   Orbit orbit;
   orbit.focus = focus;
   orbit.up = up;
-  const Vec3d first = center_of(cameras[0]) - focus;
+  const cv::Vec3d first = center_of(cameras[0]) - focus;
   orbit.first_axis = horizontal(first, up);
   const auto positions = horizontal_positions(cameras, focus, orbit.first_axis, up);
   std::vector<double> distances;
@@ -252,7 +254,8 @@ Orbit orbit_through(const std::vector<Camera>& cameras, const Vec3d& focus, cons
   return orbit;
 }
 
-Orbit turntable(const Vec3d& focus, const Vec3d& up, double distance, double elevation, const Vec3d& toward) {
+Orbit turntable(const cv::Vec3d& focus, const cv::Vec3d& up, double distance, double elevation,
+                const cv::Vec3d& toward) {
   Orbit orbit;
   orbit.focus = focus;
   orbit.up = up;
@@ -265,16 +268,16 @@ Orbit turntable(const Vec3d& focus, const Vec3d& up, double distance, double ele
 std::vector<Camera> cameras_on(const Orbit& orbit, const Camera& lens, int frames) {
   B3DGS_CHECK(frames > 0, "frames: ", frames);
   std::vector<Camera> cameras;
-  const Vec3d second_axis = orbit.up.cross(orbit.first_axis);
+  const cv::Vec3d second_axis = orbit.up.cross(orbit.first_axis);
   for (int frame = 0; frame < frames; ++frame) {
     const double turn = 2 * M_PI * frame / frames;
     const double angle = orbit.start + (orbit.swing > 0 ? orbit.swing * std::sin(turn) : turn);
     const double height = orbit.height + orbit.height_swing * std::cos(turn);
-    const Vec3d offset = orbit.first_radius * std::cos(angle) * orbit.first_axis +
-                         orbit.second_radius * std::sin(angle) * second_axis + height * orbit.up;
-    const Vec3d center = orbit.focus + offset;
-    const Vec3d forward = cv::normalize(-offset);
-    const Vec3d right = cv::normalize(forward.cross(orbit.up)), down = forward.cross(right);
+    const cv::Vec3d offset = orbit.first_radius * std::cos(angle) * orbit.first_axis +
+                             orbit.second_radius * std::sin(angle) * second_axis + height * orbit.up;
+    const cv::Vec3d center = orbit.focus + offset;
+    const cv::Vec3d forward = cv::normalize(-offset);
+    const cv::Vec3d right = cv::normalize(forward.cross(orbit.up)), down = forward.cross(right);
     Camera camera = lens;
     camera.cx = 0.5 * lens.width;
     camera.cy = 0.5 * lens.height;

@@ -10,8 +10,6 @@
 
 namespace b3dgs {
 
-using cv::Vec3d;
-
 /// `frames` cameras on a path through all key cameras, with the same number of frames between any two of them. Centres
 /// follow a Catmull-Rom spline, rotations are interpolated by slerp, focal lengths and principal points linearly. All
 /// frames have the image size of the first key. `keys` must not be empty.
@@ -19,18 +17,18 @@ std::vector<Camera> interpolate_cameras(const std::vector<Camera>& keys, int fra
 
 /// The middle of the Gaussians, robust against those far away. World units.
 struct SplatBounds {
-  Vec3d center{};     // median of each coordinate, weighted by opacity
-  double radius = 1;  // median distance from the centre, weighted by opacity; above 0
+  cv::Vec3d center{};  // median of each coordinate, weighted by opacity
+  double radius = 1;   // median distance from the centre, weighted by opacity; above 0
 };
 
 SplatBounds splat_bounds(const SplatCloud& splats);
 
 /// The point with the least sum of squared distances to the optical axes of all cameras. `fallback` if most cameras
 /// look away from it; if the axes are nearly parallel, the point on them that is nearest to `fallback`.
-Vec3d focus_of(const std::vector<Camera>& cameras, const Vec3d& fallback);
+cv::Vec3d focus_of(const std::vector<Camera>& cameras, const cv::Vec3d& fallback);
 
 /// Mean up direction of the cameras, a unit vector; -y, as in COLMAP, without cameras or if their directions cancel.
-Vec3d up_of(const std::vector<Camera>& cameras);
+cv::Vec3d up_of(const std::vector<Camera>& cameras);
 
 /// How the cameras stand around a point: the largest angle between two neighbours, seen from above, and the middle of
 /// the rest. Rad; the middle counts from `axis` towards up x axis.
@@ -39,14 +37,15 @@ struct Coverage {
 };
 inline constexpr double kFullCircleGap = 0.5 * M_PI;  // cameras with smaller gaps go all around
 
-Coverage coverage_of(const std::vector<Camera>& cameras, const Vec3d& focus, const Vec3d& up, const Vec3d& axis);
+Coverage coverage_of(const std::vector<Camera>& cameras, const cv::Vec3d& focus, const cv::Vec3d& up,
+                     const cv::Vec3d& axis);
 
 /// A horizontal ellipse on which cameras move, looking at a point above or below its centre: once around, or, if
 /// `swing` is not 0, along an arc and back.
 struct Orbit {
-  Vec3d focus{};                               // what the cameras look at
-  Vec3d up{0, -1, 0};                          // unit vector
-  Vec3d first_axis{1, 0, 0};                   // of the ellipse: unit vector, perpendicular to `up`
+  cv::Vec3d focus{};                           // what the cameras look at
+  cv::Vec3d up{0, -1, 0};                      // unit vector
+  cv::Vec3d first_axis{1, 0, 0};               // of the ellipse: unit vector, perpendicular to `up`
   double first_radius = 1, second_radius = 1;  // along first_axis and along up x first_axis; world units
   double height = 0;                           // of the ellipse above the focus, world units
   double start = 0;                            // angle of the first frame, rad
@@ -56,17 +55,18 @@ struct Orbit {
 
 /// The ellipse that fits the horizontal positions of the cameras, at their mean height, beginning near the first
 /// camera, of which there must be one. If they do not go all around the focus: an arc of a circle where they are.
-Orbit orbit_through(const std::vector<Camera>& cameras, const Vec3d& focus, const Vec3d& up);
+Orbit orbit_through(const std::vector<Camera>& cameras, const cv::Vec3d& focus, const cv::Vec3d& up);
 
 /// A circle at an elevation (rad, above -pi/2 and below pi/2) and distance (world units) from the focus. It begins near
 /// `toward`.
-Orbit turntable(const Vec3d& focus, const Vec3d& up, double distance, double elevation, const Vec3d& toward);
+Orbit turntable(const cv::Vec3d& focus, const cv::Vec3d& up, double distance, double elevation,
+                const cv::Vec3d& toward);
 
 /// Median distance (world units) and elevation (rad) of the cameras, of which there must be one, seen from the focus.
 struct CameraPlacement {
   double distance = 1, elevation = 0;
 };
-CameraPlacement placement_of(const std::vector<Camera>& cameras, const Vec3d& focus, const Vec3d& up);
+CameraPlacement placement_of(const std::vector<Camera>& cameras, const cv::Vec3d& focus, const cv::Vec3d& up);
 
 /// One turn, or one swing to both sides: `frames` cameras with the size and focal lengths of `lens` and the principal
 /// point in the middle. The last frame is one step before the first, so that the loop can be repeated.

@@ -74,13 +74,13 @@ void check_options(const CommandLine& line, const ModelOptions& model, const Ren
   }
 }
 
-LoadedModel load(const ModelOptions& options, const CameraOptions& cameras, StatusLine& status) {
+LoadedModel load_with_cameras(const ModelOptions& options, const CameraOptions& cameras, StatusLine& status) {
   LoadedModel model = load_model(options, needs_views(cameras));
   if (!model.is_file() || !options.source_path.empty()) add_cameras(model, options, status);
   return model;
 }
 
-fs::path output_folder(const LoadedModel& model, const RenderOptions& options, const std::string& set) {
+fs::path frames_folder(const LoadedModel& model, const RenderOptions& options, const std::string& set) {
   if (!options.output.empty()) return options.output;
   if (!model.is_file()) return image_folder(model, set);
   return model.file.parent_path() / (model.file.stem().string() + "_" + set);
@@ -109,7 +109,7 @@ class Output {
  public:
   Output(const RenderOptions& options, const CameraChoice& choice, const LoadedModel& model)
       : options_(options),
-        folder_(output_folder(model, options, choice.set)),
+        folder_(frames_folder(model, options, choice.set)),
         unit_(model.splats.frame.unit),
         tasks_(options.video.empty() ? writer_threads() : 1, kFramesAhead) {  // frames of a video keep their order
     const bool is_in_model = options.output.empty() && !model.is_file();
@@ -237,7 +237,7 @@ int run_render(const std::vector<std::string>& words) {
   check_options(line, model_options, options);
   check_camera_options(line, camera_options);
   if (!options.ply.empty()) model_options.model_path = options.ply;
-  const LoadedModel model = load(model_options, camera_options, status);
+  const LoadedModel model = load_with_cameras(model_options, camera_options, status);
   const CameraChoice choice = choose_cameras(line, camera_options, model.scene, model.splats);
   if (choice.fps > 0 && !line.was_given("fps")) options.fps = choice.fps;
 

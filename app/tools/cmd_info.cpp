@@ -28,7 +28,7 @@ namespace {
 namespace fs = std::filesystem;
 
 template <class... Args>
-void print_line(const char* name, const char* format, Args... args) {
+void print_row(const char* name, const char* format, Args... args) {
   std::printf("%-18s%s\n", name, print_to_string(format, args...).c_str());
 }
 
@@ -50,15 +50,15 @@ void print_bounds(const std::vector<double>& positions) {
     for (std::size_t i = axis; i < positions.size(); i += 3) values.push_back(positions[i]);
     const std::array<double, 3> q = quantiles(std::move(values));
     const bool is_far = std::abs(q[1]) > 1000 * (q[2] - q[0]);
-    print_line(kAxes[axis], is_far ? "%.10g  (%.10g to %.10g)" : "%.4g  (%.4g to %.4g)", q[1], q[0], q[2]);
+    print_row(kAxes[axis], is_far ? "%.10g  (%.10g to %.10g)" : "%.4g  (%.4g to %.4g)", q[1], q[0], q[2]);
   }
 }
 
 void describe_splats(const std::string& path) {
   const SplatCloud cloud = read_splats(path);
   std::printf("%s: Gaussians; median (1st to 99th percentile)\n", path.c_str());
-  print_line("Gaussians", "%s", format_count(cloud.size()).c_str());
-  print_line("SH degree", "%d", cloud.sh_degree);
+  print_row("Gaussians", "%s", format_count(cloud.size()).c_str());
+  print_row("SH degree", "%d", cloud.sh_degree);
   if (cloud.size() == 0) return;
   std::vector<double> opacities, scales, shapes;
   for (std::size_t i = 0; i < static_cast<std::size_t>(cloud.size()); ++i) {
@@ -71,7 +71,7 @@ void describe_splats(const std::string& path) {
   print_bounds(world_positions(cloud));
   const auto print = [](const char* name, std::vector<double> values) {
     const std::array<double, 3> q = quantiles(std::move(values));
-    print_line(name, "%.3g  (%.3g to %.3g)", q[1], q[0], q[2]);
+    print_row(name, "%.3g  (%.3g to %.3g)", q[1], q[0], q[2]);
   };
   print("opacity", std::move(opacities));
   print("longest scale", std::move(scales));
@@ -81,7 +81,7 @@ void describe_splats(const std::string& path) {
 void describe_points(const std::string& path) {
   const WorldPoints points = read_point_ply(path);
   std::printf("%s: points; median (1st to 99th percentile)\n", path.c_str());
-  print_line("points", "%s", format_count(points.size()).c_str());
+  print_row("points", "%s", format_count(points.size()).c_str());
   if (points.size() > 0) print_bounds(points.positions);
 }
 
@@ -111,13 +111,13 @@ void describe_model(const std::string& path) {
     for (const int iteration : iterations) text += (text.empty() ? "" : ", ") + std::to_string(iteration);
     return text.empty() ? std::string("none") : text;
   };
-  print_line("iterations", "%d", config.iterations);
-  print_line("saved", "%s", list(saved).c_str());
-  print_line("checkpoints", "%s", list(folder.checkpoint_iterations()).c_str());
-  print_line("test views", "%s", config.eval ? "held out (--eval)" : "none");
+  print_row("iterations", "%d", config.iterations);
+  print_row("saved", "%s", list(saved).c_str());
+  print_row("checkpoints", "%s", list(folder.checkpoint_iterations()).c_str());
+  print_row("test views", "%s", config.eval ? "held out (--eval)" : "none");
   print_options(config);
   const std::string floaters = floaters_text(read_train_log(folder.log()));
-  if (!floaters.empty()) print_line("floaters", "possible: %s; see docs/recipes.md#floaters", floaters.c_str());
+  if (!floaters.empty()) print_row("floaters", "possible: %s; see docs/recipes.md#floaters", floaters.c_str());
   if (!saved.empty()) describe_splats(folder.ply(saved.back()).string());
 }
 
@@ -135,17 +135,17 @@ void describe_checkpoint(const std::string& path) {
   verify_checkpoint_file(path);
   const nlohmann::ordered_json header = read_checkpoint_header(path);
   std::printf("%s: checkpoint, checksums valid\n", path.c_str());
-  print_line("size", "%s", format_bytes(static_cast<std::int64_t>(fs::file_size(path))).c_str());
+  print_row("size", "%s", format_bytes(static_cast<std::int64_t>(fs::file_size(path))).c_str());
   if (!header.contains("config")) return;
   const CheckpointHeader training = parse_checkpoint_header(header, path);
-  print_line("scene", "%s", training.config.source_path.c_str());
-  print_line("iteration", "%d of %d", training.iteration, training.config.iterations);
-  print_line("Gaussians", "%s", format_count(training.n_gaussians).c_str());
-  if (training.held_at > 0) print_line("held at", "%s for lack of GPU memory", format_count(training.held_at).c_str());
-  print_line("SH degree", "%d of %d", training.sh_degree, training.config.sh_degree);
-  print_line("loss", "%.4f, running average", training.loss_average);
-  print_line("training time", "%s", format_duration(training.elapsed_s).c_str());
-  if (!training.training_id.empty()) print_line("training ID", "%s", training.training_id.c_str());
+  print_row("scene", "%s", training.config.source_path.c_str());
+  print_row("iteration", "%d of %d", training.iteration, training.config.iterations);
+  print_row("Gaussians", "%s", format_count(training.n_gaussians).c_str());
+  if (training.held_at > 0) print_row("held at", "%s for lack of GPU memory", format_count(training.held_at).c_str());
+  print_row("SH degree", "%d of %d", training.sh_degree, training.config.sh_degree);
+  print_row("loss", "%.4f, running average", training.loss_average);
+  print_row("training time", "%s", format_duration(training.elapsed_s).c_str());
+  if (!training.training_id.empty()) print_row("training ID", "%s", training.training_id.c_str());
   print_options(training.config);
 }
 

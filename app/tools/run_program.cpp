@@ -15,17 +15,17 @@ namespace {
 
 enum ExitCode { kFailed = 1, kBadInput = 2, kPeerFailed = PeerError::kExitCode };
 
-int report(const std::string& message, ExitCode code) {
+int report_error(const std::string& message, ExitCode code) {
   const std::string line = message.substr(0, message.find('\n'));  // LibTorch appends a stack trace
   std::cerr << "error: " + line + '\n';  // one write: lines of several ranks on one terminal do not mix
   return code;
 }
 
 int report_out_of_memory(const std::string& what) {
-  return report(what.substr(0, what.find('\n')) +
-                    "; use smaller images (-r 2), limit the Gaussians (--max_gaussians), "
-                    "or free memory and resume from the last checkpoint (--resume auto)",
-                kFailed);
+  return report_error(what.substr(0, what.find('\n')) +
+                          "; use smaller images (-r 2), limit the Gaussians (--max_gaussians), "
+                          "or free memory and resume from the last checkpoint (--resume auto)",
+                      kFailed);
 }
 
 /// @throws InputError that names a similar command, or all commands
@@ -54,20 +54,20 @@ int run_program(int argc, char** argv, const std::vector<Command>& commands) {
     if (!std::cout) io_error("cannot write to standard output");
     return code;
   } catch (const InputError& error) {
-    return report(error.what(), kBadInput);
+    return report_error(error.what(), kBadInput);
   } catch (const IoError& error) {
-    return report(error.what(), kBadInput);
+    return report_error(error.what(), kBadInput);
   } catch (const OutOfMemoryError& error) {
     return report_out_of_memory(error.what());
   } catch (const PeerError& error) {
-    return report(error.what(), kPeerFailed);
+    return report_error(error.what(), kPeerFailed);
   } catch (const std::bad_alloc&) {
     return report_out_of_memory("out of memory");
   } catch (const std::exception& error) {
     // LibTorch's messages if GPU memory and host memory run out.
     if (std::strstr(error.what(), "CUDA out of memory") != nullptr) return report_out_of_memory("out of GPU memory");
     if (std::strstr(error.what(), "allocate memory") != nullptr) return report_out_of_memory("out of memory");
-    return report(error.what(), kFailed);
+    return report_error(error.what(), kFailed);
   }
 }
 

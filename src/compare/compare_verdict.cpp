@@ -12,7 +12,7 @@
 namespace b3dgs {
 namespace {
 
-double mean_seconds(const ComparedConfiguration& ours, double TimeSaved::*seconds) {
+double mean_by_seed(const ComparedConfiguration& ours, double TimeSaved::*seconds) {
   double sum = 0;
   for (const TimeSaved& saved : ours.by_seed) sum += saved.*seconds;
   return sum / static_cast<double>(ours.by_seed.size());
@@ -116,11 +116,11 @@ std::string unbalanced_verdict(const ComparisonSummary& summary, const ComparedC
       (ours.was_slower_from_start ? names + " was faster from the start" : "no load-balanced kernel was used") +
       "; with " + (ours.was_slower_from_start ? "it " : names + " ") + ours.name + " " +
       saving_text(*ours.overall, summary.baseline);
-  std::vector<std::pair<std::string, double>> times{{ours.name, mean_seconds(ours, &TimeSaved::ours_s)}};
+  std::vector<std::pair<std::string, double>> times{{ours.name, mean_by_seed(ours, &TimeSaved::ours_s)}};
   if (gain != nullptr && gain->unbalanced != summary.baseline) {
     times.emplace_back(gain->unbalanced, gain->unbalanced_s);
   }
-  times.emplace_back(summary.baseline, mean_seconds(ours, &TimeSaved::baseline_s));
+  times.emplace_back(summary.baseline, mean_by_seed(ours, &TimeSaved::baseline_s));
   return text + " (" + times_text(times) + ")";
 }
 
@@ -168,8 +168,8 @@ std::string configuration_verdict(const ComparisonSummary& summary, const Compar
                     : ", kernels without load balancing, were not trained");
   }
   return text + " (" +
-         times_text({{ours.name, mean_seconds(ours, &TimeSaved::ours_s)},
-                     {summary.baseline, mean_seconds(ours, &TimeSaved::baseline_s)}}) +
+         times_text({{ours.name, mean_by_seed(ours, &TimeSaved::ours_s)},
+                     {summary.baseline, mean_by_seed(ours, &TimeSaved::baseline_s)}}) +
          ")";
 }
 

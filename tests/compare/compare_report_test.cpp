@@ -14,6 +14,7 @@
 #include "report/page_data.h"
 #include "report/train_report.h"
 #include "scene/images/image.h"
+#include "support/expect_error.h"
 #include "support/files.h"
 #include "support/temp_dir.h"
 
@@ -23,7 +24,7 @@ namespace {
 using Json = nlohmann::ordered_json;
 
 /// Lines every 10 iterations up to 100; switches from combined to shared-memory at `switch_iteration` (0: never).
-TrainHistory history(double ms, int switch_iteration = 0) {
+TrainHistory steady_history(double ms, int switch_iteration = 0) {
   TrainHistory history;
   for (int iteration = 10; iteration <= 100; iteration += 10) {
     LogPoint point;
@@ -61,13 +62,9 @@ Comparison comparison_of(const std::vector<std::pair<std::string, std::vector<Tr
   return comparison;
 }
 
-bool contains(const std::string& text, const std::string& part) {
-  return text.find(part) != std::string::npos;
-}
-
 TEST(CompareReportData, HasTheRunsOfAllSeedsAndTheSummary) {
-  const Json data = comparison_report_data(
-      comparison_of({{"naive", {history(10), history(10)}}, {"adaptive", {history(8, 51), history(8)}}}));
+  const Json data = comparison_report_data(comparison_of(
+      {{"naive", {steady_history(10), steady_history(10)}}, {"adaptive", {steady_history(8, 51), steady_history(8)}}}));
   EXPECT_EQ(data["kind"], "comparison");
   EXPECT_EQ(data["scene"], "garden");
   EXPECT_EQ(data["seeds"], Json::array({3, 5}));
@@ -84,7 +81,8 @@ TEST(CompareReportData, HasTheRunsOfAllSeedsAndTheSummary) {
 }
 
 TEST(CompareReportData, NamesOptionsOfAllOnlyWhereTheyAre) {
-  Comparison comparison = comparison_of({{"naive", {history(10), history(10)}}, {"mine", {history(8), history(8)}}});
+  Comparison comparison = comparison_of(
+      {{"naive", {steady_history(10), steady_history(10)}}, {"mine", {steady_history(8), steady_history(8)}}});
   comparison.plan.base.gaussians_per_pixel = 1.5;  // of the default preset, which both configurations override
   comparison.plan.base.lambda_dssim = 0.3;
   for (ConfigurationHistory& own : comparison.configurations) {
@@ -95,31 +93,32 @@ TEST(CompareReportData, NamesOptionsOfAllOnlyWhereTheyAre) {
   comparison.configurations[1].config.lambda_dssim = 0.4;
   const Json data = comparison_report_data(comparison);
   const std::string all = data["settings"].dump();
-  EXPECT_TRUE(contains(all, "gaussians_per_pixel 2.5")) << all;
-  EXPECT_FALSE(contains(all, "lambda_dssim")) << all;
-  EXPECT_FALSE(contains(data.dump(), "gaussians_per_pixel 1.5"));
+  EXPECT_TRUE(test::contains(all, "gaussians_per_pixel 2.5")) << all;
+  EXPECT_FALSE(test::contains(all, "lambda_dssim")) << all;
+  EXPECT_FALSE(test::contains(data.dump(), "gaussians_per_pixel 1.5"));
   EXPECT_EQ(data["options"], Json::array({Json::array({"lambda_dssim", "0.1", "0.4"})}));
 }
 
 TEST(CompareReportData, SaysHowLongLoadingTheKernelsTook) {
-  Comparison comparison = comparison_of({{"naive", {history(10), history(10)}}, {"mine", {history(8), history(8)}}});
+  Comparison comparison = comparison_of(
+      {{"naive", {steady_history(10), steady_history(10)}}, {"mine", {steady_history(8), steady_history(8)}}});
   EXPECT_EQ(comparison_report_data(comparison)["loading"], "");
   comparison.plan.loading_ms = 87;
-  EXPECT_TRUE(contains(comparison_report_data(comparison)["loading"],
-                       "the times of mine include 87 ms for loading the candidate kernels"));
+  EXPECT_TRUE(test::contains(comparison_report_data(comparison)["loading"],
+                             "the times of mine include 87 ms for loading the candidate kernels"));
 }
 
 TEST(CompareReport, TheTableOnTheTerminalHasNoEmptyColumns) {
-  const std::string fixed = describe_comparison(
-      comparison_of({{"naive", {history(10), history(10)}}, {"combined", {history(8), history(8)}}}));
-  EXPECT_FALSE(contains(fixed, "switch")) << fixed;
-  EXPECT_TRUE(contains(fixed, "20.0 to 20.0 %  faster")) << fixed;
-  const std::string switched = describe_comparison(
-      comparison_of({{"naive", {history(10), history(10)}}, {"mine", {history(8, 51), history(8, 51)}}}));
-  EXPECT_TRUE(contains(switched, "before switch  after switch")) << switched;
-  Comparison one = comparison_of({{"naive", {history(10)}}, {"combined", {history(9.5)}}});
-  EXPECT_FALSE(contains(describe_comparison(one), "interval")) << describe_comparison(one);
-  EXPECT_TRUE(contains(describe_comparison(one), "5.0 %  unclear")) << describe_comparison(one);
+  const std::string fixed = describe_comparison(comparison_of(
+      {{"naive", {steady_history(10), steady_history(10)}}, {"combined", {steady_history(8), steady_history(8)}}}));
+  EXPECT_FALSE(test::contains(fixed, "switch")) << fixed;
+  EXPECT_TRUE(test::contains(fixed, "20.0 to 20.0 %  faster")) << fixed;
+  const std::string switched = describe_comparison(comparison_of(
+      {{"naive", {steady_history(10), steady_history(10)}}, {"mine", {steady_history(8, 51), steady_history(8, 51)}}}));
+  EXPECT_TRUE(test::contains(switched, "before switch  after switch")) << switched;
+  Comparison one = comparison_of({{"naive", {steady_history(10)}}, {"combined", {steady_history(9.5)}}});
+  EXPECT_FALSE(test::contains(describe_comparison(one), "interval")) << describe_comparison(one);
+  EXPECT_TRUE(test::contains(describe_comparison(one), "5.0 %  unclear")) << describe_comparison(one);
 }
 
 class ReportInBrowser : public ::testing::Test {
@@ -153,7 +152,8 @@ void expect_in_order(const std::string& text, std::initializer_list<const char*>
 }
 
 TEST_F(ReportInBrowser, ShowsRunToRunVariationBesideEveryDifference) {
-  TrainHistory naive = history(10), again = history(10.2), shared = history(5), ours = history(4, 51);
+  TrainHistory naive = steady_history(10), again = steady_history(10.2), shared = steady_history(5),
+               ours = steady_history(4, 51);
   for (TrainHistory* own : {&naive, &again, &shared, &ours}) own->points.back().test_psnr = 25;
   again.points.back().test_psnr = 25.25;
   const std::string text = shown(comparison_of({{"naive", {naive, naive}},
@@ -184,7 +184,7 @@ TEST_F(ReportInBrowser, ShowsRunToRunVariationBesideEveryDifference) {
 }
 
 TEST_F(ReportInBrowser, ShowsPublishedResultsBesideTheSameComparison) {
-  const TrainHistory original = history(10), published = history(8, 51), late = history(8);
+  const TrainHistory original = steady_history(10), published = steady_history(8, 51), late = steady_history(8);
   Comparison comparison = comparison_of({{"naive-kernels", {original, original}}, {"published", {published, late}}});
   comparison.configurations[0].config.lambda_dssim = 0.1;
   const std::string text = shown(comparison);
@@ -312,7 +312,7 @@ TEST_F(ReportInBrowser, DrawsAllChartsOfAComparisonAndOfATraining) {
                          "99th percentile to maximum",
                          "iteration 60"});
   for (const char* missing : {"were not", "not measured yet", "have been rendered"}) {
-    EXPECT_FALSE(contains(text, missing)) << missing;
+    EXPECT_FALSE(test::contains(text, missing)) << missing;
   }
   for (const std::string scheme : {"light", "dark"}) {
     const PictureContent content = content_of(read_image(folder_.path() / ("pictures/" + scheme + ".png"), false));

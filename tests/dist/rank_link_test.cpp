@@ -26,7 +26,7 @@ namespace {
 using std::chrono::milliseconds;
 using test::fails_with;
 
-constexpr milliseconds kLong{60000};  // where a test fails if it is reached
+constexpr milliseconds kUnreached{60000};  // where a test fails if it is reached
 
 /// The other end of a link, which lets rank 1 of 2 join and then does what a test says.
 class OtherEnd {
@@ -52,7 +52,7 @@ class OtherEnd {
     std::optional<Message> found;
     while (!found) {
       pollfd file{connection_.socket().fd(), POLLIN, 0};
-      if (poll(&file, 1, static_cast<int>(kLong.count())) != 1) return std::nullopt;
+      if (poll(&file, 1, static_cast<int>(kUnreached.count())) != 1) return std::nullopt;
       connection_.receive([&](const Message& message) {
         if (message.kind == kind) found = message;
       });
@@ -70,7 +70,7 @@ std::atomic<int> n_signals{0};
 
 TEST(RankLink, ASignalCutsNoMessageShort) {
   RankLimits limits;
-  limits.silence = 10 * kLong;
+  limits.silence = 10 * kUnreached;
   OtherEnd hub(limits);
   const std::string value(20000000, 'v');
   std::thread sender([&] { EXPECT_THROW(hub.link().set("key", value), PeerError) << "no answer"; });

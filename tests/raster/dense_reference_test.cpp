@@ -317,7 +317,7 @@ double loss_of(const DenseView& view, const RenderedViewGrad& grad) {
       .item<double>();
 }
 
-std::vector<double> to_vector(const torch::Tensor& tensor) {
+std::vector<double> values_of(const torch::Tensor& tensor) {
   const torch::Tensor flat = tensor.detach().contiguous();
   return {flat.data_ptr<double>(), flat.data_ptr<double>() + flat.numel()};
 }
@@ -342,8 +342,8 @@ void expect_gradients_of(const TestScene& scene) {
       *moved.all()[group] = torch::tensor(x, torch::kFloat64).view_as(*leaves.all()[group]);
       return loss_of(dense_render(moved, scene.view, settings), grad);
     };
-    const std::vector<double> numeric = numeric_gradient(value, to_vector(*leaves.all()[group]));
-    EXPECT_TRUE(gradients_agree(to_vector(*found.parameters.all()[group]), numeric, 1e-8));
+    const std::vector<double> numeric = numeric_gradient(value, values_of(*leaves.all()[group]));
+    EXPECT_TRUE(gradients_agree(values_of(*found.parameters.all()[group]), numeric, 1e-8));
   }
 }
 

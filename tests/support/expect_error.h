@@ -1,4 +1,4 @@
-// Checks the type and the message of an exception.
+// Checks the type and the message of an exception, and what texts contain.
 #pragma once
 
 #include <gtest/gtest.h>
@@ -7,6 +7,10 @@
 #include <string>
 
 namespace b3dgs::test {
+
+inline bool contains(const std::string& text, const std::string& part) {
+  return text.find(part) != std::string::npos;
+}
 
 /// Succeeds if call() throws a Kind whose message is one line that contains all `parts`.
 template <class Kind, class Call>
@@ -18,7 +22,7 @@ testing::AssertionResult fails_with(std::initializer_list<std::string> parts, Ca
     if (message.find('\n') != std::string::npos)
       return testing::AssertionFailure() << "the message has several lines: " << message;
     for (const std::string& part : parts) {
-      if (message.find(part) == std::string::npos) {
+      if (!contains(message, part)) {
         return testing::AssertionFailure() << "\"" << part << "\" is not in: " << message;
       }
     }

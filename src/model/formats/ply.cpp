@@ -14,7 +14,6 @@ namespace b3dgs {
 namespace {
 
 constexpr std::int64_t kRowsPerBlock = 4096;
-constexpr int kMaxShDegree = 3;
 // By which viewers know that they have to apply the 2D filter of Mip-Splatting.
 constexpr const char* kAntialiasedComment = "SplatRenderMode: mip";
 

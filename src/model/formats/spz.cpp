@@ -16,9 +16,8 @@ namespace {
 constexpr char kMagic[4] = {'N', 'G', 'S', 'P'};
 constexpr std::size_t kHeaderBytes = 16;
 constexpr std::uint32_t kWrittenVersion = 3, kLastGzipVersion = 3;
-constexpr int kMaxShDegree = 3;
 constexpr std::uint8_t kAntialiased = 1;  // the other flags announce data after the arrays
-constexpr std::size_t kRowsPerBlock = 4096;
+constexpr std::size_t kSplatsPerBlock = 4096;
 
 constexpr int kPositionBits = 24, kDefaultFractionalBits = 12;
 constexpr double kMaxFixed = (1 << (kPositionBits - 1)) - 1;
@@ -97,9 +96,9 @@ void check_count(const Header& header, std::uint64_t compressed_bytes, const Fil
 /// Reads the next array of `width` bytes a Gaussian and calls decode(index, bytes) for each.
 template <class Decode>
 void read_array(GzipReader& gzip, std::uint64_t count, std::size_t width, Decode&& decode) {
-  std::vector<std::uint8_t> block(kRowsPerBlock * width);
-  for (std::uint64_t begin = 0; begin < count; begin += kRowsPerBlock) {
-    const std::uint64_t n = std::min<std::uint64_t>(kRowsPerBlock, count - begin);
+  std::vector<std::uint8_t> block(kSplatsPerBlock * width);
+  for (std::uint64_t begin = 0; begin < count; begin += kSplatsPerBlock) {
+    const std::uint64_t n = std::min<std::uint64_t>(kSplatsPerBlock, count - begin);
     gzip.read_bytes(block.data(), n * width);
     for (std::uint64_t i = 0; i < n; ++i) decode(begin + i, block.data() + i * width);
   }
@@ -205,9 +204,9 @@ std::uint8_t encode_sh(float value, double step) {
 /// Calls encode(index, bytes) for each Gaussian and writes the array of `width` bytes a Gaussian.
 template <class Encode>
 void write_array(GzipWriter& gzip, std::uint64_t count, std::size_t width, Encode&& encode) {
-  std::vector<std::uint8_t> block(kRowsPerBlock * width);
-  for (std::uint64_t begin = 0; begin < count; begin += kRowsPerBlock) {
-    const std::uint64_t n = std::min<std::uint64_t>(kRowsPerBlock, count - begin);
+  std::vector<std::uint8_t> block(kSplatsPerBlock * width);
+  for (std::uint64_t begin = 0; begin < count; begin += kSplatsPerBlock) {
+    const std::uint64_t n = std::min<std::uint64_t>(kSplatsPerBlock, count - begin);
     for (std::uint64_t i = 0; i < n; ++i) encode(begin + i, block.data() + i * width);
     gzip.write(block.data(), n * width);
   }

@@ -27,10 +27,6 @@ using test::fails_with;
 using test::Outcome;
 using test::run_b3dgs;
 
-bool contains(const std::string& text, const std::string& part) {
-  return text.find(part) != std::string::npos;
-}
-
 /// PATH of the programs that a test starts.
 class ScopedPath {
  public:
@@ -79,17 +75,17 @@ TEST_F(Export, WritesSpzThatTheOtherCommandsTake) {
   const std::int64_t n = read_splat_ply(ply()).size();
   for (const std::string& part : {format_count(n) + " Gaussians, SH degree 3",
                                   std::string("dB lost (mean of 2 test views)"), std::string("against those before")}) {
-    EXPECT_TRUE(contains(outcome.out, part)) << part << " is not in: " << outcome.out;
+    EXPECT_TRUE(test::contains(outcome.out, part)) << part << " is not in: " << outcome.out;
   }
   EXPECT_EQ(read_spz(path("a.spz")).size(), n);
   EXPECT_LT(fs::file_size(path("a.spz")), fs::file_size(ply()) / 3);
 
   const Outcome info = run_b3dgs({"info", path("a.spz")});
-  EXPECT_TRUE(contains(info.out, "Gaussians         " + format_count(n))) << info.out << info.err;
+  EXPECT_TRUE(test::contains(info.out, "Gaussians         " + format_count(n))) << info.out << info.err;
   const Outcome eval = run_b3dgs({"eval", path("a.spz"), "-s", path("scene"), "--split", "test", "--quiet"});
-  EXPECT_TRUE(contains(eval.out, "mean of 2")) << eval.out << eval.err;
+  EXPECT_TRUE(test::contains(eval.out, "mean of 2")) << eval.out << eval.err;
   const Outcome all = run_b3dgs({"eval", path("a.spz"), "-s", path("scene"), "--quiet"});
-  EXPECT_TRUE(contains(all.out, "mean of 9")) << all.out << all.err;
+  EXPECT_TRUE(test::contains(all.out, "mean of 9")) << all.out << all.err;
   write_splat_ply(path("decoded.ply"), read_spz(path("a.spz")));
   for (const std::string file : {"a.spz", "decoded.ply"}) {
     const Outcome rendered =
@@ -107,8 +103,8 @@ TEST_F(Export, WritesSpzThatTheOtherCommandsTake) {
 TEST_F(Export, ACopyAsPlyLosesNothing) {
   const Outcome outcome = run_export({path("model"), path("copy.ply")});
   ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
-  EXPECT_TRUE(contains(outcome.out, "0.00 dB lost")) << outcome.out;
-  EXPECT_TRUE(contains(outcome.out, "100.00 dB, those after")) << outcome.out;
+  EXPECT_TRUE(test::contains(outcome.out, "0.00 dB lost")) << outcome.out;
+  EXPECT_TRUE(test::contains(outcome.out, "100.00 dB, those after")) << outcome.out;
   EXPECT_TRUE(test::same(test::read_bytes(path("copy.ply")), test::read_bytes(ply())));
 }
 
@@ -116,16 +112,16 @@ TEST_F(Export, ReplacesNothingUnlessAsked) {
   test::write_bytes(path("kept.spz"), "important");
   const Outcome refused = run_export({path("model"), path("kept.spz")});
   EXPECT_EQ(refused.exit_code, 2);
-  EXPECT_TRUE(contains(refused.err, "--overwrite")) << refused.err;
+  EXPECT_TRUE(test::contains(refused.err, "--overwrite")) << refused.err;
   EXPECT_EQ(test::read_bytes(path("kept.spz")), "important");
   EXPECT_EQ(run_export({path("model"), path("kept.spz"), "--overwrite"}).exit_code, 0);
   EXPECT_EQ(read_spz(path("kept.spz")).size(), read_splat_ply(ply()).size());
   const Outcome itself = run_export({path("kept.spz"), path("kept.spz"), "--overwrite"});
   EXPECT_EQ(itself.exit_code, 2);
-  EXPECT_TRUE(contains(itself.err, "is the file to export")) << itself.err;
+  EXPECT_TRUE(test::contains(itself.err, "is the file to export")) << itself.err;
   const std::string before = test::read_bytes(ply());
   const Outcome model_ply = run_export({path("model"), ply(), "--overwrite", "--max_gaussians", "9"});
-  EXPECT_TRUE(contains(model_ply.err, "is the file to export")) << model_ply.err;
+  EXPECT_TRUE(test::contains(model_ply.err, "is the file to export")) << model_ply.err;
   EXPECT_TRUE(test::same(test::read_bytes(ply()), before));
 }
 
@@ -134,16 +130,17 @@ TEST_F(Export, LeavesOutWhatTheOptionsSay) {
   const Outcome outcome = run_export(
       {path("model"), path("small.ply"), "--crop=-1,-1,-1,1,1,1", "--max_sh_degree", "1", "--max_gaussians", "20"});
   ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
-  EXPECT_TRUE(contains(outcome.out, "least contribution to 7 training views")) << outcome.out;
-  EXPECT_FALSE(contains(outcome.out, "dB lost")) << "--crop leaves out what the photographs show: " << outcome.out;
-  EXPECT_TRUE(contains(outcome.out, "both cropped")) << outcome.out;
+  EXPECT_TRUE(test::contains(outcome.out, "least contribution to 7 training views")) << outcome.out;
+  EXPECT_FALSE(test::contains(outcome.out, "dB lost"))
+      << "--crop leaves out what the photographs show: " << outcome.out;
+  EXPECT_TRUE(test::contains(outcome.out, "both cropped")) << outcome.out;
   const SplatCloud after = read_splat_ply(path("small.ply"));
   EXPECT_EQ(after.size(), 20);
   EXPECT_EQ(after.sh_degree, 1);
   for (const float value : after.means) EXPECT_LE(std::abs(value), 1);
   const Outcome none = run_export({path("model"), path("none.ply"), "--crop", "1000,1000,1000,1"});
   EXPECT_EQ(none.exit_code, 2);
-  EXPECT_TRUE(contains(none.err, "no Gaussian is left")) << none.err;
+  EXPECT_TRUE(test::contains(none.err, "no Gaussian is left")) << none.err;
   EXPECT_FALSE(fs::exists(path("none.ply")));
   const Outcome opaque = run_export({path("model"), path("opaque.ply"), "--min_opacity", "0.1"});
   ASSERT_EQ(opaque.exit_code, 0) << opaque.err;
@@ -171,14 +168,14 @@ TEST_F(Export, KeepsTheGaussiansThatMatterToTheViews) {
   const Outcome blind = run_export({path("padded.ply"), path("blind.ply"), "--max_gaussians", kept});
   ASSERT_EQ(blind.exit_code, 0) << blind.err;
   EXPECT_NE(read_splat_ply(path("blind.ply")).logit_opacities, useful);
-  EXPECT_TRUE(contains(blind.out, "opacity times area, for lack of a scene")) << blind.out;
-  EXPECT_TRUE(contains(blind.out, "not measured: no scene is named (-s SCENE)")) << blind.out;
+  EXPECT_TRUE(test::contains(blind.out, "opacity times area, for lack of a scene")) << blind.out;
+  EXPECT_TRUE(test::contains(blind.out, "not measured: no scene is named (-s SCENE)")) << blind.out;
 }
 
 TEST_F(Export, TurnsTheModelUpright) {
   const Outcome outcome = run_export({path("model"), path("up.ply"), "--up", "-y"});
   ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
-  EXPECT_TRUE(contains(outcome.out, "0.00 dB lost")) << "measured before rotating: " << outcome.out;
+  EXPECT_TRUE(test::contains(outcome.out, "0.00 dB lost")) << "measured before rotating: " << outcome.out;
   // Cameras of this scene are on a ring about the axis z, which points up.
   SplatCloud expected = read_splat_ply(ply());
   rotate_splats(rotation_between({0, 0, 1}, {0, -1, 0}), expected);
@@ -187,7 +184,7 @@ TEST_F(Export, TurnsTheModelUpright) {
   for (std::size_t i = 0; i < expected.means.size(); ++i) EXPECT_NEAR(after.means[i], expected.means[i], 1e-3) << i;
   const Outcome blind = run_export({path("up.ply"), path("up2.ply"), "--up", "auto"});
   EXPECT_EQ(blind.exit_code, 2);
-  EXPECT_TRUE(contains(blind.err, "needs cameras")) << blind.err;
+  EXPECT_TRUE(test::contains(blind.err, "needs cameras")) << blind.err;
 }
 
 TEST_F(Export, DoesWithoutPhotographs) {
@@ -195,8 +192,8 @@ TEST_F(Export, DoesWithoutPhotographs) {
   const Outcome outcome = run_export({path("model"), path("blind.spz"), "--up", "auto", "--max_gaussians", "50"});
   fs::rename(path("moved"), path("scene"));
   ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
-  EXPECT_TRUE(contains(outcome.out, "contribution to 7 training views")) << outcome.out;
-  EXPECT_TRUE(contains(outcome.out, "not measured: ")) << outcome.out;
+  EXPECT_TRUE(test::contains(outcome.out, "contribution to 7 training views")) << outcome.out;
+  EXPECT_TRUE(test::contains(outcome.out, "not measured: ")) << outcome.out;
   EXPECT_EQ(read_spz(path("blind.spz")).size(), 50);
 }
 
@@ -204,7 +201,7 @@ TEST_F(Export, RefusesWhatCannotBeDone) {
   const auto refuses = [&](const std::vector<std::string>& words, const std::string& part) {
     const Outcome outcome = run_export(words);
     EXPECT_EQ(outcome.exit_code, 2) << outcome.err;
-    EXPECT_TRUE(contains(outcome.err, part)) << outcome.err;
+    EXPECT_TRUE(test::contains(outcome.err, part)) << outcome.err;
   };
   refuses({}, "MODEL_PATH");
   refuses({path("model")}, "OUTPUT");
@@ -223,7 +220,7 @@ TEST_F(Export, SaysHowToGetTheProgramForOtherFormats) {
   const ScopedPath no_programs(path("."));
   const Outcome outcome = run_export({path("model"), path("a.sog")});
   EXPECT_EQ(outcome.exit_code, 2);
-  EXPECT_TRUE(contains(outcome.err, "npm install -g @playcanvas/splat-transform")) << outcome.err;
+  EXPECT_TRUE(test::contains(outcome.err, "npm install -g @playcanvas/splat-transform")) << outcome.err;
 }
 
 TEST_F(Export, HandsOtherFormatsToTheProgramAndReadsThemBack) {
@@ -237,11 +234,11 @@ TEST_F(Export, HandsOtherFormatsToTheProgramAndReadsThemBack) {
   install("cp \"$from\" \"$to\"\n");
   const Outcome good = run_export({path("model"), path("b.sog")});
   ASSERT_EQ(good.exit_code, 0) << good.err;
-  EXPECT_TRUE(contains(good.out, "0.00 dB lost")) << good.out;
+  EXPECT_TRUE(test::contains(good.out, "0.00 dB lost")) << good.out;
   EXPECT_TRUE(test::same(test::read_bytes(path("b.sog")), test::read_bytes(ply())));
   const Outcome glb = run_export({path("model"), path("b.glb")});
   ASSERT_EQ(glb.exit_code, 0) << glb.err;
-  EXPECT_TRUE(contains(glb.out, "not measured: splat-transform does not read .glb")) << glb.out;
+  EXPECT_TRUE(test::contains(glb.out, "not measured: splat-transform does not read .glb")) << glb.out;
   ASSERT_EQ(run_export({path("model"), path("b.compressed.ply")}).exit_code, 0);
 
   const Outcome loud = run_b3dgs({"export", path("model"), path("loud.sog"), "--device", "cpu"});
@@ -255,19 +252,19 @@ TEST_F(Export, HandsOtherFormatsToTheProgramAndReadsThemBack) {
   install("case $to in *back.ply) echo nonsense >\"$to\" ;; *) cp \"$from\" \"$to\" ;; esac\n");
   const Outcome unmeasured = run_export({path("model"), path("e.sog")});
   EXPECT_EQ(unmeasured.exit_code, 0) << unmeasured.err;
-  EXPECT_TRUE(contains(unmeasured.err, "e.sog is complete")) << unmeasured.err;
-  EXPECT_TRUE(contains(unmeasured.out, "not measured: ")) << unmeasured.out;
+  EXPECT_TRUE(test::contains(unmeasured.err, "e.sog is complete")) << unmeasured.err;
+  EXPECT_TRUE(test::contains(unmeasured.out, "not measured: ")) << unmeasured.out;
   EXPECT_TRUE(test::same(test::read_bytes(path("e.sog")), test::read_bytes(ply())));
 
   install("echo 'x Error: no such thing' >&2; exit 3\n");
   const Outcome bad = run_export({path("model"), path("c.sog")});
   EXPECT_EQ(bad.exit_code, 2);
-  EXPECT_TRUE(contains(bad.err, "exit code 3: Error: no such thing")) << bad.err;
+  EXPECT_TRUE(test::contains(bad.err, "exit code 3: Error: no such thing")) << bad.err;
   install("if [ $1$2$3$4 = -q-w-gcpu ]; then cp \"$from\" \"$to\"; else : >\"$to\"; exit 1; fi\n");
   EXPECT_EQ(run_export({path("model"), path("d.sog")}).exit_code, 0) << "again on the CPU";
   EXPECT_FALSE(fs::exists(path("c.sog")));
   for (const auto& entry : fs::directory_iterator(folder_->path())) {
-    EXPECT_FALSE(contains(entry.path().string(), ".b3dgs-work")) << entry.path();
+    EXPECT_FALSE(test::contains(entry.path().string(), ".b3dgs-work")) << entry.path();
   }
 }
 
@@ -356,7 +353,7 @@ TEST_F(SplatTransform, WritesFormatsThatAreMeasured) {
   for (const std::string name : {"r.sog", "r.compressed.ply", "r.html"}) {
     const Outcome outcome = run_export({path("model"), path(name)});
     ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
-    EXPECT_TRUE(contains(outcome.out, "(mean of 2 test views)")) << name << ": " << outcome.out;
+    EXPECT_TRUE(test::contains(outcome.out, "(mean of 2 test views)")) << name << ": " << outcome.out;
   }
 }
 

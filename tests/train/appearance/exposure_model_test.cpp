@@ -14,7 +14,7 @@ namespace {
 using test::like;
 using test::to_doubles;
 
-constexpr int kViews = 3;
+constexpr int kPhotographs = 3;
 
 AppearanceState random_state(const ExposureModel& model) {
   AppearanceState state = model.make_state();
@@ -30,10 +30,10 @@ torch::Tensor exposed(const torch::Tensor& transform, const torch::Tensor& image
 
 TEST(ExposureModel, StartsWithTransformsThatChangeNothing) {
   torch::manual_seed(1);
-  ExposureModel model(TrainConfig{}, kViews, torch::kCPU);
+  ExposureModel model(TrainConfig{}, kPhotographs, torch::kCPU);
   const AppearanceState state = model.make_state();
   const torch::Tensor image = torch::randn({7, 5, 3});
-  for (int view = 0; view < kViews; ++view) EXPECT_TRUE(test::same(model.apply(state, view, image), image));
+  for (int view = 0; view < kPhotographs; ++view) EXPECT_TRUE(test::same(model.apply(state, view, image), image));
   const torch::Tensor grad = torch::randn({7, 5, 3}), before = grad.clone();
   model.backward(state, 1, image, grad);
   EXPECT_TRUE(test::same(grad, before));
@@ -41,20 +41,20 @@ TEST(ExposureModel, StartsWithTransformsThatChangeNothing) {
 
 TEST(ExposureModel, AppliesTheTransformOfTheView) {
   torch::manual_seed(2);
-  ExposureModel model(TrainConfig{}, kViews, torch::kCPU);
+  ExposureModel model(TrainConfig{}, kPhotographs, torch::kCPU);
   const AppearanceState state = random_state(model);
   for (const int height : {1, 40, 33}) {  // images of several sizes
     const torch::Tensor image = torch::rand({height, 70, 3});
-    for (int view = 0; view < kViews; ++view) {
+    for (int view = 0; view < kPhotographs; ++view) {
       EXPECT_TRUE(test::within(model.apply(state, view, image), exposed(state.exposures[view], image), 1e-6));
     }
   }
-  EXPECT_THROW(model.apply(state, kViews, torch::rand({4, 4, 3})), LogicError);
+  EXPECT_THROW(model.apply(state, kPhotographs, torch::rand({4, 4, 3})), LogicError);
 }
 
 TEST(ExposureModel, GradientsAreThoseOfFiniteDifferences) {
   torch::manual_seed(3);
-  ExposureModel model(TrainConfig{}, kViews, torch::kCPU);
+  ExposureModel model(TrainConfig{}, kPhotographs, torch::kCPU);
   const AppearanceState state = random_state(model);
   const torch::Tensor image = torch::rand({6, 5, 3}), weights = torch::randn({6, 5, 3});
   // A loss that is not linear in the corrected colours.
@@ -74,7 +74,7 @@ TEST(ExposureModel, GradientsAreThoseOfFiniteDifferences) {
 
 TEST(ExposureModel, WhereThePhotographIsClippedABrighterRenderIsNoError) {
   torch::manual_seed(5);
-  ExposureModel model(TrainConfig{}, kViews, torch::kCPU);
+  ExposureModel model(TrainConfig{}, kPhotographs, torch::kCPU);
   const AppearanceState state = random_state(model);
   const torch::Tensor image = 2 * torch::rand({20, 19, 3}), from = torch::randn({20, 19, 3});
   torch::Tensor photograph = torch::randint(256, {20, 19, 3}, torch::kUInt8);
@@ -102,7 +102,7 @@ TEST(ExposureModel, WhereThePhotographIsClippedABrighterRenderIsNoError) {
 
 TEST(ExposureModel, GradientOfALargeImageIsExactOnAnyNumberOfThreads) {
   torch::manual_seed(4);
-  ExposureModel model(TrainConfig{}, kViews, torch::kCPU);
+  ExposureModel model(TrainConfig{}, kPhotographs, torch::kCPU);
   const AppearanceState state = random_state(model);
   const torch::Tensor image = torch::rand({150, 101, 3}), from = torch::randn({150, 101, 3});  // several blocks
   const torch::Tensor flat = from.to(torch::kFloat64).view({-1, 3});
@@ -127,12 +127,12 @@ TEST(ExposureModel, StepsAreThoseOfAdamOnAllTransformsWhoseMeanStaysTheIdentity)
   config.iterations = 12;
   config.exposure_lr_init = 0.02;
   config.exposure_lr_final = 0.002;
-  ExposureModel model(config, kViews, torch::kCPU);
+  ExposureModel model(config, kPhotographs, torch::kCPU);
   AppearanceState state = model.make_state();
   torch::Tensor expected = state.exposures.to(torch::kFloat64), m = torch::zeros_like(expected),
                 v = torch::zeros_like(expected);
   for (int t = 1; t <= config.iterations; ++t) {
-    const int view = t * t % kViews;
+    const int view = t * t % kPhotographs;
     const torch::Tensor image = torch::rand({5, 4, 3});
     model.backward(state, view, image, torch::randn({5, 4, 3}));
     torch::Tensor grad = torch::zeros_like(expected);

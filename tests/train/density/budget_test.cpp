@@ -32,15 +32,15 @@ TrainConfig budget_config() {
   return config;
 }
 
-struct Model {
+struct BudgetModel {
   GaussianTensors gaussians;
   DensityStatistics statistics;
 };
 
 /// Uneven Gaussians with opacity 0.5, all candidates with score 1, never scored for their weight.
-Model make_model(std::int64_t n) {
+BudgetModel make_model(std::int64_t n) {
   const torch::Tensor wave = torch::sin(torch::arange(12 * n, torch::kFloat32) * 1.3f);
-  Model model;
+  BudgetModel model;
   GaussianTensors& g = model.gaussians;
   g.means = wave.slice(0, 0, 3 * n).view({n, 3}).clone() * 5;
   g.log_scales = wave.slice(0, 3 * n, 6 * n).view({n, 3}).clone();
@@ -53,11 +53,11 @@ Model make_model(std::int64_t n) {
   return model;
 }
 
-torch::Tensor& column(Model& model, BudgetColumn which) {
+torch::Tensor& column(BudgetModel& model, BudgetColumn which) {
   return model.statistics.extra.at(static_cast<std::size_t>(which)).values;
 }
 
-DensityRound plan_round(const TrainConfig& config, const Model& model, int iteration, std::int64_t limit = 0) {
+DensityRound plan_round(const TrainConfig& config, const BudgetModel& model, int iteration, std::int64_t limit = 0) {
   return make_budget_strategy(config, 1)->plan_round(model.gaussians, model.statistics, iteration, limit);
 }
 
@@ -85,7 +85,7 @@ constexpr int kLastRound = 14900;  // closes the whole distance to the budget
 
 TEST(BudgetStrategy, DrawsParentsInProportionToTheirScores) {
   const std::int64_t n = 400, n_drawn = 60;
-  Model model = make_model(n);
+  BudgetModel model = make_model(n);
   torch::Tensor& scores = column(model, BudgetColumn::kErrorSum);
   scores.copy_(torch::arange(n).remainder(7) * torch::arange(n).remainder(5));  // some 0: never drawn
   model.gaussians.logit_opacities.slice(0, 300, 310).fill_(-6);                 // pruned
@@ -111,7 +111,7 @@ TEST(BudgetStrategy, DrawsParentsInProportionToTheirScores) {
 
 TEST(BudgetStrategy, DrawsAsOftenAsTheScoresSay) {
   // Two of three rows, with scores 1, 1 and 8: the last is left out with probability 2 x 1/10 x 1/9.
-  Model model = make_model(3);
+  BudgetModel model = make_model(3);
   column(model, BudgetColumn::kErrorSum).copy_(torch::tensor({1.0f, 1.0f, 8.0f}));
   TrainConfig config = budget_config();
   config.max_gaussians = 5;
@@ -127,7 +127,7 @@ TEST(BudgetStrategy, DrawsAsOftenAsTheScoresSay) {
 
 TEST(BudgetStrategy, SplitsAlongTheLongestAxis) {
   const std::int64_t n = 20;
-  const Model model = make_model(n);
+  const BudgetModel model = make_model(n);
   for (const std::string rule : {"moments", "preserve"}) {
     SCOPED_TRACE(rule);
     TrainConfig config = budget_config();
@@ -165,7 +165,7 @@ TEST(BudgetStrategy, SplitsAlongTheLongestAxis) {
 /// Root mean square of the difference between the images of a parent and of its two parts, composited, relative to the
 /// parent's image. Seen along the shortest axis.
 double split_image_error(const std::string& rule, double opacity) {
-  Model model = make_model(1);
+  BudgetModel model = make_model(1);
   model.gaussians.means.zero_();
   model.gaussians.log_scales.copy_(torch::tensor({{1.0f, 0.8f, 0.1f}}).log());
   model.gaussians.quats.copy_(torch::tensor({{1.0f, 0.0f, 0.0f, 0.0f}}));
@@ -222,7 +222,7 @@ TEST(BudgetStrategy, GrowsAlongTheCurveToTheBudget) {
 }
 
 TEST(BudgetStrategy, KeepsWithinTheLimitAndSaysHowManyItLeavesOut) {
-  const Model model = make_model(10);
+  const BudgetModel model = make_model(10);
   TrainConfig config = budget_config();
   config.max_gaussians = 18;
   EXPECT_EQ(parents_of(plan_round(config, model, kLastRound)).size(), 8u);
@@ -237,7 +237,7 @@ TEST(BudgetStrategy, KeepsWithinTheLimitAndSaysHowManyItLeavesOut) {
 }
 
 TEST(BudgetStrategy, ChangesNothingWithoutCandidates) {
-  Model model = make_model(6);
+  BudgetModel model = make_model(6);
   column(model, BudgetColumn::kErrorSum).zero_();
   for (const int iteration : {kLastRound, 15000}) {
     const DensityRound round = plan_round(budget_config(), model, iteration);
@@ -251,7 +251,7 @@ TEST(BudgetStrategy, ChangesNothingWithoutCandidates) {
 }
 
 TEST(BudgetStrategy, RemovesTransparentOnesAndThoseThatHardlyContribute) {
-  Model model = make_model(5);
+  BudgetModel model = make_model(5);
   column(model, BudgetColumn::kErrorSum).zero_();
   model.gaussians.logit_opacities[0] = std::log(0.004f / 0.996f);
   column(model, BudgetColumn::kScoreViews).copy_(torch::tensor({40.0f, 20.0f, 19.0f, 20.0f, 0.0f}));
@@ -270,7 +270,7 @@ TEST(BudgetStrategy, RemovesTransparentOnesAndThoseThatHardlyContribute) {
 TEST(BudgetStrategy, RemembersWeightsBetweenTheRoundsThatUseThem) {
   TrainConfig config = budget_config();
   const auto sums_after = [&](int iteration) {
-    Model model = make_model(4);
+    BudgetModel model = make_model(4);
     for (torch::Tensor* own : model.statistics.all()) own->fill_(1);
     make_budget_strategy(config, 1)->end_round(iteration, model.statistics);
     std::vector<double> sums;
@@ -308,7 +308,7 @@ TEST(BudgetStrategy, ScoresTheStepsBeforeEachRound) {
 TEST(BudgetStrategy, AccumulatesScoresOfItsSteps) {
   const Scene scene = test::make_tiny_scene();
   const GaussianTensors gaussians = [] {
-    Model model = make_model(30);
+    BudgetModel model = make_model(30);
     model.gaussians.means *= 0.1f;
     model.gaussians.log_scales -= 2.5f;
     return model.gaussians;
