@@ -9,8 +9,9 @@ target_compile_features(b3dgs_options INTERFACE cxx_std_17)
 # fused multiply-add by name where they want it.
 target_compile_options(b3dgs_options INTERFACE
   $<BUILD_INTERFACE:$<$<COMPILE_LANGUAGE:CXX>:-Wall -Wextra -Wpedantic -ffp-contract=off>>)
-if(CMAKE_UNITY_BUILD)  # of classes that are defined in a source file, which another one includes now
-  target_compile_options(b3dgs_options INTERFACE $<BUILD_INTERFACE:$<$<COMPILE_LANGUAGE:CXX>:-Wno-subobject-linkage>>)
+if(CMAKE_UNITY_BUILD)  # GCC warns of classes in included files that have members of unnamed namespaces
+  target_compile_options(b3dgs_options INTERFACE
+    $<BUILD_INTERFACE:$<$<COMPILE_LANG_AND_ID:CXX,GNU>:-Wno-subobject-linkage>>)
 endif()
 
 target_compile_options(b3dgs_options INTERFACE

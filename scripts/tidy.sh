@@ -10,7 +10,7 @@ if [[ ${1:-} == --without-torch ]]; then
   with_torch='^(src/(core|scene|model|adaptive|report|compare)/|src/raster/cpu/|data_synth/)'
   shift
 fi
-# clang does not read the headers that g++ precompiles.
+# clang cannot read headers that g++ precompiled, and needs a command for each source.
 cmake --preset cpu -B build/tidy -DCMAKE_DISABLE_PRECOMPILE_HEADERS=ON -DCMAKE_UNITY_BUILD=OFF >/dev/null
 files=("$@")
 if ((${#files[@]} == 0)); then

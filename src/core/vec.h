@@ -1,4 +1,4 @@
-// What host and device code share: small vectors and matrices with the operators that the project needs, and
+// What host and device code share: pi, small vectors and matrices with the operators that the project needs, and
 // declarations.
 #pragma once
 
@@ -15,7 +15,7 @@ using cudaStream_t = CUstream_st*;
 namespace b3dgs {
 
 inline constexpr double kPi = 3.14159265358979323846;
-inline constexpr double kDegree = kPi / 180;  // radians
+inline constexpr double kDegree = kPi / 180;  // rad
 
 template <class Real>
 struct Vec2 {

@@ -19,11 +19,11 @@ constexpr int sh_coefficient_count(int degree) {
   return (degree + 1) * (degree + 1);
 }
 
-/// Of PLY and SPZ.
+/// The highest that PLY and SPZ files have here.
 constexpr int kMaxShDegree = 3;
 
 struct SplatCloud {
-  int sh_degree = 0;  // up to kMaxShDegree
+  int sh_degree = 0;  // 0 to kMaxShDegree
   // Trained with anti-aliasing: scales and opacities include the 3D filter, and a renderer has to apply the 2D filter
   // (RenderSettings::antialiasing).
   bool antialiased = false;

@@ -193,7 +193,7 @@ struct BucketParts {
   const SegmentFront* segment_fronts = nullptr;         // Segments::fronts
 };
 
-/// `segmented` cuts longer lists into segments of this many entries, a multiple of the bucket size.
+/// `segmented` cuts long lists into segments of this many entries, a multiple of the bucket size.
 inline constexpr std::int32_t kSegmentEntries = 1024;
 /// Blocks that blend a segment, at most: halves of a tile.
 inline constexpr std::int32_t kSegmentBlocks = 2;
@@ -201,9 +201,10 @@ inline constexpr std::int32_t kSegmentBlocks = 2;
 /// A length that no list exceeds.
 inline constexpr std::int32_t kAnyLength = std::numeric_limits<std::int32_t>::max();
 
-/// `segmented` cuts lists of more entries than this; if none (kAnyLength), it is shared-memory. Lists begin longest
-/// first, so the longest ends after the others only if it has more entries than a multiprocessor's share of all. Then
-/// the others that would end late are cut too. Cutting blends part of the entries twice, so few segments do not pay.
+/// The longest list that `segmented` leaves whole, entries; kAnyLength: all lists, as shared-memory does. Lists begin
+/// longest first, so the longest ends last, roughly, if it exceeds a multiprocessor's share of all entries. Then lists
+/// above a quarter of the share are cut (measured: docs/lab/kernels.md). A cut blends some entries twice: few segments
+/// do not pay.
 inline std::int32_t longest_whole_list(const ViewCounts& counts, int n_multiprocessors) {
   const std::int64_t share = counts.n_pairs / n_multiprocessors;
   if (counts.longest_list <= std::max<std::int64_t>(4 * kSegmentEntries, share)) return kAnyLength;
@@ -216,7 +217,7 @@ struct SegmentTask {
 };
 
 /// Scratch memory of `segmented`. The segments of a tile have consecutive indices, and there may be unused indices
-/// between tiles. A list longer than a segment is cut into at most 2 entries / kSegmentEntries segments, so indices are
+/// between tiles. A list that is cut has at most 2 entries / kSegmentEntries segments, so indices are
 /// below n = 2 n_pairs / kSegmentEntries.
 struct Segments {
   std::int32_t n_tasks_max = 0;           // upper bound of the number of tasks, known to the host

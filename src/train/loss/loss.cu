@@ -10,7 +10,7 @@ namespace {
 
 constexpr int kSide = 32;
 constexpr int kThreads = 256;
-constexpr int kBlocks = 5;  // resident per multiprocessor; limits the registers
+constexpr int kBlocks = 4;  // resident per multiprocessor; limits the registers
 constexpr int kRadius = kSsimRadius;
 constexpr int kHalo = kSide + 2 * kRadius;
 constexpr int kRun = 4;  // adjacent outputs that a thread filters at once
@@ -76,9 +76,10 @@ __device__ __forceinline__ void for_row_runs(Body&& body) {
   for (int i = static_cast<int>(threadIdx.x); i < kHalo * kRuns; i += kThreads) body(i / kRuns, i % kRuns * kRun);
 }
 
-/// What a block works on. The channels of a tile are neighbours, so that they share the loads of its lines from memory.
+/// What a block works on. The three blocks of a tile follow each other, so that its cache lines are loaded once.
 struct ChannelTile {
-  int channel, x, y;  // px, of the first pixel
+  int channel;
+  int x, y;  // of the first pixel, px
 };
 
 __device__ __forceinline__ ChannelTile channel_tile(const LossArgs& args, unsigned block) {

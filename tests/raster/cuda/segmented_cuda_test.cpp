@@ -66,20 +66,20 @@ TEST(SegmentedCuda, CutListsGiveWhatWholeOnesDo) {
   }
 }
 
-/// 4500 splats that each cover the image, faint ones in front of and behind ten opaque ones: a hundred lists of five
-/// segments, of which those that start last find the first ones done. The edge of the image cuts through sub-tiles of 8
-/// x 4 pixels, so that warps have pixels outside of it.
+/// Splats that each cover the image, faint ones in front of and behind ten opaque ones: sixteen equal lists, fewer than
+/// multiprocessors, or none would be cut, of more segments than run at once, so that the last find the first ones done.
+/// The edge of the image cuts through sub-tiles of 8 x 4 pixels, so that warps have pixels outside of it.
 TestScene wall_behind(int n_faint) {
-  constexpr int kSplats = 4500, kOpaque = 10;
+  constexpr int kSplats = 60000, kOpaque = 10;
   TestScene scene;
   scene.view.rotation = {{1, 0, 0, 0, 1, 0, 0, 0, 1}};
-  scene.view.width = 157;
-  scene.view.height = 77;
+  scene.view.width = 61;
+  scene.view.height = 29;
   scene.view.fx = scene.view.fy = 500;
-  scene.view.cx = 80;
-  scene.view.cy = 40;
+  scene.view.cx = 30;
+  scene.view.cy = 15;
   const torch::Tensor index = torch::arange(kSplats, torch::kFloat32);
-  const torch::Tensor depth = 2 + 0.001f * index;
+  const torch::Tensor depth = 2 + 0.0001f * index;
   const torch::Tensor is_opaque = torch::logical_and(index >= n_faint, index < n_faint + kOpaque);
   const torch::Tensor opacity = torch::where(is_opaque, torch::full({kSplats}, 0.9f), torch::full({kSplats}, 0.005f));
   const torch::Tensor zero = torch::zeros({kSplats});
@@ -99,14 +99,14 @@ TEST(SegmentedCuda, SegmentsBehindTheEndOfAllPixelsChangeNothing) {
     const TestScene scene = wall_behind(n_faint);
     RenderSettings settings = settings_of(scene);
     settings.tile = {16, 8};
-    const std::int64_t n_pixels = std::int64_t{scene.view.width} * scene.view.height;
-    expect_as_by_shared_memory(scene, settings, n_pixels / 1000);
+    expect_as_by_shared_memory(scene, settings, 2);
     settings.kernel = ForwardKernel::kSharedMemory;
     const CudaView whole(scene, settings);
     settings.kernel = ForwardKernel::kSegmented;
     const CudaView cut(scene, settings);
+    // Joining segments rounds differently, unless all pixels end in the first one.
     if (n_faint > 0) {
-      EXPECT_FALSE(test::same(cut.color, whole.color)) << "no list was cut";  // else rounded differently
+      EXPECT_FALSE(test::same(cut.color, whole.color)) << "no list was cut";
     }
     // Which segments are skipped differs from run to run; the image does not.
     for (int run = 0; run < 3; ++run) {
