@@ -217,8 +217,8 @@ struct SegmentTask {
 };
 
 /// Scratch memory of `segmented`. The segments of a tile have consecutive indices, and there may be unused indices
-/// between tiles. A list that is cut has at most 2 entries / kSegmentEntries segments, so indices are
-/// below n = 2 n_pairs / kSegmentEntries.
+/// between tiles. A cut list has at most 2 entries / kSegmentEntries segments, so indices are below
+/// n = 2 n_pairs / kSegmentEntries.
 struct Segments {
   std::int32_t n_tasks_max = 0;           // upper bound of the number of tasks, known to the host
   SegmentTask* tasks = nullptr;           // [n_tasks_max] the second segments of all lists, then the third, ...

@@ -262,7 +262,7 @@ TestScene ends_along_a_long_list() {
   const PinholeView view = make_view(16, 12, 24);
   SceneBuilder builder(view, 0);
   Random random(203);
-  Cloud faint = cloud_over(view, 5000, -1);
+  Cloud faint = cloud_over(view, 6000, -1);
   faint.depth_min = 1;
   faint.depth_max = 6;
   faint.size_min = 0.4;

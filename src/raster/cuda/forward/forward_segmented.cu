@@ -12,7 +12,7 @@
 //   blended again                                  |from T = 0.01 |          end_pixels
 //
 // Kernel 1, cut_lists: one block writes the list of tasks, the segments ordered by their number within their list.
-// Kernel 2, forward_segmented: a block per 128 pixels of a segment or short list. The first segments of all lists run
+// Kernel 2, forward_segmented: a block per 128 pixels of a segment or whole list. The first segments of all lists run
 //   first, then the second ones, and so on. Segments behind finished pixels would be wasted work, so a block first
 //   multiplies the transmittances of the segments in front that are already done (a flag each, stored with release and
 //   loaded with acquire), and skips its segment if no pixel can still be visible. Which segments are skipped depends on
