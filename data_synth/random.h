@@ -5,6 +5,7 @@
 #include <cmath>
 #include <cstdint>
 #include <random>
+
 #include "core/vec.h"
 
 namespace b3dgs {

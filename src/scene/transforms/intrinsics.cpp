@@ -1,8 +1,9 @@
-#include "core/vec.h"
 #include "scene/transforms/transforms.h"
 
 #include <algorithm>
 #include <cmath>
+
+#include "core/vec.h"
 
 namespace b3dgs::transforms {
 namespace {

@@ -1,10 +1,11 @@
 #include "support/raster/dense_reference.h"
-#include "core/vec.h"
 
 #include <torch/csrc/autograd/autograd.h>
 
 #include <cmath>
 #include <sstream>
+
+#include "core/vec.h"
 
 namespace b3dgs::test {
 namespace {
