@@ -28,7 +28,7 @@ bool is_path(const CameraOptions& options) {
 }
 
 double radians(double degrees) {
-  return degrees * M_PI / 180;
+  return degrees * kPi / 180;
 }
 
 /// The views that a path goes through or around, or that are rendered themselves.
@@ -184,11 +184,11 @@ CameraChoice choose_places(const CommandLine& line, const CameraOptions& options
   const Coverage coverage = coverage_of(keys, orbit.focus, orbit.up, orbit.first_axis);
   if (orbit.swing > 0) {
     choice.notes.push_back(print_to_string("along an arc of %.0f degrees and back: the cameras do not go all around",
-                                           2 * orbit.swing * 180 / M_PI));
+                                           2 * orbit.swing * 180 / kPi));
   } else if (coverage.gap > kFullCircleGap) {
     choice.notes.push_back(
         print_to_string("the cameras leave a gap of %.0f degrees around this point; expect blur and holes there",
-                        coverage.gap * 180 / M_PI));
+                        coverage.gap * 180 / kPi));
   }
   return choice;
 }

@@ -15,7 +15,7 @@ constexpr std::int64_t kSamples = 200000;  // Gaussians that are examined
 constexpr double kParallel = 1e-3;         // determinant of the mean projection, below which axes are nearly parallel
 constexpr double kLongestEllipse = 2.5;    // ratio of the axes
 constexpr double kInside = 0.9;            // share of the cameras' arc that an orbit along it uses
-constexpr double kLeastSwing = M_PI / 18;  // of that orbit to each side, rad
+constexpr double kLeastSwing = kPi / 18;   // of that orbit to each side, rad
 
 cv::Vec3d center_of(const Camera& camera) {
   return cv::Vec3d(camera.center().data());
@@ -207,10 +207,10 @@ Coverage coverage_of(const std::vector<Camera>& cameras, const cv::Vec3d& focus,
   std::vector<double> angles;
   for (const auto& [x, y] : horizontal_positions(cameras, focus, axis, up)) angles.push_back(std::atan2(y, x));
   std::sort(angles.begin(), angles.end());
-  Coverage coverage{angles.front() + 2 * M_PI - angles.back(), 0.5 * (angles.front() + angles.back())};
+  Coverage coverage{angles.front() + 2 * kPi - angles.back(), 0.5 * (angles.front() + angles.back())};
   for (std::size_t i = 1; i < angles.size(); ++i) {
     const double gap = angles[i] - angles[i - 1];
-    if (gap > coverage.gap) coverage = {gap, 0.5 * (angles[i] + angles[i - 1]) + M_PI};
+    if (gap > coverage.gap) coverage = {gap, 0.5 * (angles[i] + angles[i - 1]) + kPi};
   }
   return coverage;
 }
@@ -238,7 +238,7 @@ Orbit orbit_through(const std::vector<Camera>& cameras, const cv::Vec3d& focus, 
   const Coverage coverage = coverage_of(cameras, focus, up, orbit.first_axis);
   if (coverage.gap > kFullCircleGap) {
     orbit.start = coverage.middle;
-    orbit.swing = std::max(kInside * 0.5 * (2 * M_PI - coverage.gap), kLeastSwing);
+    orbit.swing = std::max(kInside * 0.5 * (2 * kPi - coverage.gap), kLeastSwing);
     const double deviation = std::sqrt(std::max(0.0, square - orbit.height * orbit.height));
     orbit.height_swing = std::min(deviation, std::tan(kLeastSwing) * orbit.first_radius);
     return orbit;
@@ -270,7 +270,7 @@ std::vector<Camera> cameras_on(const Orbit& orbit, const Camera& lens, int frame
   std::vector<Camera> cameras;
   const cv::Vec3d second_axis = orbit.up.cross(orbit.first_axis);
   for (int frame = 0; frame < frames; ++frame) {
-    const double turn = 2 * M_PI * frame / frames;
+    const double turn = 2 * kPi * frame / frames;
     const double angle = orbit.start + (orbit.swing > 0 ? orbit.swing * std::sin(turn) : turn);
     const double height = orbit.height + orbit.height_swing * std::cos(turn);
     const cv::Vec3d offset = orbit.first_radius * std::cos(angle) * orbit.first_axis +

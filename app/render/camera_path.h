@@ -5,6 +5,7 @@
 #include <opencv2/core/matx.hpp>
 #include <vector>
 
+#include "core/vec.h"
 #include "model/formats/splat_formats.h"
 #include "scene/cameras/camera.h"
 
@@ -35,7 +36,7 @@ cv::Vec3d up_of(const std::vector<Camera>& cameras);
 struct Coverage {
   double gap = 0, middle = 0;
 };
-inline constexpr double kFullCircleGap = 0.5 * M_PI;  // cameras with smaller gaps go all around
+inline constexpr double kFullCircleGap = 0.5 * kPi;  // cameras with smaller gaps go all around
 
 Coverage coverage_of(const std::vector<Camera>& cameras, const cv::Vec3d& focus, const cv::Vec3d& up,
                      const cv::Vec3d& axis);

@@ -6,6 +6,7 @@
 #include <cstdlib>
 
 #include "core/check.h"
+#include "core/vec.h"
 #include "scene/cameras/camera.h"
 
 namespace b3dgs {
@@ -132,7 +133,7 @@ Json cameras_json(const ViewedScene& scene) {
                      {"photograph", view.has_photograph},
                      {"width", camera.width},
                      {"height", camera.height},
-                     {"fov", 2 * std::atan(0.5 * camera.height / camera.fy) * 180 / M_PI},
+                     {"fov", 2 * std::atan(0.5 * camera.height / camera.fy) * 180 / kPi},
                      {"camera_to_world", opengl_from_pose(camera.cam_from_world)}});
   }
   return {{"title", scene.title},   {"training", scene.is_training}, {"center", scene.center},
