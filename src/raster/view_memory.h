@@ -17,7 +17,7 @@ struct ViewMemory {
 };
 
 inline ViewMemory view_memory(const RenderSettings& settings, const CameraView& view) {
-  constexpr double kBucket = 128, kSegment = 1024;  // list entries: kBucketEntries, kSegmentEntries
+  constexpr double kBucket = 128, kSegment = 512;  // list entries: kBucketEntries, ListCut::kMaxLog2
   const std::int64_t n_tiles = (std::int64_t{view.width} + settings.tile.width - 1) / settings.tile.width *
                                ((std::int64_t{view.height} + settings.tile.height - 1) / settings.tile.height);
   const double tile_pixels = static_cast<double>(settings.tile.width) * settings.tile.height;
@@ -25,10 +25,10 @@ inline ViewMemory view_memory(const RenderSettings& settings, const CameraView& 
   // Splat, extent, radius; gradient; first slot.
   const double per_splat = 48 + 8 + 4 + (keeps ? 48 : 0) + (keeps_slots ? 8 : 0);
   // Sorting and segmented blending use the same scratch memory in turn (PassScratch).
-  const double sorting = 2 * 8;                                       // keys, and where runs of them are merged
-  const double segments = 2 * tile_pixels / kSegment * (4 + 16 + 4);  // transmittance, colour and depth, last
+  const double sorting = 2 * 8;                                         // keys, and where runs of them are merged
+  const double segments = 1.5 * tile_pixels / kSegment * (4 + 16 + 4);  // transmittance, colour and depth, last
   const double bucket_parts = keeps ? tile_pixels * (settings.depth_gradient ? 20 : 16) : 0;
-  const double segment_starts = 2 * tile_pixels / kSegment * 4;
+  const double segment_fronts = 1.5 * tile_pixels / kSegment * 4;
   const double fixed_order = keeps_slots ? 8 + 48 : 0;  // slot and gradient of each pair
   const double lists = 4 + 4 / kBucket;                 // splat, tile of each bucket
   // Transmittance and last splat of each pixel; of each tile, where its list, its buckets, its segments and its runs
@@ -36,7 +36,7 @@ inline ViewMemory view_memory(const RenderSettings& settings, const CameraView& 
   const double of_image =
       8.0 * view.width * view.height + static_cast<double>(n_tiles) * (8 + 8 + 4 * 3 + 2 * 32 + bucket_parts);
   return {splats_per_gaussian(view.lens) * per_splat,
-          lists + bucket_parts / kBucket + segment_starts + fixed_order + std::max(sorting, segments), of_image};
+          lists + bucket_parts / kBucket + segment_fronts + fixed_order + std::max(sorting, segments), of_image};
 }
 
 }  // namespace b3dgs

@@ -49,17 +49,20 @@ class ForwardScratch {
         args.quad_masks = arrays.take<std::uint32_t>(args.buckets.n * kMasksPerBucket * tile_pixels / kQuadPixels);
       });
     }
-    if (kernel == ForwardKernel::kSegmented && args.longest_whole < kAnyLength) {
+    if (kernel == ForwardKernel::kSegmented && args.cut.cuts()) {
       // Each task has a full segment in front of it, since only a list's last segment may be shorter.
-      const std::int64_t n_tasks_max = args.blend.bins.n_pairs / kSegmentEntries;
-      const std::int64_t n = 2 * args.blend.bins.n_pairs / kSegmentEntries, n_pixels = n * tile_pixels;
+      const std::int64_t n_tasks_max = args.blend.bins.n_pairs >> args.cut.entries_log2;
+      const std::int64_t n = 3 * args.blend.bins.n_pairs >> (args.cut.entries_log2 + 1), n_pixels = n * tile_pixels;
       Segments& segments = args.segments;
+      segments.n_max = static_cast<std::int32_t>(n);
       segments.n_tasks_max = static_cast<std::int32_t>(n_tasks_max);
-      segments.n_tasks = args.next_task;
       segments.first_of_tile = first_of_tile_.resize(args.blend.grid.n_tiles(), context);
       segments.fronts = fronts_.resize(n_pixels, context);
       scratch.allocate(context, [&](ScratchArrays& arrays) {
         segments.tasks = arrays.take<SegmentTask>(n_tasks_max);
+        segments.n_tasks = arrays.take<std::int32_t>(1);
+        segments.n_long = arrays.take<std::int32_t>(1);
+        segments.hidden_from = arrays.take<std::int32_t>(std::int64_t{kSegmentBlocks} * args.blend.grid.n_tiles());
         segments.is_done = arrays.take<std::int32_t>(kSegmentBlocks * n);
         segments.transmittance = arrays.take<float>(n_pixels);
         segments.color_depth = arrays.take<float4>(n_pixels);
@@ -75,15 +78,16 @@ class ForwardScratch {
 
  private:
   DeviceBuffer<std::int32_t> next_task_, first_of_tile_;
-  DeviceBuffer<SegmentFront> fronts_;
+  DeviceBuffer<float> fronts_;
 };
 
 /// The bucket parts that a forward pass with these arguments has stored for the backward pass.
 inline BucketParts parts_after(ForwardKernel kernel, const BlendForwardCudaArgs& args) {
   BucketParts parts = args.parts;
-  if (kernel == ForwardKernel::kSegmented && args.longest_whole < kAnyLength) {
+  if (kernel == ForwardKernel::kSegmented && args.cut.cuts()) {
     parts.first_segment_of_tile = args.segments.first_of_tile;
     parts.segment_fronts = args.segments.fronts;
+    parts.segment_buckets_log2 = args.cut.entries_log2 - ListCut::kMinLog2;
   }
   return parts;
 }

@@ -165,21 +165,6 @@ void number_lists(const ProjectOutputs& projected, std::int32_t n_tiles, BinBuff
 /// Second part of binning. Pairs are sorted in `scratch`; the result does not use it.
 BinnedView bin(const BinCudaArgs& args, BinBuffers& buffers, PassScratch& scratch, const LaunchContext& context);
 
-/// For a pixel and a segment of its list: the transmittance in front of the segment, by which the segment's bucket
-/// parts are to be multiplied. A pixel whose list has four segments and which finishes in the third:
-///
-///     segment                 0           1           2            3
-///     transmittance      1 ------> 0.5 -----> 0.01 -----> finished
-///     forward_segmented                   1           1            1    its parts begin at transmittance 1
-///     join_segments           1          0.5       -0.01           1    -: to be blended again from 0.01
-///     end_pixels              1          0.5          1            1    that was done: its parts are now absolute
-struct SegmentFront {
-  float value;
-  static B3DGS_HD SegmentFront blend_again_from(float transmittance) { return {-transmittance}; }
-  B3DGS_HD bool is_to_blend_again() const { return value < 0; }
-  B3DGS_HD float transmittance_to_blend_from() const { return -value; }
-};
-
 /// What the backward pass needs from the forward pass: for each pixel, what each bucket adds to it, up to the
 /// bucket of the pixel's last splat. Stored per bucket rather than as a running sum: what is behind a bucket is then a
 /// sum of parts. As a difference of two running sums it would lose accuracy where it is small.
@@ -190,25 +175,35 @@ struct BucketParts {
   float* depth = nullptr;  // same shape: depth that it adds. Null: no gradient with respect to depth follows.
   // Parts of a list that was cut into segments must be multiplied by the transmittance in front of the segment.
   const std::int32_t* first_segment_of_tile = nullptr;  // [n_tiles] -1: not cut. Null: no list is cut.
-  const SegmentFront* segment_fronts = nullptr;         // Segments::fronts
+  const float* segment_fronts = nullptr;                // Segments::fronts
+  int segment_buckets_log2 = 0;                         // 2^this buckets are a segment
 };
-
-/// `segmented` cuts long lists into segments of this many entries, a multiple of the bucket size.
-inline constexpr std::int32_t kSegmentEntries = 1024;
-/// Blocks that blend a segment, at most: halves of a tile.
-inline constexpr std::int32_t kSegmentBlocks = 2;
 
 /// A length that no list exceeds.
 inline constexpr std::int32_t kAnyLength = std::numeric_limits<std::int32_t>::max();
+/// Blocks that blend a segment, at most: halves of a tile.
+inline constexpr std::int32_t kSegmentBlocks = 2;
 
-/// The longest list that `segmented` leaves whole, entries; kAnyLength: all lists, as shared-memory does. Lists begin
-/// longest first, so the longest ends last, roughly, if it exceeds a multiprocessor's share of all entries. Then lists
-/// above a quarter of the share are cut (measured: docs/lab/kernels.md). A cut blends some entries twice: few segments
-/// do not pay.
-inline std::int32_t longest_whole_list(const ViewCounts& counts, int n_multiprocessors) {
-  const std::int64_t share = counts.n_pairs / n_multiprocessors;
-  if (counts.longest_list <= std::max<std::int64_t>(4 * kSegmentEntries, share)) return kAnyLength;
-  return static_cast<std::int32_t>(std::max<std::int64_t>(2 * kSegmentEntries, share / 4));
+/// How `segmented` cuts lists.
+struct ListCut {
+  static constexpr int kMinLog2 = 7, kMaxLog2 = 9;  // of a segment's entries; the smallest is a bucket
+  int entries_log2 = kMinLog2;                      // a segment has 2^this entries, the last of a list maybe fewer
+  std::int32_t longest_whole = kAnyLength;          // entries; longer lists are cut. kAnyLength: none, as shared-memory
+  bool cuts() const { return longest_whole < kAnyLength; }
+};
+
+/// Blocks take lists longest first, so the longest ends last, roughly, if it exceeds a multiprocessor's share of all
+/// entries. Then lists above a quarter of the share are cut, into segments of at most a quarter (measured:
+/// docs/lab/kernels.md). A cut blends some entries twice, so lists of two segments stay whole.
+inline ListCut list_cut(const ViewCounts& counts, int n_multiprocessors) {
+  const std::int64_t quarter = counts.n_pairs / (4 * n_multiprocessors);
+  ListCut cut;
+  while (cut.entries_log2 < ListCut::kMaxLog2 && (std::int64_t{2} << cut.entries_log2) <= quarter) ++cut.entries_log2;
+  const std::int64_t two_segments = std::int64_t{2} << cut.entries_log2;
+  if (counts.longest_list > std::max(two_segments, 4 * quarter)) {
+    cut.longest_whole = static_cast<std::int32_t>(std::max(two_segments, quarter));
+  }
+  return cut;
 }
 
 /// One segment of a tile's list; segment 0 may be the whole list.
@@ -216,29 +211,30 @@ struct SegmentTask {
   std::int32_t tile, segment;  // number of the segment within the list
 };
 
-/// Scratch memory of `segmented`. The segments of a tile have consecutive indices, and there may be unused indices
-/// between tiles. A cut list has at most 2 entries / kSegmentEntries segments, so indices are below
-/// n = 2 n_pairs / kSegmentEntries.
+/// Memory of `segmented`. The segments of a tile have consecutive indices, and there may be unused indices between
+/// tiles. A cut list of L entries has more than two segments, so fewer than 1.5 L / (entries of a segment): indices are
+/// below n = 1.5 n_pairs / (entries of a segment).
 struct Segments {
-  std::int32_t n_tasks_max = 0;           // upper bound of the number of tasks, known to the host
+  std::int32_t n_max = 0;                 // n
+  std::int32_t n_tasks_max = 0;           // upper bound of the number of tasks
   SegmentTask* tasks = nullptr;           // [n_tasks_max] the second segments of all lists, then the third, ...
   std::int32_t* n_tasks = nullptr;        // [1]
+  std::int32_t* n_long = nullptr;         // [1] lists that are at least as long as a segment
   std::int32_t* first_of_tile = nullptr;  // [n_tiles] index of the first segment, -1 if the list is not cut
+  std::int32_t* hidden_from = nullptr;    // [n_tiles, kSegmentBlocks] from this index on, the block sees no segment
   std::int32_t* is_done = nullptr;        // [n, kSegmentBlocks] 1 as soon as the block has blended the segment
-  // All [n, pixels of a tile row by row]:
-  SegmentFront* fronts = nullptr;
+  // All [n, pixels of a tile row by row], up to the segment in which the pixel finishes:
+  float* fronts = nullptr;         // transmittance in front of the segment if its bucket parts begin at 1, otherwise 1
   float* transmittance = nullptr;  // of the segment alone; as in PixelState, negative if it finishes the pixel
-  // What it adds to a pixel whose transmittance is 1; position in the list of the last splat blended, or -1. If the
-  // segment is to be blended again: colour, depth and last splat in front of it.
-  float4* color_depth = nullptr;
-  std::int32_t* last = nullptr;
+  float4* color_depth = nullptr;   // what it adds to a pixel whose transmittance is 1
+  std::int32_t* last = nullptr;    // position in the list of the last splat blended, or -1
 };
 
 struct BlendForwardCudaArgs {
   BlendForwardArgs blend{};
   Buckets buckets{};
   const std::int32_t* tiles_by_length = nullptr;  // [n_tiles] a permutation; BinnedView
-  std::int32_t longest_whole = kAnyLength;        // longest_whole_list(), for `segmented`
+  ListCut cut{};                                  // for `segmented`
   BucketParts parts{};
   std::int32_t* next_task = nullptr;  // [1] task counter, for kernels that set it to 0 first
   // Scratch of `combined`: for each tile: [quads, runs of 32 entries]

@@ -274,7 +274,7 @@ class CudaBackend final : public RasterizerBackend {
                                         state_.grid.n_tiles(), widest));
     }
     state_.n_splats = counts.n_splats + counts.n_second;
-    longest_whole_ = longest_whole_list(counts, context.n_multiprocessors);
+    cut_ = list_cut(counts, context.n_multiprocessors);
     const bool keep_slots = settings.deterministic && settings.keep_for_backward;
     binned_ = bin({projected, n_rows_, counts, state_.grid, settings.culling, keep_slots}, bin_buffers_, pass_scratch_,
                   context);
@@ -321,7 +321,7 @@ class CudaBackend final : public RasterizerBackend {
                                  state_.rendered,
                                  blended_.transmittance.data(),
                                  blended_.last_ids.data()};
-    BlendForwardCudaArgs args{blend, binned_.buckets, binned_.tiles_by_length, longest_whole_, parts_};
+    BlendForwardCudaArgs args{blend, binned_.buckets, binned_.tiles_by_length, cut_, parts_};
     forward_scratch_.allocate(kernel, args, pass_scratch_, context);
     kForwardLaunches[static_cast<std::size_t>(kernel)](args, context);
     stored_parts_ = parts_after(kernel, args);
@@ -467,7 +467,7 @@ class CudaBackend final : public RasterizerBackend {
   // Of the last forward pass:
   BackwardKernel backward_kernel_{};
   bool deterministic_ = false;
-  std::int32_t longest_whole_ = kAnyLength;
+  ListCut cut_{};
   BinnedView binned_{};
   BucketParts parts_{};         // memory for the bucket parts
   BucketParts stored_parts_{};  // what the last blend stored there

@@ -11,6 +11,26 @@
 namespace b3dgs::test {
 namespace {
 
+constexpr std::int32_t kSegmentEntries = 1 << cuda::ListCut::kMaxLog2;
+
+TEST(ListCut, DividesListsLongerThanAShare) {
+  constexpr int kMultiprocessors = 100;
+  const auto cut = [](std::int64_t n_pairs, std::int64_t longest) {
+    cuda::ViewCounts counts{};
+    counts.n_pairs = n_pairs;
+    counts.longest_list = longest;
+    return cuda::list_cut(counts, kMultiprocessors);
+  };
+  EXPECT_FALSE(cut(4'000'000, 40'000).cuts()) << "a multiprocessor's share";
+  EXPECT_EQ(cut(4'000'000, 40'001).longest_whole, 10'000);
+  EXPECT_EQ(cut(4'000'000, 40'001).entries_log2, 9);
+  // Two segments stay whole.
+  EXPECT_EQ(cut(400'000, 4'001).longest_whole, 1024);
+  EXPECT_EQ(cut(160'000, 2'000).entries_log2, 8) << "of at most a quarter of the share";
+  EXPECT_FALSE(cut(2'000, 256).cuts());
+  EXPECT_EQ(cut(2'000, 257).longest_whole, 256);
+}
+
 /// Differences between two views and their gradients.
 struct Apart {
   double color, largest_gradient;
@@ -60,7 +80,7 @@ TEST(SegmentedCuda, CutListsGiveWhatWholeOnesDo) {
     std::set<std::int32_t> segments;  // in which pixels end
     const std::int32_t* const last_ids = reference.rasterizer().last_ids();
     for (std::int64_t p = 0; p < reference.alpha.numel(); ++p) {
-      if (reference.alpha.view(-1)[p].item<float>() > 0.9995f) segments.insert(last_ids[p] / cuda::kSegmentEntries);
+      if (reference.alpha.view(-1)[p].item<float>() > 0.9995f) segments.insert(last_ids[p] / kSegmentEntries);
     }
     ASSERT_GE(segments.size(), 3u) << "pixels of the scene end in several segments";
 
@@ -97,7 +117,7 @@ TestScene wall_behind(int n_faint) {
 
 TEST(SegmentedCuda, SegmentsBehindTheEndOfAllPixelsChangeNothing) {
   B3DGS_NEEDS_GPU();
-  for (const int n_faint : {0, 2100}) {
+  for (const int n_faint : {0, 1100}) {
     SCOPED_TRACE(n_faint);
     const TestScene scene = wall_behind(n_faint);
     RenderSettings settings = settings_of(scene);
@@ -116,10 +136,10 @@ TEST(SegmentedCuda, SegmentsBehindTheEndOfAllPixelsChangeNothing) {
   }
 }
 
-/// One tile whose list has more than a thousand segments, with splats so small and faint that pixels finish far behind
-/// the first.
+/// One tile whose list has more than two thousand segments, with splats so small and faint that pixels finish far
+/// behind the first.
 TestScene crowd_in_a_tile() {
-  constexpr std::int64_t kSplats = 1100 * cuda::kSegmentEntries;
+  constexpr std::int64_t kSplats = 2200 * kSegmentEntries;
   TestScene scene;
   scene.view.rotation = {{1, 0, 0, 0, 1, 0, 0, 0, 1}};
   scene.view.width = 16;
@@ -153,7 +173,7 @@ TEST(SegmentedCuda, MoreSegmentsThanNumbersAreSortedBy) {
 
 TEST(SegmentedCuda, SumsInAFixedOrderRepeatBitForBit) {
   B3DGS_NEEDS_GPU();
-  for (const TestScene& scene : {ends_along_a_long_list(), wall_behind(2100)}) {
+  for (const TestScene& scene : {ends_along_a_long_list(), wall_behind(1100)}) {
     RenderSettings settings = settings_of(scene);
     settings.tile = {16, 8};
     settings.kernel = ForwardKernel::kSegmented;

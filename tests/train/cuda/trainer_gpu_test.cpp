@@ -126,7 +126,7 @@ TEST(TrainerOnGpu, LongTrainingWithCutListsGivesTheSameBytesTwiceIfDeterministic
   config.max_gaussians = 40000;
   config.stats_interval = 500;
   const Trained first = train(config, scene, temp / "a"), second = train(config, scene, temp / "b");
-  EXPECT_GT(longest_list(temp / "a"), 4 * cuda::kSegmentEntries) << "no list was divided into segments";
+  EXPECT_GT(longest_list(temp / "a"), 8 << cuda::ListCut::kMaxLog2) << "no list was divided into segments";
   EXPECT_TRUE(test::same(first.ply, second.ply));
   EXPECT_TRUE(test::same(first.checkpoint, second.checkpoint));
 }

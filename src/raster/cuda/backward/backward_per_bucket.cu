@@ -84,18 +84,17 @@ class TransmittanceBefore {
  public:
   __device__ __forceinline__ TransmittanceBefore(const BucketParts& parts, std::int32_t tile, int tile_pixels,
                                                  std::int32_t pixel_index)
-      : tile_pixels_(tile_pixels) {
+      : tile_pixels_(tile_pixels), buckets_log2_(parts.segment_buckets_log2) {
     const std::int32_t first = parts.first_segment_of_tile != nullptr ? parts.first_segment_of_tile[tile] : -1;
     if (first >= 0) fronts_ = parts.segment_fronts + std::int64_t{first} * tile_pixels + pixel_index;
   }
   __device__ __forceinline__ float of_bucket(std::int32_t bucket) const {
-    constexpr int kBuckets = kSegmentEntries / kBucketEntries;
-    return fronts_ != nullptr ? __ldg(&fronts_[std::int64_t{bucket / kBuckets} * tile_pixels_].value) : 1.0f;
+    return fronts_ != nullptr ? __ldg(fronts_ + std::int64_t{bucket >> buckets_log2_} * tile_pixels_) : 1.0f;
   }
 
  private:
-  const int tile_pixels_;
-  const SegmentFront* fronts_ = nullptr;  // null if the list is not cut
+  const int tile_pixels_, buckets_log2_;
+  const float* fronts_ = nullptr;  // null if the list is not cut
 };
 
 /// From a pixel's state behind its list to that behind the bucket, which its last splat is behind.

@@ -1,6 +1,6 @@
-// Forward blend, segmented: shared-memory, with long lists cut into segments of 1024 entries that are blended in
-// parallel, if the longest has much of the work (longest_whole_list()). Balanced like combined, with the cost per splat
-// of a pixel-wise kernel. Not in the paper, whose balanced kernel distributes a crowded tile over its pixels.
+// Forward blend, segmented: shared-memory, with long lists cut into segments of 128 to 512 entries that are blended in
+// parallel, if the longest has much of the work (list_cut()). Balanced like combined, with the cost per splat of a
+// pixel-wise kernel. Not in the paper, whose balanced kernel distributes a crowded tile over its pixels.
 //
 // Compositing is associative: a segment is blended as if the transmittance in front of it were 1, and (transmittance,
 // colour) of a list's segments are then combined front to back. The stop at transmittance 1e-4 is not associative: the
@@ -8,21 +8,21 @@
 //
 //   list           |   segment 0   |   segment 1   |   segment 2   | 3 |
 //   blended from   T = 1           T = 1           T = 1           T = 1     forward_segmented, in parallel
-//   joined         T = 1 --------> 0.5 ----------> 0.01 ---------> finished  join_segments, front to back
-//   blended again                                  |from T = 0.01 |          end_pixels
+//   joined         T = 1 --------> 0.5 ----------> 0.01 ---------> finished  finish_pixels
+//   blended again                                  |from T = 0.01 |          finish_pixels
 //
 // Kernel 1, cut_lists: one block writes the list of tasks, the segments ordered by their number within their list.
 // Kernel 2, forward_segmented: a block per 128 pixels of a segment or whole list. The first segments of all lists run
-//   first, then the second ones, and so on. Segments behind finished pixels would be wasted work, so a block first
-//   multiplies the transmittances of the segments in front that are already done (a flag each, stored with release and
-//   loaded with acquire), and skips its segment if no pixel can still be visible. Which segments are skipped depends on
-//   timing. The image does not: a skipped segment is behind the end of all its pixels.
-// Kernel 3, join_segments: a block per tile, a thread per pixel. Combines the pixel's segments front to back, up to the
-//   one in which it finishes, and writes the pixel unless that segment has to be blended again.
-// Kernel 4, end_pixels: a block per 128 pixels of a task blends the segment again for the pixels that finish in it, and
-//   writes them.
+//   first, then the second ones, and so on, then the lists that are shorter than a segment. Segments behind finished
+//   pixels would be wasted work, so a block first multiplies the transmittances of the segments in front that are
+//   already done (a flag each, stored with release and loaded with acquire), and skips its segment and all behind it if
+//   no pixel can still be visible. Which segments are skipped depends on timing. The image does not: a skipped segment
+//   is behind the end of all its pixels.
+// Kernel 3, finish_pixels: a block per 128 pixels of a task. Multiplies the transmittances in front of the segment. For
+//   pixels that finish in it, or whose list ends with it, combines the segments front to back, blends this one again if
+//   necessary, and writes the pixel.
 //
-// Shared memory: staged splats in kernels 2 and 4 (staged_blend.cuh); counters in kernel 1.
+// Shared memory: staged splats in kernels 2 and 3 (staged_blend.cuh); counters in kernel 1.
 // Barriers: one per bucket of splats, one to skip a segment, and one before it is marked as done.
 // Saved for the backward pass: final transmittance, last splat, bucket parts relative to their segment, and the
 //   transmittance in front of each segment (Segments::fronts).
@@ -40,10 +40,9 @@ namespace {
 
 constexpr int kCutThreads = 1024;  // one block; also how many segment numbers are sorted exactly
 
-/// Number of segments of a tile's list; 1 if it is not cut.
-__device__ __forceinline__ std::int32_t n_segments(const BlendForwardCudaArgs& args, std::int32_t tile) {
-  const std::int32_t length = list_length(args.blend.bins, tile);
-  return length > args.longest_whole ? (length + kSegmentEntries - 1) / kSegmentEntries : 1;
+/// Number of segments of a list of `length` entries; 1 if it is not cut.
+__device__ __forceinline__ std::int32_t n_segments(const ListCut& cut, std::int32_t length) {
+  return length > cut.longest_whole ? ((length - 1) >> cut.entries_log2) + 1 : 1;
 }
 
 /// Lists all segments except the first of each list, sorted by their number within the list (numbers from
@@ -60,23 +59,28 @@ __global__ void __launch_bounds__(kCutThreads) cut_lists_kernel(const BlendForwa
   // Indexed by a segment's number:
   __shared__ std::int32_t first_of_number[kCutThreads];  // index of the first task with that number
   __shared__ std::int32_t n_beyond;                      // number of segments with numbers from kLast on
+  __shared__ std::int32_t n_long;
   const Segments& segments = args.segments;
   const auto thread = static_cast<std::int32_t>(threadIdx.x);
   const std::int32_t n_tiles = args.blend.grid.n_tiles();
   next_rank[thread] = 0;
-  if (thread == 0) n_beyond = 0;
+  if (thread == 0) n_beyond = n_long = 0;
+  for (std::int32_t i = thread; i < kSegmentBlocks * segments.n_max; i += kCutThreads) segments.is_done[i] = 0;
   __syncthreads();
 
   // Count tiles by their number of segments, and assign each cut list a range of segment indices.
+  std::int32_t own_long = 0;
   for (std::int32_t tile = thread; tile < n_tiles; tile += kCutThreads) {
-    const std::int32_t count = n_segments(args, tile);
-    // A list of two or more segments fills more than half of them, so twice the entries in front of the list, divided
-    // by the segment length, leaves enough indices for the lists in front (Segments).
-    segments.first_of_tile[tile] =
-        count > 1 ? static_cast<std::int32_t>(2 * args.blend.bins.tile_offsets[tile] / kSegmentEntries) : -1;
+    const std::int32_t length = list_length(args.blend.bins, tile), count = n_segments(args.cut, length);
+    own_long += length >> args.cut.entries_log2 > 0 ? 1 : 0;
+    // 1.5 times the entries in front of the list, divided by those of a segment, leaves enough indices for the lists in
+    // front (Segments).
+    const std::int64_t first = 3 * args.blend.bins.tile_offsets[tile] >> (args.cut.entries_log2 + 1);
+    segments.first_of_tile[tile] = count > 1 ? static_cast<std::int32_t>(first) : -1;
     if (count > 1) atomicAdd(next_rank + min(count, kLast), 1);
     if (count > kLast) atomicAdd(&n_beyond, count - kLast);
   }
+  atomicAdd(&n_long, own_long);
   __syncthreads();
   // Scan from the largest number of segments down: ranks, and where each segment number begins in the list of tasks.
   const std::int32_t n_tiles_with = next_rank[kLast - thread];
@@ -88,15 +92,19 @@ __global__ void __launch_bounds__(kCutThreads) cut_lists_kernel(const BlendForwa
   std::int32_t n_listed = 0;
   BlockScan(scan_memory)
       .ExclusiveSum(thread > 0 && thread < kLast ? n_with[thread + 1] : 0, first_of_number[thread], n_listed);
-  if (thread == 0) *segments.n_tasks = n_listed + n_beyond;
+  if (thread == 0) {
+    *segments.n_tasks = n_listed + n_beyond;
+    *segments.n_long = n_long;
+  }
   __syncthreads();
 
   // Write the tasks.
   for (std::int32_t tile = thread; tile < n_tiles; tile += kCutThreads) {
-    const std::int32_t count = n_segments(args, tile);
+    const std::int32_t count = n_segments(args.cut, list_length(args.blend.bins, tile));
     if (count == 1) continue;
-    const std::int32_t first = segments.first_of_tile[tile], rank = atomicAdd(next_rank + min(count, kLast), 1);
-    for (std::int32_t k = 0; k < kSegmentBlocks * count; ++k) segments.is_done[kSegmentBlocks * first + k] = 0;
+    const std::int32_t end = segments.first_of_tile[tile] + count;
+    const std::int32_t rank = atomicAdd(next_rank + min(count, kLast), 1);
+    for (int block = 0; block < kSegmentBlocks; ++block) segments.hidden_from[kSegmentBlocks * tile + block] = end;
     for (std::int32_t k = 1; k < count; ++k) {
       segments.tasks[k < kLast ? first_of_number[k] + rank : atomicAdd(first_of_number + kLast, 1)] = {tile, k};
     }
@@ -105,16 +113,19 @@ __global__ void __launch_bounds__(kCutThreads) cut_lists_kernel(const BlendForwa
 
 /// Reads task `number` of the list. Returns false if there are fewer.
 __device__ __forceinline__ bool take_listed(const Segments& segments, std::int32_t number, SegmentTask& task) {
-  if (number >= *segments.n_tasks) return false;
+  if (number < 0 || number >= *segments.n_tasks) return false;
   task = segments.tasks[number];
   return true;
 }
 
-/// Task `number`: the first n_tiles are the first segment (or the whole list) of each tile, the others are listed.
+/// Task `number`: the first segment, or the whole list, of each tile whose list is long, then the tasks that are
+/// listed, then the other tiles. Returns false if there are fewer.
 __device__ __forceinline__ bool take_segment(const BlendForwardCudaArgs& args, std::int32_t number, SegmentTask& task) {
-  const std::int32_t n_tiles = args.blend.grid.n_tiles();
-  if (number >= n_tiles) return take_listed(args.segments, number - n_tiles, task);
-  task = {args.tiles_by_length[number], 0};
+  const std::int32_t n_long = *args.segments.n_long, n_tasks = *args.segments.n_tasks;
+  if (take_listed(args.segments, number - n_long, task)) return true;
+  const std::int32_t place = number < n_long ? number : number - n_tasks;
+  if (place >= args.blend.grid.n_tiles()) return false;
+  task = {args.tiles_by_length[place], 0};
   return true;
 }
 
@@ -126,14 +137,15 @@ struct ListSegment {
   ListRange range;     // its entries
   __device__ ListSegment(const BlendForwardCudaArgs& args, const SegmentTask& task)
       : tile(task.tile), first(args.segments.first_of_tile[task.tile]), index(first + task.segment) {
-    const std::int32_t length = list_length(args.blend.bins, tile), begin = task.segment * kSegmentEntries;
-    range = {begin, first >= 0 && begin + kSegmentEntries < length ? begin + kSegmentEntries : length};
+    const std::int32_t length = list_length(args.blend.bins, tile), entries = 1 << args.cut.entries_log2;
+    const std::int32_t begin = task.segment << args.cut.entries_log2;
+    range = {begin, first >= 0 && begin + entries < length ? begin + entries : length};
   }
 };
 
 /// Upper bound of the pixel's transmittance in front of this segment: the product over the segments that are done. It
-/// is computed in the order in which join_segments_kernel multiplies, so that it is a bound despite rounding. Must be
-/// called by all threads of the block, the tile's `block`, including those of pixels outside the image.
+/// is computed in the order in which transmittance_in_front() multiplies, so that it is a bound despite rounding. Must
+/// be called by all threads of a warp of the tile's `block`, including those of pixels outside the image.
 template <int kTilePixels>
 __device__ __forceinline__ float transmittance_bound(const Segments& segments, const ListSegment& segment, int block,
                                                      std::int32_t pixel_index) {
@@ -164,35 +176,23 @@ __device__ __forceinline__ float transmittance_bound(const Segments& segments, c
   return bound;
 }
 
+/// Stores what forward_segmented_kernel has blended. Reads the task anew: kept in registers during blending, it would
+/// leave room for one block less on a multiprocessor.
 template <int kTilePixels>
-__global__ void __launch_bounds__(kStagedThreads) forward_segmented_kernel(const BlendForwardCudaArgs args) {
+__device__ __forceinline__ void store_segment(const BlendForwardCudaArgs& args, const PixelState<float>& pixel,
+                                              std::int32_t last) {
   constexpr int kBlocks = kStagedBlocks<kTilePixels>;
-  __shared__ StagedSplats staged;
-  const BlendForwardArgs& blend = args.blend;
   const Segments& segments = args.segments;
   SegmentTask task;
-  if (!take_segment(args, static_cast<std::int32_t>(blockIdx.x) / kBlocks, task)) return;
+  take_segment(args, static_cast<std::int32_t>(blockIdx.x) / kBlocks, task);
   const int block = static_cast<int>(blockIdx.x) % kBlocks;
   const ListSegment segment(args, task);
-  const TilePixel at = staged_pixel(blend.grid, segment.tile, block);
+  const TilePixel at = staged_pixel(args.blend.grid, segment.tile, block);
+  const bool is_first = segment.index == segment.first, is_whole = segment.first < 0;
+  if (at.inside && is_first && (is_whole || is_finished(pixel.transmittance))) store_pixel(args.blend, at, pixel, last);
+  if (is_whole) return;
   const std::int32_t pixel_of_segment = segment.index * kTilePixels + at.index;
-  // Skip what cannot be visible.
-  bool is_alive = at.inside, is_any_alive = true;
-  if (segment.index > segment.first) {
-    segments.fronts[pixel_of_segment] = {1};
-    const float bound =
-        transmittance_bound<kTilePixels>(segments, segment, block, at.index);  // uses votes: all lanes must call it
-    is_alive = is_alive && !is_saturated(bound);
-    is_any_alive = __syncthreads_or(is_alive) != 0;
-  }
-
-  // Blend as if the transmittance in front were 1. Pixels outside the image or already finished start as finished.
-  PixelState<float> pixel{is_alive ? 1.0f : kClosedPixel, 0, 0, 0, 0};
-  const std::int32_t last = is_any_alive ? blend_staged(args, staged, segment.tile, segment.range, at, pixel) : -1;
-  if (segment.first < 0) {
-    if (at.inside) store_pixel(blend, at, pixel, last);
-    return;
-  }
+  if (is_first) segments.fronts[pixel_of_segment] = 1;
   segments.transmittance[pixel_of_segment] = pixel.transmittance;
   segments.color_depth[pixel_of_segment] = make_float4(pixel.red, pixel.green, pixel.blue, pixel.depth);
   segments.last[pixel_of_segment] = last;
@@ -205,98 +205,118 @@ __global__ void __launch_bounds__(kStagedThreads) forward_segmented_kernel(const
   }
 }
 
-/// Combines each pixel's segments front to back. If the pixel finishes in a segment that has to be blended again,
-/// leaves the state in front of it to end_pixels_kernel, in place of the segment's.
-template <int kThreads>
-__global__ void __launch_bounds__(kThreads) join_segments_kernel(const BlendForwardCudaArgs args) {
-  constexpr int kAtOnce = 8;  // loads in flight
-  const Segments& segments = args.segments;
-  const auto tile = static_cast<std::int32_t>(blockIdx.x);
-  const std::int32_t first = segments.first_of_tile[tile];
-  if (first < 0) return;
-  const TilePixel at = tile_pixel(args.blend.grid, tile, static_cast<std::int32_t>(threadIdx.x));
-  if (!at.inside) {
-    segments.fronts[first * kThreads + at.index] = {1};
-    return;
-  }
-
-  const std::int32_t count = n_segments(args, tile);
-  PixelState<float> pixel{1, 0, 0, 0, 0};
-  std::int32_t last = -1;
-  for (std::int32_t start = 0; start < count; start += kAtOnce) {
-    const std::int32_t index = (first + start) * kThreads + at.index;
-    float transmittance[kAtOnce];
-    float4 color_depth[kAtOnce];
-    std::int32_t last_of_segment[kAtOnce];
-#pragma unroll
-    for (int k = 0; k < kAtOnce; ++k) {
-      const std::int32_t from = index + (start + k < count ? k : 0) * kThreads;
-      transmittance[k] = segments.transmittance[from];
-      color_depth[k] = segments.color_depth[from];
-      last_of_segment[k] = segments.last[from];
+template <int kTilePixels>
+__global__ void __launch_bounds__(kStagedThreads) forward_segmented_kernel(const BlendForwardCudaArgs args) {
+  constexpr int kBlocks = kStagedBlocks<kTilePixels>;
+  __shared__ StagedSplats staged;
+  SegmentTask task;
+  if (!take_segment(args, static_cast<std::int32_t>(blockIdx.x) / kBlocks, task)) return;
+  const int block = static_cast<int>(blockIdx.x) % kBlocks;
+  const ListSegment segment(args, task);
+  const TilePixel at = staged_pixel(args.blend.grid, segment.tile, block);
+  // Skip what cannot be visible.
+  bool is_alive = at.inside;
+  if (segment.index > segment.first) {
+    std::int32_t* const hidden_from = args.segments.hidden_from + kSegmentBlocks * segment.tile + block;
+    // Another block may lower it now. transmittance_bound() votes, so all lanes of a warp must see the same value.
+    const bool is_hidden = segment.index >= __shfl_sync(kFullWarp, __ldcg(hidden_from), 0);
+    is_alive = is_alive && !is_hidden;
+    if (!is_hidden) {
+      const float bound = transmittance_bound<kTilePixels>(args.segments, segment, block, at.index);
+      is_alive = is_alive && !is_saturated(bound);
     }
-#pragma unroll
-    for (int k = 0; k < kAtOnce; ++k) {
-      if (start + k >= count) break;
-      const std::int32_t to = index + k * kThreads;
-      const float before = pixel.transmittance, behind = before * transmittance[k];
-      // With transmittance 1 in front, the segment was blended exactly as it should be. Otherwise, if the product falls
-      // below the minimum, or the segment alone finishes the pixel (negative), it has to be blended again.
-      const bool is_exact = before == 1;
-      if (is_saturated(behind) && !is_exact) {
-        segments.fronts[to] = SegmentFront::blend_again_from(before);
-        segments.color_depth[to] = make_float4(pixel.red, pixel.green, pixel.blue, pixel.depth);
-        segments.last[to] = last;
-        return;
-      }
-      segments.fronts[to] = {before};
-      pixel = {behind, pixel.red + before * color_depth[k].x, pixel.green + before * color_depth[k].y,
-               pixel.blue + before * color_depth[k].z, pixel.depth + before * color_depth[k].w};
-      if (last_of_segment[k] >= 0) last = last_of_segment[k];
-      if (is_finished(behind)) {
-        store_pixel(args.blend, at, pixel, last);
-        return;
-      }
+    if (__syncthreads_or(is_alive) == 0) {
+      if (threadIdx.x == 0) atomicMin(hidden_from, segment.index);
+      return;
     }
   }
-  store_pixel(args.blend, at, pixel, last);
+  // Blend as if the transmittance in front were 1. Pixels outside the image or already finished start as finished.
+  PixelState<float> pixel{is_alive ? 1.0f : kClosedPixel, 0, 0, 0, 0};
+  const std::int32_t last = blend_staged(args, staged, segment.tile, segment.range, at, pixel);
+  store_segment<kTilePixels>(args, pixel, last);
 }
 
-/// Blends segments again for the pixels that finish in them. Their bucket parts are then absolute instead of relative
-/// to the segment.
+/// Transmittance of the pixel in front of a segment; kClosedPixel if it finishes before.
 template <int kTilePixels>
-__global__ void __launch_bounds__(kStagedThreads) end_pixels_kernel(const BlendForwardCudaArgs args) {
+__device__ __forceinline__ float transmittance_in_front(const Segments& segments, const ListSegment& segment,
+                                                        std::int32_t pixel_index) {
+  constexpr int kAtOnce = 8;  // loads in flight
+  float front = 1;
+  for (std::int32_t start = segment.first; start < segment.index; start += kAtOnce) {
+    float factor[kAtOnce];
+#pragma unroll
+    for (int k = 0; k < kAtOnce; ++k) {
+      factor[k] = start + k < segment.index ? segments.transmittance[(start + k) * kTilePixels + pixel_index] : 1.0f;
+    }
+#pragma unroll
+    for (int k = 0; k < kAtOnce; ++k) {
+      front *= factor[k];
+      if (is_saturated(front)) return kClosedPixel;
+    }
+  }
+  return front;
+}
+
+/// Combines segments front to back up to, but not including, `end`. Returns the last splat blended, or -1.
+template <int kTilePixels>
+__device__ __forceinline__ std::int32_t join_segments(const Segments& segments, std::int32_t first, std::int32_t end,
+                                                      std::int32_t pixel_index, PixelState<float>& pixel) {
+  std::int32_t last = -1;
+#pragma unroll 4
+  for (std::int32_t index = first; index < end; ++index) {
+    const std::int32_t from = index * kTilePixels + pixel_index;
+    const float4 part = segments.color_depth[from];
+    const std::int32_t last_of_segment = segments.last[from];
+    const float front = pixel.transmittance;
+    pixel = {front * segments.transmittance[from], pixel.red + front * part.x, pixel.green + front * part.y,
+             pixel.blue + front * part.z, pixel.depth + front * part.w};
+    if (last_of_segment >= 0) last = last_of_segment;
+  }
+  return last;
+}
+
+/// Stores the pixels that finish in a listed segment, or whose list ends with it; forward_segmented has stored those
+/// that finish in the first. If a segment is blended again, its bucket parts are then absolute instead of relative to
+/// the segment.
+template <int kTilePixels>
+__global__ void __launch_bounds__(kStagedThreads) finish_pixels_kernel(const BlendForwardCudaArgs args) {
   constexpr int kBlocks = kStagedBlocks<kTilePixels>;
   __shared__ StagedSplats staged;
   const Segments& segments = args.segments;
   SegmentTask task;
-  // Only listed segments: the first of a list has transmittance 1 in front of it and is never blended again.
   if (!take_listed(segments, static_cast<std::int32_t>(blockIdx.x) / kBlocks, task)) return;
+  const int block = static_cast<int>(blockIdx.x) % kBlocks;
   const ListSegment segment(args, task);
-  const TilePixel at = staged_pixel(args.blend.grid, segment.tile, static_cast<int>(blockIdx.x) % kBlocks);
+  const std::int32_t end = segments.hidden_from[kSegmentBlocks * segment.tile + block];
+  if (segment.index >= end) return;
+  const TilePixel at = staged_pixel(args.blend.grid, segment.tile, block);
   const std::int32_t pixel_of_segment = segment.index * kTilePixels + at.index;
-  const SegmentFront front = segments.fronts[pixel_of_segment];
-  const bool ends = front.is_to_blend_again();  // the pixel finishes in this segment
-  if (__syncthreads_or(ends) == 0) return;
+  const float front = at.inside ? transmittance_in_front<kTilePixels>(segments, segment, at.index) : kClosedPixel;
+  const bool is_open = front > 0, ends = is_open && is_saturated(front * segments.transmittance[pixel_of_segment]);
+  // With transmittance 1 in front, the segment was blended exactly as it should be.
+  const bool is_again = ends && front != 1;
+  if (is_open) segments.fronts[pixel_of_segment] = is_again ? 1 : front;
 
-  PixelState<float> pixel{kClosedPixel, 0, 0, 0, 0};
-  if (ends) {
-    const float4 color_depth = segments.color_depth[pixel_of_segment];
-    pixel = {front.transmittance_to_blend_from(), color_depth.x, color_depth.y, color_depth.z, color_depth.w};
+  PixelState<float> pixel{1, 0, 0, 0, 0};
+  std::int32_t last = -1;
+  if (ends || (is_open && segment.index + 1 == end)) {
+    last = join_segments<kTilePixels>(segments, segment.first, is_again ? segment.index : segment.index + 1, at.index,
+                                      pixel);
+    if (!is_again) store_pixel(args.blend, at, pixel, last);
   }
-  const std::int32_t last = blend_staged(args, staged, segment.tile, segment.range, at, pixel);
-  if (!ends) return;
-  store_pixel(args.blend, at, pixel, last >= 0 ? last : segments.last[pixel_of_segment]);
-  segments.fronts[pixel_of_segment] = {1};
+  if (__syncthreads_or(is_again) == 0) return;
+  if (!is_again) pixel.transmittance = kClosedPixel;
+  const std::int32_t last_again = blend_staged(args, staged, segment.tile, segment.range, at, pixel);
+  if (is_again) store_pixel(args.blend, at, pixel, last_again >= 0 ? last_again : last);
 }
 
 }  // namespace
 
 void launch_forward_segmented(const BlendForwardCudaArgs& args, const LaunchContext& context) {
-  static_assert(kSegmentEntries % kBucketEntries == 0, "a segment consists of whole buckets");
-  static_assert(2 * (kIndexMax / kSegmentEntries) * (kCudaTileWidth * 16) <= kIndexMax,
-                "32 bits index the pixels of all segments");
-  if (args.longest_whole == kAnyLength) return launch_forward_shared_memory(args, context);
+  static_assert(1 << ListCut::kMinLog2 == kBucketEntries, "a segment consists of whole buckets");
+  static_assert(3 * (std::int64_t{kIndexMax} >> (ListCut::kMaxLog2 + 1)) * (kCudaTileWidth * 16) <= kIndexMax,
+                "32 bits index the pixels of all segments, which are shorter only if there are few");
+  if (!args.cut.cuts()) return launch_forward_shared_memory(args, context);
   const std::int32_t n_tiles = args.blend.grid.n_tiles(), n_tasks_max = args.segments.n_tasks_max;
   cut_lists_kernel<<<1, kCutThreads, 0, context.stream>>>(args);
   B3DGS_CUDA_CHECK_LAUNCH();
@@ -305,10 +325,7 @@ void launch_forward_segmented(const BlendForwardCudaArgs& args, const LaunchCont
     static_assert(kBlocks <= kSegmentBlocks);
     forward_segmented_kernel<kTilePixels><<<kBlocks*(n_tiles + n_tasks_max), kStagedThreads, 0, context.stream>>>(args);
     B3DGS_CUDA_CHECK_LAUNCH();
-    if (n_tasks_max == 0) return;
-    join_segments_kernel<kTilePixels><<<n_tiles, kTilePixels, 0, context.stream>>>(args);
-    B3DGS_CUDA_CHECK_LAUNCH();
-    end_pixels_kernel<kTilePixels><<<kBlocks * n_tasks_max, kStagedThreads, 0, context.stream>>>(args);
+    finish_pixels_kernel<kTilePixels><<<kBlocks * n_tasks_max, kStagedThreads, 0, context.stream>>>(args);
     B3DGS_CUDA_CHECK_LAUNCH();
   });
 }
