@@ -20,7 +20,7 @@ export PATH=$PATH:/usr/local/cuda/bin
 b3dgs=${B3DGS:-$here/build/gpu/app/b3dgs}
 kernels=${KERNELS:-forward_.*_kernel|backward_.*_kernel|mark_quads_kernel|sum_behind_kernel}
 # What goes with forward_segmented_kernel.
-if [[ -z ${KERNELS:-} ]]; then kernels+='|cut_lists_kernel|join_segments_kernel|end_pixels_kernel'; fi
+if [[ -z ${KERNELS:-} ]]; then kernels+='|cut_lists_kernel|finish_pixels_kernel'; fi
 
 fail() {
   echo "profile_kernels.sh: $*" >&2

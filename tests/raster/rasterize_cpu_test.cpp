@@ -75,6 +75,21 @@ void expect_same_bytes(const std::vector<torch::Tensor>& a, const std::vector<to
   }
 }
 
+TEST(RasterizeCpu, SplatsMayMissTheLargestTiles) {
+  const TestScene scene = anisotropic_cloud();
+  RenderSettings settings = settings_of(scene);
+  settings.tile = {cpu::kMaxTileSide, cpu::kMaxTileSide};
+  settings.culling = Culling::kSquare;  // lists contain splats that reach no pixel of the tile
+  for (const std::int64_t target : hwy::SupportedAndGeneratedTargets()) {
+    SCOPED_TRACE(hwy::TargetName(target));
+    const ScopedSimdTarget simd(target);
+    settings.kernel = ForwardKernel::kNaive;
+    const std::vector<torch::Tensor> expected = all_results(scene, settings);
+    settings.kernel = ForwardKernel::kSharedMemory;
+    expect_same_bytes(all_results(scene, settings), expected);
+  }
+}
+
 TEST_P(RasterizeCpuTest, EveryKernelOnEveryInstructionSetAgreesWithTheDenseReference) {
   const TestScene scene = GetParam().build();
   const std::vector<std::int64_t> targets = hwy::SupportedAndGeneratedTargets();

@@ -52,7 +52,7 @@ class ForwardScratch {
     if (kernel == ForwardKernel::kSegmented && args.cut.cuts()) {
       // Each task has a full segment in front of it, since only a list's last segment may be shorter.
       const std::int64_t n_tasks_max = args.blend.bins.n_pairs >> args.cut.entries_log2;
-      const std::int64_t n = 3 * args.blend.bins.n_pairs >> (args.cut.entries_log2 + 1), n_pixels = n * tile_pixels;
+      const std::int64_t n = args.cut.segments_before(args.blend.bins.n_pairs), n_pixels = n * tile_pixels;
       Segments& segments = args.segments;
       segments.n_max = static_cast<std::int32_t>(n);
       segments.n_tasks_max = static_cast<std::int32_t>(n_tasks_max);

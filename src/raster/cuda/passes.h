@@ -173,7 +173,7 @@ struct BucketParts {
   // was blended); red, green, blue that it adds. Null: no parts are stored.
   float4* color = nullptr;
   float* depth = nullptr;  // same shape: depth that it adds. Null: no gradient with respect to depth follows.
-  // Parts of a list that was cut into segments must be multiplied by the transmittance in front of the segment.
+  // Parts of a list that was cut into segments must be multiplied by their segment's front.
   const std::int32_t* first_segment_of_tile = nullptr;  // [n_tiles] -1: not cut. Null: no list is cut.
   const float* segment_fronts = nullptr;                // Segments::fronts
   int segment_buckets_log2 = 0;                         // 2^this buckets are a segment
@@ -190,10 +190,19 @@ struct ListCut {
   int entries_log2 = kMinLog2;                      // a segment has 2^this entries, the last of a list maybe fewer
   std::int32_t longest_whole = kAnyLength;          // entries; longer lists are cut. kAnyLength: none, as shared-memory
   bool cuts() const { return longest_whole < kAnyLength; }
+
+  /// Number of segments of a list; 1 if it is not cut.
+  B3DGS_HD std::int32_t n_segments(std::int32_t length) const {
+    return length > longest_whole ? ((length - 1) >> entries_log2) + 1 : 1;
+  }
+  /// Upper bound of the number of segments of lists with this many entries together, and index of the first segment
+  /// behind them. A list that is cut has more than two segments, so at most 1.5 times its entries divided by a
+  /// segment's.
+  B3DGS_HD std::int64_t segments_before(std::int64_t entries) const { return 3 * entries >> (entries_log2 + 1); }
 };
 
-/// Blocks take lists longest first, so the longest ends last, roughly, if it exceeds a multiprocessor's share of all
-/// entries. Then lists above a quarter of the share are cut, into segments of at most a quarter (measured:
+/// Blocks take the longest list first. If it exceeds a multiprocessor's share of all entries, it roughly ends last.
+/// Then lists above a quarter of the share are cut, into segments of at most that, or of a bucket (measured:
 /// docs/lab/kernels.md). A cut blends some entries twice, so lists of two segments stay whole.
 inline ListCut list_cut(const ViewCounts& counts, int n_multiprocessors) {
   const std::int64_t quarter = counts.n_pairs / (4 * n_multiprocessors);
@@ -212,19 +221,18 @@ struct SegmentTask {
 };
 
 /// Memory of `segmented`. The segments of a tile have consecutive indices, and there may be unused indices between
-/// tiles. A cut list of L entries has more than two segments, so fewer than 1.5 L / (entries of a segment): indices are
-/// below n = 1.5 n_pairs / (entries of a segment).
+/// tiles (ListCut::segments_before()).
 struct Segments {
-  std::int32_t n_max = 0;                 // n
+  std::int32_t n_max = 0;                 // n: indices are below it
   std::int32_t n_tasks_max = 0;           // upper bound of the number of tasks
   SegmentTask* tasks = nullptr;           // [n_tasks_max] the second segments of all lists, then the third, ...
   std::int32_t* n_tasks = nullptr;        // [1]
   std::int32_t* n_long = nullptr;         // [1] lists that are at least as long as a segment
   std::int32_t* first_of_tile = nullptr;  // [n_tiles] index of the first segment, -1 if the list is not cut
-  std::int32_t* hidden_from = nullptr;    // [n_tiles, kSegmentBlocks] from this index on, the block sees no segment
+  std::int32_t* hidden_from = nullptr;    // [n_tiles, kSegmentBlocks] from this index on, segments are hidden
   std::int32_t* is_done = nullptr;        // [n, kSegmentBlocks] 1 as soon as the block has blended the segment
-  // All [n, pixels of a tile row by row], up to the segment in which the pixel finishes:
-  float* fronts = nullptr;         // transmittance in front of the segment if its bucket parts begin at 1, otherwise 1
+  // All [n, pixels of a tile row by row]; undefined behind the segment in which the pixel finishes:
+  float* fronts = nullptr;         // factor of its bucket parts: transmittance in front, 1 if it was blended again
   float* transmittance = nullptr;  // of the segment alone; as in PixelState, negative if it finishes the pixel
   float4* color_depth = nullptr;   // what it adds to a pixel whose transmittance is 1
   std::int32_t* last = nullptr;    // position in the list of the last splat blended, or -1

@@ -65,6 +65,9 @@ struct TilePixels {
     std::fill(last, last + n, -1);
   }
 
+  HWY_INLINE Lanes center_x(int column) const { return Lanes::iota(static_cast<float>(rect.x_begin + column) + 0.5f); }
+  HWY_INLINE Lanes center_y(int row) const { return Lanes(static_cast<float>(rect.y_begin + row) + 0.5f); }
+
   /// Smallest range of rows that contains all unfinished pixels of the band; empty if it is done.
   HWY_INLINE void live_rows(int* first, int* end) const {
     *first = rows;
@@ -93,37 +96,29 @@ struct TilePixels {
   }
 };
 
-/// Blends one splat, at `position` of the tile's list, onto `vectors` of `rows`. kReached: the splat's box has pixels
-/// in all of them. They are then blended without a test whether any pixel contributes: mispredicted branches would take
-/// longer than the test saves.
-template <bool kReached>
-HWY_INLINE void blend_onto(TilePixels& tile, const Splat& splat, const PixelSpan& rows, const PixelSpan& vectors,
-                           std::int32_t position) {
-  const SplatShape<Lanes> shape = splat_shape<Lanes>(splat);
-  const Lanes red(splat.red), green(splat.green), blue(splat.blue), depth(splat.depth);
-  const int lanes = lane_count();
-  for (int v = vectors.begin; v < vectors.end; ++v) {
-    const Lanes pixel_x = Lanes::iota(static_cast<float>(tile.rect.x_begin + v * lanes) + 0.5f);
-    for (int row = rows.begin; row < rows.end; ++row) {
-      const Lanes pixel_y(static_cast<float>(tile.rect.y_begin + row) + 0.5f);
-      const Footprint<Lanes> footprint = evaluate_footprint(shape, pixel_x, pixel_y);
-      if (!kReached && none(footprint.contributes)) continue;
-      const int p = row * tile.stride + v * lanes;
-      const Alpha<Lanes> alpha = evaluate_alpha(footprint.power);
-      PixelState<Lanes> pixel{Lanes::load(tile.transmittance + p), Lanes::load(tile.red + p),
-                              Lanes::load(tile.green + p), Lanes::load(tile.blue + p), Lanes::load(tile.depth + p)};
-      const LaneMask accepted = blend_over(pixel, footprint.contributes, alpha.alpha, red, green, blue, depth);
-      pixel.transmittance.store(tile.transmittance + p);
-      pixel.red.store(tile.red + p);
-      pixel.green.store(tile.green + p);
-      pixel.blue.store(tile.blue + p);
-      pixel.depth.store(tile.depth + p);
-      const IntTag di;
-      hn::Store(hn::IfThenElse(hn::RebindMask(di, accepted.m), hn::Set(di, position), hn::Load(di, tile.last + p)), di,
-                tile.last + p);
-    }
+/// A vector of a tile's pixels, in registers.
+struct PixelVector {
+  PixelState<Lanes> state;
+  IntVec last;
+
+  HWY_INLINE PixelVector(const TilePixels& tile, int p)
+      : state{Lanes::load(tile.transmittance + p), Lanes::load(tile.red + p), Lanes::load(tile.green + p),
+              Lanes::load(tile.blue + p), Lanes::load(tile.depth + p)},
+        last(hn::Load(IntTag(), tile.last + p)) {}
+  HWY_INLINE void store(TilePixels& tile, int p) const {
+    state.transmittance.store(tile.transmittance + p);
+    state.red.store(tile.red + p);
+    state.green.store(tile.green + p);
+    state.blue.store(tile.blue + p);
+    state.depth.store(tile.depth + p);
+    hn::Store(last, IntTag(), tile.last + p);
   }
-}
+  HWY_INLINE void blend(const Splat& splat, const Footprint<Lanes>& footprint, std::int32_t position) {
+    const LaneMask accepted = blend_over(state, footprint.contributes, evaluate_alpha(footprint.power).alpha,
+                                         Lanes(splat.red), Lanes(splat.green), Lanes(splat.blue), Lanes(splat.depth));
+    last = hn::IfThenElse(hn::RebindMask(IntTag(), accepted.m), hn::Set(IntTag(), position), last);
+  }
+};
 
 }  // namespace
 
@@ -139,26 +134,33 @@ void run_pixel_wise(const BlendForwardArgs& args, std::int64_t index) {
     tile.live_rows(&live_begin, &live_end);
     if (live_begin >= live_end) break;
     for (std::int64_t i = batch; i < std::min(batch + kBatch, last); ++i) {
-      blend_onto<false>(tile, args.splats[args.bins.splat_ids[i]], {0, tile.rows}, {0, tile.row_vectors},
-                        static_cast<std::int32_t>(i - first));
+      const Splat& splat = args.splats[args.bins.splat_ids[i]];
+      const auto shape = splat_shape<Lanes>(splat);
+      for (int column = 0; column < tile.stride; column += lane_count()) {
+        const Lanes pixel_x = tile.center_x(column);
+        for (int row = 0; row < tile.rows; ++row) {
+          const Footprint<Lanes> footprint = evaluate_footprint(shape, pixel_x, tile.center_y(row));
+          if (none(footprint.contributes)) continue;
+          const int p = row * tile.stride + column;
+          PixelVector pixels(tile, p);
+          pixels.blend(splat, footprint, static_cast<std::int32_t>(i - first));
+          pixels.store(tile, p);
+        }
+      }
     }
   }
   tile.finish(args);
 }
 
-/// shared-memory, segmented: a batch of splats is copied side by side into the first-level cache, each with the rows
-/// and vectors of the tile that it reaches; others skip it. `band`: the rows to blend and to write.
+/// shared-memory, segmented: a batch of splats is copied side by side into the first-level cache. A vector of pixels
+/// then stays in registers while all splats of the batch that reach it are blended. `band`: the rows to blend and to
+/// write.
 void run_staged(const BlendForwardArgs& args, std::int64_t index, const PixelSpan& band) {
   TilePixels tile;
   tile.begin(args.grid, static_cast<std::int32_t>(index));
   tile.band = band;
-  constexpr int kBatch = 32;  // about 2 KiB; unfinished rows are determined once per batch
-  struct Staged {
-    Splat splat;
-    PixelSpan rows, vectors;
-    std::int32_t position;
-  };
-  Staged staged[kBatch];
+  constexpr int kBatch = 32;  // 1.5 KiB, and a bit of a mask for each splat
+  Splat staged[kBatch];
   const float left = static_cast<float>(tile.rect.x_begin), top = static_cast<float>(tile.rect.y_begin);
   const std::int32_t* const list = args.bins.splat_ids + args.bins.tile_offsets[index];
   const std::int64_t end = args.bins.tile_offsets[index + 1] - args.bins.tile_offsets[index];
@@ -167,24 +169,44 @@ void run_staged(const BlendForwardArgs& args, std::int64_t index, const PixelSpa
     tile.live_rows(&live_begin, &live_end);
     if (live_begin >= live_end) break;
 
-    int n_staged = 0;
-    for (std::int64_t i = batch; i < std::min<std::int64_t>(batch + kBatch, end); ++i) {
-      const std::int32_t id = list[i];
-      Staged& next = staged[n_staged];
-      next.splat = args.splats[id];
-      next.rows = pixels_reached(next.splat.mean_y, args.extents[id].y, top, live_begin, live_end);
-      next.vectors = vectors_reached(next.splat.mean_x, args.extents[id].x, left, args.grid.tile.width);
-      next.position = static_cast<std::int32_t>(i);
-      n_staged += next.rows.begin < next.rows.end;
+    // Which rows and which vectors of a row a splat reaches: its bit changes where they begin and where they end.
+    std::uint32_t row_changes[cpu::kMaxTileSide + 1] = {}, vector_changes[cpu::kMaxTileSide + 1] = {};
+    const int n = static_cast<int>(std::min<std::int64_t>(kBatch, end - batch));
+    for (int s = 0; s < n; ++s) {
+      const std::int32_t id = list[batch + s];
+      staged[s] = args.splats[id];
+      const PixelSpan rows = pixels_reached(staged[s].mean_y, args.extents[id].y, top, live_begin, live_end);
+      const PixelSpan vectors = vectors_reached(staged[s].mean_x, args.extents[id].x, left, args.grid.tile.width);
+      if (rows.begin >= rows.end || vectors.begin >= vectors.end) continue;
+      const std::uint32_t bit = std::uint32_t{1} << s;
+      row_changes[rows.begin] ^= bit, row_changes[rows.end] ^= bit;
+      vector_changes[vectors.begin] ^= bit, vector_changes[vectors.end] ^= bit;
     }
-    // While this batch is blended, the next one arrives, splat by splat: all at once, fetches would wait for each
-    // other.
-    for (int s = 0; s < kBatch; ++s) {
-      const std::int32_t ahead = list[std::min<std::int64_t>(batch + kBatch + s, end - 1)];
-      cpu::prefetch_object(args.splats[ahead]);
-      cpu::prefetch_object(args.extents[ahead]);
-      if (s < n_staged) {
-        blend_onto<true>(tile, staged[s].splat, staged[s].rows, staged[s].vectors, staged[s].position);
+    // While this batch is blended, the next one arrives, a few splats at each row: all at once, fetches would wait for
+    // each other.
+    std::int64_t ahead = batch + kBatch;
+    const std::int64_t ahead_end = std::min(ahead + kBatch, end), per_row = kBatch / (live_end - live_begin) + 1;
+    std::uint32_t reach_row = 0;
+    for (int row = live_begin; row < live_end; ++row) {
+      for (const std::int64_t stop = std::min(ahead + per_row, ahead_end); ahead < stop; ++ahead) {
+        cpu::prefetch_object(args.splats[list[ahead]]);
+        cpu::prefetch_object(args.extents[list[ahead]]);
+      }
+      reach_row ^= row_changes[row];
+      std::uint32_t reach_vector = 0;
+      for (int v = 0; v < tile.row_vectors; ++v) {
+        reach_vector ^= vector_changes[v];
+        std::uint32_t reaching = reach_row & reach_vector;
+        if (reaching == 0) continue;
+        const int column = v * lane_count(), p = row * tile.stride + column;
+        const Lanes pixel_x = tile.center_x(column), pixel_y = tile.center_y(row);
+        PixelVector pixels(tile, p);
+        for (; reaching != 0; reaching &= reaching - 1) {
+          const int s = __builtin_ctz(reaching);
+          const Footprint<Lanes> footprint = evaluate_footprint(splat_shape<Lanes>(staged[s]), pixel_x, pixel_y);
+          pixels.blend(staged[s], footprint, static_cast<std::int32_t>(batch) + s);
+        }
+        pixels.store(tile, p);
       }
     }
   }

@@ -78,8 +78,8 @@ struct BucketRange {
   }
 };
 
-/// Transmittance of a pixel in front of each segment of its list, by which the segment's bucket parts must be
-/// multiplied (kernel segmented); 1 for lists that are not cut.
+/// Factor of a pixel's bucket parts (Segments::fronts): the transmittance in front of their segment; 1 for lists that
+/// are not cut.
 class TransmittanceBefore {
  public:
   __device__ __forceinline__ TransmittanceBefore(const BucketParts& parts, std::int32_t tile, int tile_pixels,

@@ -11,21 +11,22 @@
 //   joined         T = 1 --------> 0.5 ----------> 0.01 ---------> finished  finish_pixels
 //   blended again                                  |from T = 0.01 |          finish_pixels
 //
-// Kernel 1, cut_lists: one block writes the list of tasks, the segments ordered by their number within their list.
-// Kernel 2, forward_segmented: a block per 128 pixels of a segment or whole list. The first segments of all lists run
-//   first, then the second ones, and so on, then the lists that are shorter than a segment. Segments behind finished
-//   pixels would be wasted work, so a block first multiplies the transmittances of the segments in front that are
-//   already done (a flag each, stored with release and loaded with acquire), and skips its segment and all behind it if
-//   no pixel can still be visible. Which segments are skipped depends on timing. The image does not: a skipped segment
-//   is behind the end of all its pixels.
+// Kernel 1, cut_lists: one block lists the tasks: the segments except each list's first, ordered by their number within
+//   the list.
+// Kernel 2, forward_segmented: a block per 128 pixels of a segment or whole list. The first segments of lists that are
+//   at least as long as a segment start first, then the second ones, and so on, then the shorter lists. Segments behind
+//   finished pixels would be wasted work: a block first multiplies the transmittances of the segments in front that are
+//   already done (a flag each, stored with release and loaded with acquire). If all its pixels are finished, it marks
+//   its segment and all behind it as hidden, which later blocks check first, and ends. Which segments are skipped
+//   depends on timing. The image does not: all pixels finish in front of a skipped segment.
 // Kernel 3, finish_pixels: a block per 128 pixels of a task. Multiplies the transmittances in front of the segment. For
 //   pixels that finish in it, or whose list ends with it, combines the segments front to back, blends this one again if
 //   necessary, and writes the pixel.
 //
 // Shared memory: staged splats in kernels 2 and 3 (staged_blend.cuh); counters in kernel 1.
 // Barriers: one per bucket of splats, one to skip a segment, and one before it is marked as done.
-// Saved for the backward pass: final transmittance, last splat, bucket parts relative to their segment, and the
-//   transmittance in front of each segment (Segments::fronts).
+// Saved for the backward pass: final transmittance, last splat, bucket parts, and the factor of each segment's parts
+//   (Segments::fronts).
 
 #include <cub/block/block_scan.cuh>
 #include <cuda/atomic>
@@ -39,11 +40,6 @@ namespace b3dgs::cuda {
 namespace {
 
 constexpr int kCutThreads = 1024;  // one block; also how many segment numbers are sorted exactly
-
-/// Number of segments of a list of `length` entries; 1 if it is not cut.
-__device__ __forceinline__ std::int32_t n_segments(const ListCut& cut, std::int32_t length) {
-  return length > cut.longest_whole ? ((length - 1) >> cut.entries_log2) + 1 : 1;
-}
 
 /// Lists all segments except the first of each list, sorted by their number within the list (numbers from
 /// kCutThreads - 1 on in any order). This is a counting sort: tiles are ranked by their number of segments, most first.
@@ -71,11 +67,9 @@ __global__ void __launch_bounds__(kCutThreads) cut_lists_kernel(const BlendForwa
   // Count tiles by their number of segments, and assign each cut list a range of segment indices.
   std::int32_t own_long = 0;
   for (std::int32_t tile = thread; tile < n_tiles; tile += kCutThreads) {
-    const std::int32_t length = list_length(args.blend.bins, tile), count = n_segments(args.cut, length);
+    const std::int32_t length = list_length(args.blend.bins, tile), count = args.cut.n_segments(length);
     own_long += length >> args.cut.entries_log2 > 0 ? 1 : 0;
-    // 1.5 times the entries in front of the list, divided by those of a segment, leaves enough indices for the lists in
-    // front (Segments).
-    const std::int64_t first = 3 * args.blend.bins.tile_offsets[tile] >> (args.cut.entries_log2 + 1);
+    const std::int64_t first = args.cut.segments_before(args.blend.bins.tile_offsets[tile]);
     segments.first_of_tile[tile] = count > 1 ? static_cast<std::int32_t>(first) : -1;
     if (count > 1) atomicAdd(next_rank + min(count, kLast), 1);
     if (count > kLast) atomicAdd(&n_beyond, count - kLast);
@@ -100,7 +94,7 @@ __global__ void __launch_bounds__(kCutThreads) cut_lists_kernel(const BlendForwa
 
   // Write the tasks.
   for (std::int32_t tile = thread; tile < n_tiles; tile += kCutThreads) {
-    const std::int32_t count = n_segments(args.cut, list_length(args.blend.bins, tile));
+    const std::int32_t count = args.cut.n_segments(list_length(args.blend.bins, tile));
     if (count == 1) continue;
     const std::int32_t end = segments.first_of_tile[tile] + count;
     const std::int32_t rank = atomicAdd(next_rank + min(count, kLast), 1);
@@ -118,8 +112,8 @@ __device__ __forceinline__ bool take_listed(const Segments& segments, std::int32
   return true;
 }
 
-/// Task `number`: the first segment, or the whole list, of each tile whose list is long, then the tasks that are
-/// listed, then the other tiles. Returns false if there are fewer.
+/// What block `number` blends: the first segment, or the whole list, of each tile whose list is long, then the listed
+/// tasks, then the other tiles. Returns false if there are fewer.
 __device__ __forceinline__ bool take_segment(const BlendForwardCudaArgs& args, std::int32_t number, SegmentTask& task) {
   const std::int32_t n_long = *args.segments.n_long, n_tasks = *args.segments.n_tasks;
   if (take_listed(args.segments, number - n_long, task)) return true;
@@ -177,7 +171,7 @@ __device__ __forceinline__ float transmittance_bound(const Segments& segments, c
 }
 
 /// Stores what forward_segmented_kernel has blended. Reads the task anew: kept in registers during blending, it would
-/// leave room for one block less on a multiprocessor.
+/// leave room for fewer blocks on a multiprocessor (sm_90: 86 registers instead of 72).
 template <int kTilePixels>
 __device__ __forceinline__ void store_segment(const BlendForwardCudaArgs& args, const PixelState<float>& pixel,
                                               std::int32_t last) {
