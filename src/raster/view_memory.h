@@ -24,11 +24,12 @@ inline ViewMemory view_memory(const RenderSettings& settings, const CameraView& 
   const bool keeps = settings.keep_for_backward, keeps_slots = keeps && settings.deterministic;
   // Splat, extent, radius; gradient; first slot.
   const double per_splat = 48 + 8 + 4 + (keeps ? 48 : 0) + (keeps_slots ? 8 : 0);
-  // Sorting and segmented blending use the same scratch memory in turn (PassScratch).
+  // Sorting, segmented blending, and the backward pass, which takes less, use the same scratch memory in turn
+  // (PassScratch).
   const double sorting = 2 * 8;                                         // keys, and where runs of them are merged
   const double segments = 1.5 * tile_pixels / kSegment * (4 + 16 + 4);  // transmittance, colour and depth, last
   const double bucket_parts = keeps ? tile_pixels * (settings.depth_gradient ? 20 : 16) : 0;
-  const double segment_fronts = 1.5 * tile_pixels / kSegment * 4;
+  const double segment_fronts = keeps ? 1.5 * tile_pixels / kSegment * 4 : 0;
   const double fixed_order = keeps_slots ? 8 + 48 : 0;  // slot and gradient of each pair
   const double lists = 4 + 4 / kBucket;                 // splat, tile of each bucket
   // Transmittance and last splat of each pixel; of each tile, where its list, its buckets, its segments and its runs

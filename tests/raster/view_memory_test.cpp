@@ -27,7 +27,7 @@ TEST(ViewMemory, IsWhatTheReadmeSays) {
   EXPECT_EQ(view_memory(settings).per_gaussian, 116);
   EXPECT_NEAR(view_memory(settings).per_pair, 93.5, 0.1);
   settings.keep_for_backward = settings.deterministic = false;
-  EXPECT_NEAR(view_memory(settings).per_pair, 21.5, 0.1);
+  EXPECT_NEAR(view_memory(settings).per_pair, 20.0, 0.1);
   EXPECT_EQ(view_memory(settings).of_image, 160 * 80 * 8 + 100 * 92);
   settings.keep_for_backward = true;
   EXPECT_EQ(view_memory(settings).of_image, 160 * 80 * (8 + 16) + 100 * 92);

@@ -330,7 +330,8 @@ BinnedView bin(const BinCudaArgs& args, BinBuffers& buffers, PassScratch& scratc
   return {{sort.tile_offsets, sort.splat_ids, args.keep_slots ? buffers.pair_slots.data() : nullptr,
            args.keep_slots ? buffers.slot_offsets.data() : nullptr, n_pairs},
           {sort.bucket_offsets, sort.tile_of_bucket, args.counts.n_buckets},
-          sort.tiles_by_length};
+          sort.tiles_by_length,
+          args.counts};
 }
 
 }  // namespace b3dgs::cuda

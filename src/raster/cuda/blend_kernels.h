@@ -34,6 +34,14 @@ inline constexpr std::array kBackwardLaunches{
 #undef B3DGS_ROW
 };
 
+/// First part of per-bucket, for has_many_parts(): writes args.behind.
+void launch_sum_behind(const BlendBackwardCudaArgs& args, const LaunchContext& context);
+/// Whether summing the parts behind each bucket once pays. Otherwise each bucket sums those behind it, which takes time
+/// that grows with the square of their number, but saves a kernel (measured: docs/lab/kernels.md).
+inline bool has_many_parts(const ViewCounts& counts) {
+  return counts.longest_list > 32768;
+}
+
 /// `combined` has a mask of 32 bits for a quad and 32 list entries.
 inline constexpr std::int32_t kMasksPerBucket = kBucketEntries / 32;
 
@@ -57,7 +65,7 @@ class ForwardScratch {
       segments.n_max = static_cast<std::int32_t>(n);
       segments.n_tasks_max = static_cast<std::int32_t>(n_tasks_max);
       segments.first_of_tile = first_of_tile_.resize(args.blend.grid.n_tiles(), context);
-      segments.fronts = fronts_.resize(n_pixels, context);
+      if (args.parts.color != nullptr) segments.fronts = fronts_.resize(n_pixels, context);
       scratch.allocate(context, [&](ScratchArrays& arrays) {
         segments.tasks = arrays.take<SegmentTask>(n_tasks_max);
         segments.n_tasks = arrays.take<std::int32_t>(1);

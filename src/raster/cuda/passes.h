@@ -152,6 +152,7 @@ struct BinnedView {
   BinnedSplats bins{};  // its slots are null unless keep_slots
   Buckets buckets{};
   const std::int32_t* tiles_by_length = nullptr;  // [n_tiles] the longest list first, roughly
+  ViewCounts counts{};
 };
 
 /// Writes the rows that have a splat to buffers.seen, in their order.
@@ -232,7 +233,8 @@ struct Segments {
   std::int32_t* hidden_from = nullptr;    // [n_tiles, kSegmentBlocks] from this index on, segments are hidden
   std::int32_t* is_done = nullptr;        // [n, kSegmentBlocks] 1 as soon as the block has blended the segment
   // All [n, pixels of a tile row by row]; undefined behind the segment in which the pixel finishes:
-  float* fronts = nullptr;         // factor of its bucket parts: transmittance in front, 1 if it was blended again
+  // Factor of its bucket parts: transmittance in front, 1 if it was blended again. Null: no parts are stored.
+  float* fronts = nullptr;
   float* transmittance = nullptr;  // of the segment alone; as in PixelState, negative if it finishes the pixel
   float4* color_depth = nullptr;   // what it adds to a pixel whose transmittance is 1
   std::int32_t* last = nullptr;    // position in the list of the last splat blended, or -1
@@ -263,6 +265,11 @@ struct BlendBackwardCudaArgs {
   Buckets buckets{};
   BucketParts parts{};
   SplatGradSum* splat_grads = nullptr;  // [rows] in and out: added to, must be zero where there is a splat
+  // Scratch of per-bucket, [n_buckets, pixels of a tile row by row]: what is behind each bucket of a long list, as
+  // `behind` of ReverseState. Null: not has_many_parts().
+  float* behind = nullptr;
+  const std::int32_t* tiles_by_length = nullptr;  // BinnedView; with `behind`
+  std::int32_t n_long_lists = 0;                  // with `behind`; ViewCounts
   // [n_pairs] by slot, must be zero. Null: gradients are added to splat_grads with atomics, in an order that changes
   // from run to run. Only the per-bucket kernel supports it.
   SplatGradSum* pair_grads = nullptr;

@@ -352,6 +352,12 @@ class CudaBackend final : public RasterizerBackend {
       args.pair_grads = sums_.pairs.resize(binned_.bins.n_pairs, context);
       zero(args.pair_grads, binned_.bins.n_pairs, context);
     }
+    if (kernel == BackwardKernel::kPerBucket && has_many_parts(binned_.counts)) {
+      pass_scratch_.allocate(context,
+                             [&](ScratchArrays& arrays) { args.behind = arrays.take<float>(n_bucket_pixels()); });
+      args.tiles_by_length = binned_.tiles_by_length;
+      args.n_long_lists = static_cast<std::int32_t>(binned_.counts.n_long_lists);
+    }
     kBackwardLaunches[static_cast<std::size_t>(kernel)](args, context);
     if (args.pair_grads != nullptr) {
       sum_splat_grads({n_rows_, binned_.bins.slot_offsets, args.pair_grads, sums}, context);

@@ -31,6 +31,25 @@ TEST(ListCut, DividesListsLongerThanAShare) {
   EXPECT_EQ(cut(2'000, 257).longest_whole, 256);
 }
 
+TEST(ListCut, SegmentsOfConsecutiveListsDoNotOverlap) {
+  cuda::ListCut cut;
+  for (cut.entries_log2 = cuda::ListCut::kMinLog2; cut.entries_log2 <= cuda::ListCut::kMaxLog2; ++cut.entries_log2) {
+    const std::int32_t entries = 1 << cut.entries_log2;
+    cut.longest_whole = 2 * entries;
+    // The most segments for their entries have the shortest lists that are cut.
+    for (const std::int32_t length : {2 * entries + 1, 3 * entries, 3 * entries + 1, 100 * entries + 1}) {
+      for (const std::int32_t whole : {0, 1, 2 * entries}) {  // between them
+        std::int64_t before = 0, end = 0;
+        for (int list = 0; list < 100; ++list, before += length + whole) {
+          ASSERT_GE(cut.segments_before(before), end) << length << ", " << whole << ", list " << list;
+          end = cut.segments_before(before) + cut.n_segments(length);
+        }
+        EXPECT_GE(cut.segments_before(before), end) << "upper bound of all";
+      }
+    }
+  }
+}
+
 /// Differences between two views and their gradients.
 struct Apart {
   double color, largest_gradient;
@@ -77,7 +96,7 @@ TEST(SegmentedCuda, CutListsGiveWhatWholeOnesDo) {
     RenderSettings settings = settings_of(scene);
     settings.tile = tile;
     const CpuView reference(scene, settings);
-    std::set<std::int32_t> segments;  // in which pixels end
+    std::set<std::int32_t> segments;  // in which pixels end, if they are as long as they can be
     const std::int32_t* const last_ids = reference.rasterizer().last_ids();
     for (std::int64_t p = 0; p < reference.alpha.numel(); ++p) {
       if (reference.alpha.view(-1)[p].item<float>() > 0.9995f) segments.insert(last_ids[p] / kSegmentEntries);
@@ -89,40 +108,46 @@ TEST(SegmentedCuda, CutListsGiveWhatWholeOnesDo) {
   }
 }
 
-/// Splats that each cover the image, faint ones in front of and behind ten opaque ones: sixteen equal lists, fewer than
-/// multiprocessors, or none would be cut, of more segments than run at once, so that the last find the first ones done.
-/// The edge of the image cuts through sub-tiles of 8 x 4 pixels, so that warps have pixels outside of it.
-TestScene wall_behind(int n_faint) {
-  constexpr int kSplats = 80000, kOpaque = 10;
+/// Splats that each cover the image, faint ones in front of and behind ten opaque ones: twelve equal lists, or eight in
+/// tiles of 16 x 16, fewer than multiprocessors, or none would be cut. The edge of the image cuts through sub-tiles of
+/// 8 x 4 pixels, so that warps have pixels outside of it; of the lower tiles of 16 x 16, one half is outside.
+TestScene wall_behind(int n_splats, int n_faint) {
+  constexpr int kOpaque = 10;
   TestScene scene;
   scene.view.rotation = {{1, 0, 0, 0, 1, 0, 0, 0, 1}};
   scene.view.width = 61;
-  scene.view.height = 29;
+  scene.view.height = 22;
   scene.view.fx = scene.view.fy = 500;
   scene.view.cx = 30;
   scene.view.cy = 15;
-  const torch::Tensor index = torch::arange(kSplats, torch::kFloat32);
+  const torch::Tensor index = torch::arange(n_splats, torch::kFloat32);
   const torch::Tensor depth = 2 + 0.0001f * index;
   const torch::Tensor is_opaque = torch::logical_and(index >= n_faint, index < n_faint + kOpaque);
-  const torch::Tensor opacity = torch::where(is_opaque, torch::full({kSplats}, 0.9f), torch::full({kSplats}, 0.0042f));
-  const torch::Tensor zero = torch::zeros({kSplats});
-  scene.gaussians = {torch::stack({zero, zero, depth}, 1).contiguous(),
-                     torch::full({kSplats, 3}, std::log(5.0f)),
-                     torch::tensor({1.0f, 0.0f, 0.0f, 0.0f}).repeat({kSplats, 1}).contiguous(),
-                     torch::logit(opacity).contiguous(),
-                     torch::sin(0.37f * torch::arange(3 * kSplats, torch::kFloat32)).view({kSplats, 1, 3}).contiguous(),
-                     torch::zeros({kSplats, 0, 3})};
+  const torch::Tensor opacity =
+      torch::where(is_opaque, torch::full({n_splats}, 0.9f), torch::full({n_splats}, 0.0042f));
+  const torch::Tensor zero = torch::zeros({n_splats});
+  scene.gaussians = {
+      torch::stack({zero, zero, depth}, 1).contiguous(),
+      torch::full({n_splats, 3}, std::log(5.0f)),
+      torch::tensor({1.0f, 0.0f, 0.0f, 0.0f}).repeat({n_splats, 1}).contiguous(),
+      torch::logit(opacity).contiguous(),
+      torch::sin(0.37f * torch::arange(3 * n_splats, torch::kFloat32)).view({n_splats, 1, 3}).contiguous(),
+      torch::zeros({n_splats, 0, 3})};
   return scene;
 }
 
 TEST(SegmentedCuda, SegmentsBehindTheEndOfAllPixelsChangeNothing) {
   B3DGS_NEEDS_GPU();
-  for (const int n_faint : {0, 1100}) {
-    SCOPED_TRACE(n_faint);
-    const TestScene scene = wall_behind(n_faint);
+  // On an H100, segments of 512, 256, and 128 entries. Of 512, there are more than run at once, so that the last find
+  // the first ones done.
+  for (const auto& [n_splats, n_faint, height] :
+       {std::tuple(80000, 0, 8), std::tuple(80000, 1100, 8), std::tuple(80000, 1100, 16), std::tuple(15000, 1100, 8),
+        std::tuple(4000, 1100, 16)}) {
+    SCOPED_TRACE(testing::Message() << n_splats << ", " << n_faint << ", " << height);
+    const TestScene scene = wall_behind(n_splats, n_faint);
     RenderSettings settings = settings_of(scene);
-    settings.tile = {16, 8};
-    // All pixels end in the first or in the third segment.
+    settings.tile = {16, height};
+    // All pixels end in the first segment or in one behind the second.
     EXPECT_EQ(expect_as_by_shared_memory(scene, settings, 2), n_faint > 0) << "whether segments were joined";
     settings.kernel = ForwardKernel::kSegmented;
     const CudaView cut(scene, settings);
@@ -136,8 +161,8 @@ TEST(SegmentedCuda, SegmentsBehindTheEndOfAllPixelsChangeNothing) {
   }
 }
 
-/// One tile whose list has more than two thousand segments, with splats so small and faint that pixels finish far
-/// behind the first.
+/// One tile whose list has more than two thousand segments, with splats so small and faint that pixels finish behind
+/// the thousandth.
 TestScene crowd_in_a_tile() {
   constexpr std::int64_t kSplats = 2200 * kSegmentEntries;
   TestScene scene;
@@ -154,7 +179,7 @@ TestScene crowd_in_a_tile() {
   scene.gaussians = {torch::stack({x * depth, y * depth, depth}, 1).to(torch::kFloat32).contiguous(),
                      torch::full({kSplats, 3}, std::log(0.125f)),
                      torch::tensor({1.0f, 0.0f, 0.0f, 0.0f}).repeat({kSplats, 1}).contiguous(),
-                     torch::full({kSplats}, std::log(0.005f / 0.995f)),
+                     torch::full({kSplats}, std::log(0.0042f / 0.9958f)),
                      torch::sin(0.37f * torch::arange(3 * kSplats, torch::kFloat32)).view({kSplats, 1, 3}).contiguous(),
                      torch::zeros({kSplats, 0, 3})};
   return scene;
@@ -168,12 +193,13 @@ TEST(SegmentedCuda, MoreSegmentsThanNumbersAreSortedBy) {
   settings.kernel = ForwardKernel::kSegmented;
   const CudaView cut(scene, settings);
   EXPECT_GT(cut.alpha.min().item<float>(), 0.999f) << "all pixels end";
+  EXPECT_GT(cut.last_gaussians().min().item<std::int64_t>(), 1024 * kSegmentEntries) << "behind what is sorted exactly";
   EXPECT_TRUE(expect_as_by_shared_memory(scene, settings, 2)) << "no list was cut";
 }
 
 TEST(SegmentedCuda, SumsInAFixedOrderRepeatBitForBit) {
   B3DGS_NEEDS_GPU();
-  for (const TestScene& scene : {ends_along_a_long_list(), wall_behind(1100)}) {
+  for (const TestScene& scene : {ends_along_a_long_list(), wall_behind(80000, 1100)}) {
     RenderSettings settings = settings_of(scene);
     settings.tile = {16, 8};
     settings.kernel = ForwardKernel::kSegmented;

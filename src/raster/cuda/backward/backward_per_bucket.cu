@@ -1,8 +1,8 @@
 // Backward blend, per-bucket. A block per bucket (128 entries of a tile's list), so that long lists are shared out
 // evenly.
 //
-//   Warp: a patch of the tile, 8 x 4 pixels (8 x 8 in tiles of 16 x 16). The four warps work independently, from the
-//     bucket's last entry to its first:
+//   Warp: a patch of the tile, 8 x 4 pixels (8 x 8 in tiles of 16 x 16). After the block has loaded the bucket's splats
+//     to shared memory, the four warps work independently, from the bucket's last entry to its first:
 //
 //     gather            blend                     sum rows                        add
 //     lane: entry       lane: pixel               lane: entry x row of 8 px       thread: entry
@@ -16,14 +16,17 @@
 //     twelve: a lane sums a row of 8 pixels, whose offsets from the patch's centre are constants, and four lanes add
 //     up.
 //   State behind the bucket: if the pixel's last splat is in the bucket, from the forward pass's final transmittance;
-//     otherwise from the parts of the buckets behind, which the forward pass stored.
-//   Shared memory: PatchMemory for each warp. Barriers: one, before the last phase.
+//     otherwise from the parts of the buckets behind, which the forward pass stored (parts_behind.cuh).
+//   Shared memory: BucketSplats, and PatchMemory for each warp. Barriers: one to end if all pixels finish in front of
+//     the bucket, one behind the loads, one before the last phase.
 
 #include "raster/cuda/backward/factored_sums.cuh"
+#include "raster/cuda/backward/parts_behind.cuh"
 #include "raster/cuda/backward/splat_grad.cuh"
 #include "raster/cuda/blend_kernels.h"
 #include "raster/cuda/forward/tile_blend.cuh"
 #include "raster/cuda/launch.cuh"
+#include "raster/cuda/sort_lists.h"
 
 namespace b3dgs::cuda {
 namespace {
@@ -44,19 +47,52 @@ struct PatchShape {
   static constexpr int kStride = kWidth * kHeight + 4;
 };
 
+/// The bucket's splats: what blending reads, without words that it does not need.
+template <bool kWithDepth>
+struct BucketSplats {
+  static constexpr int kNothing = kBucketEntries;  // index of a splat that contributes nowhere
+  float4 mean_conic[kNothing + 1];                 // mean_x, mean_y, conic_xx, conic_yy
+  float4 rest[kNothing + 1];                       // conic_xy, log2_opacity, red, green
+  float blue[kNothing + 1];
+  float depth[kWithDepth ? kNothing + 1 : 1];
+  float2 extent[kBucketEntries];
+
+  __device__ __forceinline__ void set_nothing() {
+    mean_conic[kNothing] = make_float4(0, 0, 0, 0);
+    rest[kNothing] = make_float4(0, 2 * kLog2AlphaMin, 0, 0);
+    blue[kNothing] = 0;
+    if constexpr (kWithDepth) depth[kNothing] = 0;
+  }
+};
+
+/// A splat on its way to BucketSplats: all loads are queued before the first value is used.
+struct LoadedSplat {
+  float4 mean{}, conic{}, color{};
+  float2 extent{};
+  __device__ __forceinline__ LoadedSplat(const BlendBackwardArgs& blend, std::int32_t id) {
+    if (id < 0) return;
+    mean = load_mean(blend.splats, id).v, conic = load_conic(blend.splats, id).v;
+    color = load_color(blend.splats, id).v;
+    extent = __ldg(reinterpret_cast<const float2*>(blend.extents) + id);
+  }
+  template <bool kWithDepth>
+  __device__ __forceinline__ void store(BucketSplats<kWithDepth>& splats, int at) const {
+    splats.mean_conic[at] = make_float4(mean.x, mean.y, conic.x, conic.z);
+    splats.rest[at] = make_float4(conic.y, mean.z, color.x, color.y);
+    splats.blue[at] = color.z;
+    if constexpr (kWithDepth) splats.depth[at] = mean.w;
+    splats.extent[at] = extent;
+  }
+};
+
 /// A warp's shared memory.
 template <int kLanePixels, bool kWithDepth>
 struct PatchMemory {
   static constexpr int kSums = kWithDepth ? 11 : 9;  // odd, so that lanes access different banks
-  // The queue, a ring: what blending reads, without words that it does not need.
-  float4 mean_conic[kQueue];  // mean_x, mean_y, conic_xx, conic_yy
-  float4 rest[kQueue];        // conic_xy, log2_opacity, red, green
-  float blue[kQueue];
-  float depth[kWithDepth ? kQueue : 4];
-  std::int32_t entry[kQueue];  // index in the bucket
+  alignas(8) std::uint8_t queue[kQueue];             // a ring of indices in BucketSplats
   // Pixel values of the group.
-  float weight[kGroup * PatchShape<kLanePixels>::kStride];
-  float log_alpha[kGroup * PatchShape<kLanePixels>::kStride];
+  alignas(16) float weight[kGroup * PatchShape<kLanePixels>::kStride];
+  alignas(16) float log_alpha[kGroup * PatchShape<kLanePixels>::kStride];
   // Results, for each entry that was queued.
   unsigned queued[kBucketEntries / kWarpSize];  // a bit for each entry
   float sums[kBucketEntries * kSums];
@@ -67,53 +103,19 @@ struct BucketRange {
   std::int32_t tile;
   std::int64_t first;       // first pair of the tile's list
   std::int32_t begin, end;  // the bucket's entries: positions in the list
+  bool is_summed;           // state_behind()
   float tile_x, tile_y;     // upper left corner of the tile, px
   __device__ BucketRange(const BlendBackwardCudaArgs& args, std::int64_t bucket)
       : tile(args.buckets.tile_of_bucket[bucket]), first(args.blend.bins.tile_offsets[tile]) {
     const TileGrid& grid = args.blend.grid;
     begin = static_cast<std::int32_t>(bucket - args.buckets.offsets[tile]) * kBucketEntries;
-    end = min(begin + kBucketEntries, list_length(args.blend.bins, tile));
+    const std::int32_t length = list_length(args.blend.bins, tile);
+    end = min(begin + kBucketEntries, length);
+    is_summed = args.behind != nullptr && length >= kShortListEntries;
     tile_x = static_cast<float>(tile % grid.columns * kCudaTileWidth);
     tile_y = static_cast<float>(tile / grid.columns * grid.tile.height);
   }
 };
-
-/// Factor of a pixel's bucket parts (Segments::fronts): the transmittance in front of their segment; 1 for lists that
-/// are not cut.
-class TransmittanceBefore {
- public:
-  __device__ __forceinline__ TransmittanceBefore(const BucketParts& parts, std::int32_t tile, int tile_pixels,
-                                                 std::int32_t pixel_index)
-      : tile_pixels_(tile_pixels), buckets_log2_(parts.segment_buckets_log2) {
-    const std::int32_t first = parts.first_segment_of_tile != nullptr ? parts.first_segment_of_tile[tile] : -1;
-    if (first >= 0) fronts_ = parts.segment_fronts + std::int64_t{first} * tile_pixels + pixel_index;
-  }
-  __device__ __forceinline__ float of_bucket(std::int32_t bucket) const {
-    return fronts_ != nullptr ? __ldg(fronts_ + std::int64_t{bucket >> buckets_log2_} * tile_pixels_) : 1.0f;
-  }
-
- private:
-  const int tile_pixels_, buckets_log2_;
-  const float* fronts_ = nullptr;  // null if the list is not cut
-};
-
-/// From a pixel's state behind its list to that behind the bucket, which its last splat is behind.
-template <int kTilePixels, bool kWithDepth>
-__device__ __forceinline__ void add_behind(const BlendBackwardCudaArgs& args, const BucketRange& range,
-                                           std::int32_t pixel_index, std::int32_t last, const PixelGrad& g,
-                                           ReverseState<float>& state) {
-  const TransmittanceBefore before(args.parts, range.tile, kTilePixels, pixel_index);
-  const std::int32_t own = range.begin / kBucketEntries;
-  const std::int64_t first = args.buckets.offsets[range.tile] * kTilePixels + pixel_index;
-  for (std::int32_t bucket = last / kBucketEntries; bucket > own; --bucket) {
-    const std::int64_t index = first + std::int64_t{bucket} * kTilePixels;
-    const float4 part = __ldg(args.parts.color + index);
-    float sum = g.color.x * part.y + g.color.y * part.z + g.color.z * part.w;
-    if constexpr (kWithDepth) sum += g.depth * __ldg(args.parts.depth + index);
-    state.behind += before.of_bucket(bucket) * sum;
-  }
-  state.transmittance = before.of_bucket(own) * __ldg(&args.parts.color[first + std::int64_t{own} * kTilePixels].x);
-}
 
 /// One warp: a patch, and the bucket's entries that reach it.
 template <int kTilePixels, bool kWithDepth>
@@ -122,27 +124,43 @@ class PatchBlend {
   static constexpr int kLanePixels = kTilePixels / kThreads;
   using Shape = PatchShape<kLanePixels>;
   using Memory = PatchMemory<kLanePixels, kWithDepth>;
+  using Splats = BucketSplats<kWithDepth>;
 
-  __device__ __forceinline__ PatchBlend(const BlendBackwardCudaArgs& args, const BucketRange& range, Memory& memory,
-                                        int patch)
-      : blend_(args.blend), range_(range), memory_(memory) {
-    const int x = patch % 2 * Shape::kWidth + lane_ % kRowPixels, y = patch / 2 * Shape::kHeight + lane_ / kRowPixels;
-    const TilePixel at = tile_pixel(blend_.grid, range.tile, y * kCudaTileWidth + x);
+  __device__ __forceinline__ PatchBlend(const BlendBackwardCudaArgs& args, const BucketRange& range,
+                                        const Splats& splats, Memory& memory, int patch)
+      : args_(args), blend_(args.blend), range_(range), splats_(splats), memory_(memory) {
+    const TilePixel at = first_pixel(patch);
     center_x_ = at.center_x(), center_y_ = at.center_y();
 #pragma unroll
     for (int k = 0; k < kLanePixels; ++k) {
-      const std::int32_t row = at.y + kRowsAtOnce * k;
-      const bool inside = at.x < blend_.grid.image_width && row < blend_.grid.image_height;
-      const std::int64_t pixel = static_cast<std::int64_t>(row) * blend_.grid.image_width + at.x;
-      last_[k] = -1;
-      if (inside) {
-        last_[k] = blend_.last_ids[pixel];
+      last_[k] = at.x < blend_.grid.image_width && at.y + kRowsAtOnce * k < blend_.grid.image_height
+                     ? blend_.last_ids[pixel_at(at, k)]
+                     : -1;
+    }
+  }
+
+  /// Position in the list of the last splat of this lane's pixels, or -1.
+  __device__ __forceinline__ std::int32_t last() const {
+    std::int32_t last = last_[0];
+#pragma unroll
+    for (int k = 1; k < kLanePixels; ++k) last = max(last, last_[k]);
+    return last;
+  }
+
+  /// Loads the pixels' gradients and their states behind the bucket.
+  __device__ __forceinline__ void load_pixels(int patch) {
+    const TilePixel at = first_pixel(patch);  // not a member: it would take registers until the end
+#pragma unroll
+    for (int k = 0; k < kLanePixels; ++k) {
+      if (last_[k] >= range_.begin) {
+        const std::int64_t pixel = pixel_at(at, k);
         grad_[k] = load_pixel_grad(blend_, pixel);
         state_[k] = {blend_.transmittance[pixel], loss_behind_list(blend_, pixel, grad_[k])};
       }
-      if (last_[k] >= range.end) {
-        add_behind<kTilePixels, kWithDepth>(args, range, at.index + kRowsAtOnce * kCudaTileWidth * k, last_[k],
-                                            grad_[k], state_[k]);
+      if (last_[k] >= range_.end) {
+        state_[k] = state_behind<kTilePixels, kWithDepth>(
+            args_, range_.is_summed, range_.tile, range_.begin / kBucketEntries,
+            at.index + kRowsAtOnce * kCudaTileWidth * k, last_[k], grad_[k], state_[k].behind);
       }
 #pragma unroll
       for (int i = 0; i < kRowPixels; ++i) {
@@ -157,29 +175,14 @@ class PatchBlend {
 
   /// All of the bucket's entries, from the last to the first.
   __device__ __forceinline__ void run() {
-    std::int32_t last = last_[0];
-#pragma unroll
-    for (int k = 1; k < kLanePixels; ++k) last = max(last, last_[k]);
-    last = warp_max(last);
     if (lane_ < kBucketEntries / kWarpSize) memory_.queued[lane_] = 0;
     __syncwarp();
-    const std::int32_t* const ids = blend_.bins.splat_ids + range_.first;
-    std::int32_t position = min(range_.end - 1, last) - lane_;
-    std::int32_t next_id = position >= range_.begin ? __ldg(ids + position) : -1;
-    for (; position + lane_ >= range_.begin; position -= kWarpSize) {
-      const std::int32_t id = next_id;
-      next_id = position - kWarpSize >= range_.begin ? __ldg(ids + position - kWarpSize) : -1;
-      gather(position, id);
+    for (std::int32_t first = min(range_.end - 1, warp_max(last())); first >= range_.begin; first -= kWarpSize) {
+      gather(first - lane_);
       for (; n_queued_ >= kGroup; n_queued_ -= kGroup) blend_group(kGroup);
     }
     if (n_queued_ > 0) {
-      // Fill up the group with entries that contribute nothing.
-      if (lane_ >= n_queued_ && lane_ < kGroup) {
-        memory_.mean_conic[head_ + lane_] = make_float4(0, 0, 0, 0);
-        memory_.rest[head_ + lane_] = make_float4(0, 2 * kLog2AlphaMin, 0, 0);
-        memory_.blue[head_ + lane_] = 0;
-        if constexpr (kWithDepth) memory_.depth[head_ + lane_] = 0;
-      }
+      if (lane_ >= n_queued_ && lane_ < kGroup) memory_.queue[head_ + lane_] = Splats::kNothing;
       __syncwarp();
       blend_group(n_queued_);
     }
@@ -192,14 +195,24 @@ class PatchBlend {
   }
 
  private:
+  /// The first of this lane's pixels.
+  __device__ __forceinline__ TilePixel first_pixel(int patch) const {
+    const int x = patch % 2 * Shape::kWidth + lane_ % kRowPixels, y = patch / 2 * Shape::kHeight + lane_ / kRowPixels;
+    return tile_pixel(blend_.grid, range_.tile, y * kCudaTileWidth + x);
+  }
+  /// Index in the image of pixel `k` of this lane; `at`: the first.
+  __device__ __forceinline__ std::int64_t pixel_at(const TilePixel& at, int k) const {
+    return static_cast<std::int64_t>(at.y + kRowsAtOnce * k) * blend_.grid.image_width + at.x;
+  }
+
   /// Appends the entries that reach the patch to the queue. Each lane tests the entry at `position` in the list, in the
-  /// order of the queue; `id` is its splat, -1 in front of the bucket.
-  __device__ __forceinline__ void gather(std::int32_t position, std::int32_t id) {
-    float4 mean{};
+  /// order of the queue.
+  __device__ __forceinline__ void gather(std::int32_t position) {
+    const std::int32_t entry = position - range_.begin;
     bool reaches = false;
-    if (id >= 0) {
-      mean = load_mean(blend_.splats, id).v;
-      const float2 extent = __ldg(reinterpret_cast<const float2*>(blend_.extents) + id);
+    if (entry >= 0) {
+      const float4 mean = splats_.mean_conic[entry];
+      const float2 extent = splats_.extent[entry];
       const float left = center_x_ - static_cast<float>(lane_ % kRowPixels);
       const float top = center_y_ - static_cast<float>(lane_ / kRowPixels);
       reaches = mean.x + extent.x >= left && mean.x - extent.x <= left + (Shape::kWidth - 1) &&
@@ -207,15 +220,7 @@ class PatchBlend {
     }
     const unsigned reaching = __ballot_sync(kFullWarp, reaches);
     const unsigned before = reaching & ((1u << lane_) - 1);
-    if (reaches) {
-      const float4 conic = load_conic(blend_.splats, id).v, color = load_color(blend_.splats, id).v;
-      const int at = wrapped(head_ + n_queued_ + __popc(before));
-      memory_.mean_conic[at] = make_float4(mean.x, mean.y, conic.x, conic.z);
-      memory_.rest[at] = make_float4(conic.y, mean.z, color.x, color.y);
-      memory_.blue[at] = color.z;
-      if constexpr (kWithDepth) memory_.depth[at] = mean.w;
-      memory_.entry[at] = position - range_.begin;
-    }
+    if (reaches) memory_.queue[wrapped(head_ + n_queued_ + __popc(before))] = static_cast<std::uint8_t>(entry);
 #pragma unroll
     for (int k = 0; k < kLanePixels; ++k) {
       // Lane l's entry is at first - l: the first lanes' are behind the pixel's last splat.
@@ -230,19 +235,22 @@ class PatchBlend {
     float4 mean_conic, rest;
     float blue, depth;
   };
-  __device__ __forceinline__ QueuedSplat load(int at) const {
-    return {memory_.mean_conic[at], memory_.rest[at], memory_.blue[at], kWithDepth ? memory_.depth[at] : 0.0f};
+  __device__ __forceinline__ QueuedSplat load(unsigned at) const {
+    return {splats_.mean_conic[at], splats_.rest[at], splats_.blue[at], kWithDepth ? splats_.depth[at] : 0.0f};
   }
 
   /// Blends the first kGroup entries of the queue, of which the first `count` are real, and stores their sums.
   __device__ __forceinline__ void blend_group(int count) {
-    QueuedSplat next = load(head_);
+    static_assert(kGroup == 8, "one load of 8 bytes");
+    const uint2 group = *reinterpret_cast<const uint2*>(memory_.queue + head_);
+    QueuedSplat next = load(group.x & 0xffu);
 #pragma unroll
     for (int slot = 0; slot < kGroup; ++slot) {
       // Each splat is loaded before the one in front of it stores its values, which the load could not pass.
       const float4 mean_conic = next.mean_conic, rest = next.rest;
       const float blue = next.blue, depth = next.depth;
-      next = load(head_ + (slot + 1) % kGroup);
+      const int following = (slot + 1) % kGroup;
+      next = load((following < 4 ? group.x : group.y) >> 8 * (following % 4) & 0xffu);
       const SplatShape<float> shape{mean_conic.x, mean_conic.y, rest.y, mean_conic.z, rest.x, mean_conic.w};
 #pragma unroll
       for (int k = 0; k < kLanePixels; ++k) {
@@ -258,7 +266,7 @@ class PatchBlend {
     }
     __syncwarp();  // the pixel values are visible to all lanes
     const bool is_real = lane_ / kRowsAtOnce < count;
-    store_sums(memory_.entry[head_ + (is_real ? lane_ / kRowsAtOnce : 0)], is_real);
+    store_sums(memory_.queue[head_ + (is_real ? lane_ / kRowsAtOnce : 0)], is_real);
     head_ = wrapped(head_ + kGroup);
 #pragma unroll
     for (int k = 0; k < kLanePixels; ++k) skip_[k] = max(skip_[k] - kGroup, 0);
@@ -329,8 +337,10 @@ class PatchBlend {
     return index < kQueue ? index : index - kQueue;
   }
 
+  const BlendBackwardCudaArgs& args_;
   const BlendBackwardArgs& blend_;
   const BucketRange& range_;
+  const Splats& splats_;
   Memory& memory_;
   const int lane_ = lane_id();
   // This lane's pixels:
@@ -346,15 +356,15 @@ class PatchBlend {
 };
 
 /// Adds the sums of the entry that this thread has to memory.
-template <int kTilePixels, bool kWithDepth, class Memory>
+template <int kTilePixels, bool kWithDepth, class Splats, class Memory>
 __device__ __forceinline__ void add_entry(const BlendBackwardCudaArgs& args, const BucketRange& range,
-                                          const Memory* memory) {
+                                          const Splats& splats, const Memory* memory) {
   const auto entry = static_cast<std::int32_t>(threadIdx.x);
   const std::int64_t pair = range.first + range.begin + entry;
   if (range.begin + entry >= range.end) return;
   const std::int32_t id = args.blend.bins.splat_ids[pair];
-  const float4 mean = load_mean(args.blend.splats, id).v, conic = load_conic(args.blend.splats, id).v;
-  const FactoredConic factors(conic);
+  const float4 mean = splats.mean_conic[entry];
+  const FactoredConic factors(make_float4(mean.z, splats.rest[entry].x, mean.w, 0));
   FactoredSums total;
   bool is_reached = false;
 #pragma unroll
@@ -386,18 +396,30 @@ __global__ void __launch_bounds__(kThreads, kResidentBlocks<kTilePixels, kWithDe
     backward_per_bucket_kernel(const BlendBackwardCudaArgs args) {
   using Patch = PatchBlend<kTilePixels, kWithDepth>;
   __shared__ typename Patch::Memory memory[kWarps];
+  __shared__ typename Patch::Splats splats;
   const auto bucket = static_cast<std::int64_t>(blockIdx.x);
   const BucketRange range(args, bucket);
   const int patch = static_cast<int>(threadIdx.x) / kWarpSize;
-  Patch(args, range, memory[patch], patch).run();
+  const auto entry = static_cast<std::int32_t>(threadIdx.x);
+  const std::int32_t id =
+      range.begin + entry < range.end ? __ldg(args.blend.bins.splat_ids + range.first + range.begin + entry) : -1;
+  Patch blend(args, range, splats, memory[patch], patch);
+  if (__syncthreads_or(blend.last() >= range.begin) == 0) return;  // hidden
+  const LoadedSplat splat(args.blend, id);
+  blend.load_pixels(patch);
+  splat.store(splats, entry);
+  if (entry == 0) splats.set_nothing();
+  __syncthreads();  // the bucket's splats
+  blend.run();
   __syncthreads();  // the sums of all patches
-  add_entry<kTilePixels, kWithDepth>(args, range, memory);
+  add_entry<kTilePixels, kWithDepth>(args, range, splats, memory);
 }
 
 }  // namespace
 
 void launch_backward_per_bucket(const BlendBackwardCudaArgs& args, const LaunchContext& context) {
   if (args.buckets.n == 0) return;
+  if (args.behind != nullptr) launch_sum_behind(args, context);
   const auto blocks = static_cast<unsigned>(args.buckets.n);
   with_tile_pixels(args.blend.grid.tile, [&](auto pixels) {
     if (args.blend.grad.depth != nullptr) {

@@ -68,7 +68,7 @@ __global__ void __launch_bounds__(kCutThreads) cut_lists_kernel(const BlendForwa
   std::int32_t own_long = 0;
   for (std::int32_t tile = thread; tile < n_tiles; tile += kCutThreads) {
     const std::int32_t length = list_length(args.blend.bins, tile), count = args.cut.n_segments(length);
-    own_long += length >> args.cut.entries_log2 > 0 ? 1 : 0;
+    own_long += length >= 1 << args.cut.entries_log2;
     const std::int64_t first = args.cut.segments_before(args.blend.bins.tile_offsets[tile]);
     segments.first_of_tile[tile] = count > 1 ? static_cast<std::int32_t>(first) : -1;
     if (count > 1) atomicAdd(next_rank + min(count, kLast), 1);
@@ -186,7 +186,7 @@ __device__ __forceinline__ void store_segment(const BlendForwardCudaArgs& args, 
   if (at.inside && is_first && (is_whole || is_finished(pixel.transmittance))) store_pixel(args.blend, at, pixel, last);
   if (is_whole) return;
   const std::int32_t pixel_of_segment = segment.index * kTilePixels + at.index;
-  if (is_first) segments.fronts[pixel_of_segment] = 1;
+  if (is_first && segments.fronts != nullptr) segments.fronts[pixel_of_segment] = 1;
   segments.transmittance[pixel_of_segment] = pixel.transmittance;
   segments.color_depth[pixel_of_segment] = make_float4(pixel.red, pixel.green, pixel.blue, pixel.depth);
   segments.last[pixel_of_segment] = last;
@@ -289,7 +289,7 @@ __global__ void __launch_bounds__(kStagedThreads) finish_pixels_kernel(const Ble
   const bool is_open = front > 0, ends = is_open && is_saturated(front * segments.transmittance[pixel_of_segment]);
   // With transmittance 1 in front, the segment was blended exactly as it should be.
   const bool is_again = ends && front != 1;
-  if (is_open) segments.fronts[pixel_of_segment] = is_again ? 1 : front;
+  if (is_open && segments.fronts != nullptr) segments.fronts[pixel_of_segment] = is_again ? 1 : front;
 
   PixelState<float> pixel{1, 0, 0, 0, 0};
   std::int32_t last = -1;
