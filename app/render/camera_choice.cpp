@@ -16,7 +16,7 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr ImageSize kDefaultSize{1280, 720};
-constexpr double kDefaultFov = 50, kDefaultElevation = 15, kDefaultFisheyeFov = 180, kMaxPinholeFov = 170;  // degrees
+constexpr double kDefaultElevation = 15, kDefaultFisheyeFov = 180, kMaxPinholeFov = 170;  // degrees
 
 bool goes_around(const CameraOptions& options) {
   return options.path == "orbit" || options.path == "turntable";
@@ -74,7 +74,7 @@ ImageSize wanted_size(const CameraOptions& options, ImageSize size) {
 /// Image size and focal lengths of the cameras on an orbit.
 Camera orbit_lens(const CameraOptions& options, const std::vector<Camera>& keys) {
   const bool has_fov = options.fov > 0 && options.projection != "fisheye";
-  const double fov = has_fov ? options.fov : kDefaultFov;
+  const double fov = has_fov ? options.fov : Camera::kDefaultFov;
   if (keys.empty()) {
     const ImageSize size = wanted_size(options, kDefaultSize);
     return Camera::with_field_of_view(size.width, size.height, fov, {});
@@ -86,12 +86,6 @@ Camera orbit_lens(const CameraOptions& options, const std::vector<Camera>& keys)
     lens.fx = pixel_aspect * lens.fy;
   }
   return lens;
-}
-
-/// For paths: a panorama's focal length is no pinhole's.
-Camera as_pinhole(const Camera& camera) {
-  if (camera.lens.kind != LensKind::kEquirectangular) return camera.without_lens();
-  return Camera::with_field_of_view(camera.width, camera.height, kDefaultFov, camera.cam_from_world);
 }
 
 cv::Vec3d up_axis(const std::string& name, const std::vector<Camera>& keys) {
@@ -135,7 +129,7 @@ Orbit choose_orbit(const CommandLine& line, const CameraOptions& options, const 
 /// The same place and direction in the projection that the options ask for.
 Camera in_projection(const CameraOptions& options, const Camera& camera) {
   if (options.projection == "auto") return camera;
-  if (options.projection == "pinhole") return as_pinhole(camera);
+  if (options.projection == "pinhole") return camera.without_lens();
   ImageSize size{camera.width, camera.height};
   Lens lens;
   if (options.projection == "equirectangular") {
@@ -163,7 +157,7 @@ CameraChoice choose_places(const CommandLine& line, const CameraOptions& options
   if (is_path(options)) {
     choice.set = options.cameras.empty() ? options.path : choice.set + "_" + options.path;
     choice.views.clear();
-    for (Camera& key : choice.cameras) key = as_pinhole(key);
+    for (Camera& key : choice.cameras) key = key.without_lens();
   }
   if (!goes_around(options)) {
     for (Camera& camera : choice.cameras) {

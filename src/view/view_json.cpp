@@ -127,13 +127,13 @@ int parse_whole_number(const std::string& text, const std::string& what) {
 Json cameras_json(const ViewedScene& scene) {
   Json views = Json::array();
   for (const ViewedCamera& view : scene.views) {
-    const Camera& camera = view.camera;
+    const Camera &camera = view.camera, pinhole = camera.without_lens();
     views.push_back({{"name", view.name},
                      {"test", view.is_test},
                      {"photograph", view.has_photograph},
                      {"width", camera.width},
                      {"height", camera.height},
-                     {"fov", 2 * std::atan(0.5 * camera.height / camera.fy) * 180 / kPi},
+                     {"fov", 2 * std::atan(0.5 * pinhole.height / pinhole.fy) * 180 / kPi},
                      {"camera_to_world", opengl_from_pose(camera.cam_from_world)}});
   }
   return {{"title", scene.title},   {"training", scene.is_training}, {"center", scene.center},

@@ -62,6 +62,12 @@ TEST(FrameRequest, CamerasAreReadAsTheyAreWritten) {
   EXPECT_NEAR(read.fy, written.fy, 1e-9);
 }
 
+TEST(FrameRequest, AFreeCameraTurnsAPanoramaIntoAPinhole) {
+  ViewedScene scene = scene_of_two();
+  scene.views[1].camera.lens.kind = LensKind::kEquirectangular;
+  EXPECT_NEAR(cameras_json(scene)["views"][1]["fov"].get<double>(), Camera::kDefaultFov, 1e-9);
+}
+
 TEST(FrameRequest, AViewKeepsItsCameraReducedIntoTheSize) {
   const FrameRequest request =
       parse_frame_request(R"({"width":200,"height":500,"view":1,"mode":"load","quality":70})", scene_of_two());

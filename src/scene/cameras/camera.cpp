@@ -104,6 +104,7 @@ std::array<double, 3> Camera::center() const {
 }
 
 Camera Camera::without_lens() const {
+  if (lens.kind == LensKind::kEquirectangular) return with_field_of_view(width, height, kDefaultFov, cam_from_world);
   Camera pinhole = *this;
   pinhole.lens = {};
   return pinhole;

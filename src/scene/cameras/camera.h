@@ -42,9 +42,11 @@ struct Camera {
 
   bool is_pinhole() const { return lens.kind == LensKind::kPinhole; }
 
-  /// A pinhole that looks the same way, with the same focal lengths.
+  /// A pinhole that looks the same way, with the same focal lengths; of a panorama, whose focal lengths are no
+  /// pinhole's, with kDefaultFov.
   Camera without_lens() const;
 
+  static constexpr double kDefaultFov = 50;  // vertical, degrees
   /// A camera that looks at the centre of its image. @param fov vertical field of view, degrees
   static Camera with_field_of_view(int width, int height, double fov, const Pose& cam_from_world);
 
