@@ -129,9 +129,6 @@ BenchScene read_bench_scene(const BenchConfig& config) {
 
 void resolve_auto(BenchRun& run) {
   if (run.device == "auto") run.device = device_name(choose_device(run.device));
-  if (run.tile_width == 0) run.tile_width = 16;
-  if (run.tile_height == 0) run.tile_height = run.tile == "16x8" ? 8 : 16;
-  run.tile = detail::concat(run.tile_width, "x", run.tile_height);
 }
 
 BenchScene make_spread_scene(const SpreadConfig& spread, const BenchRun& run) {

@@ -12,8 +12,6 @@ namespace b3dgs {
 /// Options of all benchmarks of one view.
 struct BenchRun {
   int width = 960, height = 540;  // px
-  std::string tile = "16x16";
-  int tile_width = 0, tile_height = 0;  // px; 0: as --tile says, see resolve_auto()
   std::string culling = "ellipse";
   std::int64_t seed = 0;
   int repeat = 7;
@@ -26,9 +24,6 @@ template <class Visitor>
 void visit_fields(BenchRun& c, Visitor&& field) {
   field(Option{"width"}, c.width, InRange{1, 16384}, "image width of synthetic scenes, px");
   field(Option{"height"}, c.height, InRange{1, 16384}, "image height of synthetic scenes, px");
-  field(Option{"tile"}, c.tile, OneOf{{"16x16", "16x8"}}, "tile size, px, as in b3dgs train");
-  field(Option{"tile_width"}, c.tile_width, InRange{0, 32}, "tile width, px; overrides --tile (0 = as in --tile)");
-  field(Option{"tile_height"}, c.tile_height, InRange{0, 32}, "tile height, px; overrides --tile (0 = as in --tile)");
   field(Option{"culling"}, c.culling, OneOf{{"ellipse", "square"}},
         "how to decide which tiles a Gaussian touches; square: 3-sigma box, as in 3DGS");
   field(Option{"seed"}, c.seed, AtLeast{0}, "random seed of synthetic scenes");
@@ -38,8 +33,7 @@ void visit_fields(BenchRun& c, Visitor&& field) {
   field(Option{"json"}, c.json, Any{}, "also write all numbers to this file");
 }
 
-/// Replaces --device auto by the device that it selects, and sets tile_width and tile_height where they are 0. Call
-/// this before using either.
+/// Replaces --device auto by the device that it selects. Call this before using it.
 void resolve_auto(BenchRun& run);
 
 /// The state of training that synthetic Gaussians are in.

@@ -113,11 +113,9 @@ Json report_steps(const StepTimes& times, const TrainConfig& config, const Train
   double n_pixels = 0;  // of a view, on average
   for (const View& view : scene.train) n_pixels += static_cast<double>(view.camera.width) * view.camera.height;
   n_pixels /= static_cast<double>(scene.train.size());
-  const TileShape tile = tile_shape(config);
-  std::printf("%s: %s Gaussians, %.2f Mpixel, tiles of %d x %d px, %s, SH degree %d; %zu steps\n%s\n",
-              config.source_path.c_str(), format_count(trainer.n_gaussians()).c_str(), 1e-6 * n_pixels, tile.width,
-              tile.height, config.kernel.c_str(), trainer.sh_degree(), times.steps.size(),
-              describe_device(choose_device(config.device)).c_str());
+  std::printf("%s: %s Gaussians, %.2f Mpixel, %s, SH degree %d; %zu steps\n%s\n", config.source_path.c_str(),
+              format_count(trainer.n_gaussians()).c_str(), 1e-6 * n_pixels, config.kernel.c_str(), trainer.sh_degree(),
+              times.steps.size(), describe_device(choose_device(config.device)).c_str());
   Json report;
   report["stages"] = show_stages(times.steps);
   std::printf("%-16s %10.3f  per step, including density control and time between steps\n", "wall clock", wall_ms);

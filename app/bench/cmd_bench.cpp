@@ -42,10 +42,6 @@ class BenchView {
         rasterizer_(device_),
         clock_(make_stage_clock(device_)),
         stages_(make_stage_clock(device_)) {
-    if (is_on_gpu() && (run.tile_width != 16 || (run.tile_height != 8 && run.tile_height != 16))) {
-      input_error("tiles of ", run.tile_width, " x ", run.tile_height,
-                  " px are not supported on a GPU (expected 16x16 or 16x8)");
-    }
     constexpr std::int64_t kFlushBytes = 256 << 20;  // several times the largest L2 cache
     const torch::TensorOptions options = torch::TensorOptions().device(device_);
     if (is_on_gpu()) flush_ = torch::empty({kFlushBytes}, options.dtype(torch::kUInt8));
@@ -53,7 +49,6 @@ class BenchView {
     grad_.color = torch::full({view_.height, view_.width, 3}, 1 / n_values, options.dtype(torch::kFloat32));
     settings_.sh_degree = scene.cloud.sh_degree;
     settings_.culling = run.culling == "square" ? Culling::kSquare : Culling::kEllipse;
-    settings_.tile = {run.tile_width, run.tile_height};
     settings_.depth_gradient = false;
     settings_.stages = &stages_;
   }
@@ -243,9 +238,8 @@ int run_bench_kernels(const std::vector<std::string>& words) {
   set_compute_threads(config.threads);
 
   const BenchScene scene = make_bench_scene(config);
-  std::printf("%s: %lld Gaussians, %d x %d px, tiles of %d x %d px\n", scene.name.c_str(),
-              static_cast<long long>(scene.cloud.size()), scene.view.width, scene.view.height, config.tile_width,
-              config.tile_height);
+  std::printf("%s: %lld Gaussians, %d x %d px\n", scene.name.c_str(), static_cast<long long>(scene.cloud.size()),
+              scene.view.width, scene.view.height);
   BenchFile file(config.json);
   file.set("config", config_to_json(config));
   file.set("n_gaussians", scene.cloud.size());
@@ -324,8 +318,7 @@ int run_bench_sweep(const std::vector<std::string>& words) {
       BenchView view(config, scene);
       view.render(ForwardKernel::kNaive, /*keep=*/false);
       if (cells.empty()) {
-        std::printf("%d x %d px, tiles of %d x %d px; %s\n", config.width, config.height, config.tile_width,
-                    config.tile_height, view.device_text().c_str());
+        std::printf("%d x %d px; %s\n", config.width, config.height, view.device_text().c_str());
         print_head();
         file.set("device", view.device_text());
       }

@@ -244,7 +244,7 @@ int run_compare(const std::vector<std::string>& words) {
       "Train a scene with several configurations, taking turns, and compare time and quality. "
       "Writes compare.json, report.html and the models. All models of a seed are in memory at the same time. The "
       "first of --configs is the baseline; `naive-kernels` stands for the kernels of the original 3DGS "
-      "(naive, per-pixel backward pass, square culling, 16x16 tiles), and preset=NAME for a preset.",
+      "(naive, per-pixel backward pass, square culling), and preset=NAME for a preset.",
       "b3dgs compare scenes/garden --configs inria:preset=inria,fast:preset=fast,quality:preset=quality");
   CompareOptions options;
   line.add(options, "Comparison");

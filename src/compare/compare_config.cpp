@@ -24,7 +24,7 @@ constexpr const char* kShared[] = {"source_path", "model_path",       "images", 
 /// Options closest to the original 3DGS trainer. Its loss, optimizer and projection cannot be selected.
 constexpr const char *kNaiveKernels = "naive-kernels", *kFormerNaiveKernels = "original";
 constexpr std::pair<const char*, const char*> kNaiveKernelsOptions[] = {
-    {"kernel", "naive"}, {"backward_kernel", "per-pixel"}, {"culling", "square"}, {"tile", "16x16"}};
+    {"kernel", "naive"}, {"backward_kernel", "per-pixel"}, {"culling", "square"}};
 
 constexpr const char* kForwardKernelOptions[] = {"kernel", "kernel_policy", "kernel_candidates"};
 
@@ -124,7 +124,7 @@ std::pair<std::string, std::string> split_name(const std::string& entry) {
   return {entry.substr(0, colon), entry.substr(colon + 1)};
 }
 
-/// Reads "tile=16x8", "combined" or "naive-kernels" into `values`. Lists are separated by slashes, since commas
+/// Reads "culling=square", "combined" or "naive-kernels" into `values`. Lists are separated by slashes, since commas
 /// separate configurations.
 void add_part(const std::string& entry, const std::string& word, OptionValues& values) {
   const std::string part = present_part(word);

@@ -67,6 +67,7 @@ constexpr FormerOption kFormerOptions[] = {
     {"stats_interval", kVaries, "load statistics are logged every 1000 iterations"},
     {"checkpoint_interval", "0", "--checkpoint_minutes and --checkpoint_iterations say when to write checkpoints"},
     {"keep_checkpoints", "2", "the 2 newest checkpoints are kept"},
+    {"tile", "\"16x16\"", "tiles are 16 x 16 px"},
     {"image_cache_gb", "-1", "photographs take up to half of the free GPU memory"},
 };
 
@@ -75,9 +76,10 @@ struct FormerName {
 };
 
 constexpr FormerName kFormerNames[] = {
-    {"strategy", "balanced", "budget"}, {"preset", "original", "inria"},
-    {"kernel", "paper", "published"},   {"backward_kernel", "per-splat", "per-bucket"},
-    {"tile", "auto", "16x16"},
+    {"strategy", "balanced", "budget"},
+    {"preset", "original", "inria"},
+    {"kernel", "paper", "published"},
+    {"backward_kernel", "per-splat", "per-bucket"},
 };
 
 /// The option's value among these options, from a file or a command line; null if it is not there.

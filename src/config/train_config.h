@@ -115,7 +115,6 @@ struct TrainConfig {
   std::string kernel_policy = "paper";
   std::vector<std::string> kernel_candidates{"segmented", "shared-memory"};
   std::string backward_kernel = "per-bucket";
-  std::string tile = "16x16";
   std::string culling = "ellipse";
   bool deterministic = false;
   int threads = 0;  // 0 = all cores

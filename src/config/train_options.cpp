@@ -154,7 +154,6 @@ void for_each_option(TrainConfig& c, const std::function<void(const TrainOption&
         "kernels that adaptive chooses from; training starts with the first");
   field(Option{"backward_kernel"}, c.backward_kernel, backward_kernels,
         "backward kernel on the GPU; adaptive: the fastest, by --kernel_policy");
-  field(Option{"tile"}, c.tile, OneOf{{"16x16", "16x8"}}, "tile size, px");
   field(Option{"culling"}, c.culling, OneOf{{"ellipse", "square"}},
         "how to decide which tiles a Gaussian touches; square: 3-sigma box, as in 3DGS");
   field(Option{"deterministic"}.group("Schedule"), c.deterministic, Any{},

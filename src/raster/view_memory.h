@@ -24,7 +24,7 @@ inline ViewMemory view_memory(const RenderSettings& settings, const CameraView& 
   const bool keeps = settings.keep_for_backward, keeps_slots = keeps && settings.deterministic;
   // Splat, extent, radius; gradient; first slot.
   const double per_splat = 48 + 8 + 4 + (keeps ? 48 : 0) + (keeps_slots ? 8 : 0);
-  // Sorting, segmented blending, and the backward pass, which takes less, use the same scratch memory in turn
+  // Sorting, segmented blending, and the backward pass, which takes no more, use the same scratch memory in turn
   // (PassScratch).
   const double sorting = 2 * 8;                                         // keys, and where runs of them are merged
   const double segments = 1.5 * tile_pixels / kSegment * (4 + 16 + 4);  // transmittance, colour and depth, last

@@ -5,10 +5,6 @@
 
 namespace b3dgs {
 
-TileShape tile_shape(const TrainConfig& config) {
-  return {16, config.tile == "16x8" ? 8 : 16};
-}
-
 RenderSettings evaluation_settings(const TrainConfig& config, int sh_degree) {
   const bool forward_is_open = chooses_forward_kernel(config), backward_is_open = config.backward_kernel == kAdaptive;
   const std::string name = forward_is_open ? kStandardKernel : config.kernel;
@@ -20,7 +16,6 @@ RenderSettings evaluation_settings(const TrainConfig& config, int sh_degree) {
   settings.near_plane = static_cast<float>(config.near_plane);
   settings.antialiasing = config.antialiasing;
   settings.culling = config.culling == "square" ? Culling::kSquare : Culling::kEllipse;
-  settings.tile = tile_shape(config);
   settings.kernel = forward_kernel(name);
   settings.backward_kernel = backward_kernel(backward_name);
   settings.deterministic = config.deterministic;

@@ -15,9 +15,6 @@
 
 namespace b3dgs {
 
-/// The tile size that the options select.
-TileShape tile_shape(const TrainConfig& config);
-
 /// Settings for deterministic rendering, e.g. for evaluation. `sh_degree` is at most that of the Gaussians.
 RenderSettings evaluation_settings(const TrainConfig& config, int sh_degree);
 

@@ -39,7 +39,8 @@ class BenchStep : public ::testing::Test {
 
 TEST_F(BenchStep, TimesEveryStageAndWritesNoModel) {
   // Preset inria, since only its schedule has "densify" here.
-  const nlohmann::json report = bench({path("scene"), "--kernel", "combined", "--tile", "16x8", "--preset", "inria"});
+  const nlohmann::json report =
+      bench({path("scene"), "--kernel", "combined", "--culling", "square", "--preset", "inria"});
   std::vector<std::string> names;
   double share = 0;
   for (const nlohmann::json& row : report["stages"]) {
@@ -53,7 +54,7 @@ TEST_F(BenchStep, TimesEveryStageAndWritesNoModel) {
   EXPECT_EQ(names, expected);
   EXPECT_NEAR(share, 1, 1e-6);
   EXPECT_GT(report["wall_ms"].get<double>(), 0);
-  EXPECT_EQ(report["config"]["tile"], "16x8");
+  EXPECT_EQ(report["config"]["culling"], "square");
   EXPECT_GT(report["n_gaussians"].get<int>(), 100);
   int n_entries = 0;
   for (const auto& entry : std::filesystem::directory_iterator(folder_.path())) n_entries += entry.exists();

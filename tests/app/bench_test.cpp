@@ -88,45 +88,6 @@ TEST(BenchReport, ColumnsThatWereNotMeasuredAreAbsent) {
   EXPECT_FALSE(table.rows()[0].contains("gradient_difference"));
 }
 
-TEST(BenchRun, UsesTheTileOfTrainingUnlessGiven) {
-  for (const char* device : {"cpu", "cuda"}) {
-    TrainConfig training;
-    training.device = device;
-    const TileShape expected = tile_shape(training);
-    BenchRun automatic, given;
-    automatic.device = given.device = device;
-    given.tile_width = 24;
-    given.tile_height = 4;
-    resolve_auto(automatic);
-    resolve_auto(given);
-    EXPECT_EQ(automatic.tile_width, expected.width) << device;
-    EXPECT_EQ(automatic.tile_height, expected.height) << device;
-    EXPECT_EQ(given.tile_width, 24) << device;
-    EXPECT_EQ(given.tile_height, 4) << device;
-  }
-}
-
-TEST(BenchRun, TakesTheTileOptionOfTraining) {
-  for (const char* device : {"cpu", "cuda"}) {
-    for (const int height : {8, 16}) {
-      BenchRun run;
-      run.device = device;
-      run.tile = "16x" + std::to_string(height);
-      resolve_auto(run);
-      EXPECT_EQ(run.tile_width, 16) << device;
-      EXPECT_EQ(run.tile_height, height) << device;
-    }
-    BenchRun both;
-    both.device = device;
-    both.tile = "16x16";
-    both.tile_height = 8;
-    resolve_auto(both);
-    EXPECT_EQ(both.tile_width, 16) << device;
-    EXPECT_EQ(both.tile_height, 8) << "--tile_height overrides --tile";
-    EXPECT_EQ(both.tile, "16x8") << "the tile that is used";
-  }
-}
-
 TEST(BenchRun, AutoSelectsTheDefaultDevice) {
   BenchRun run;
   ASSERT_EQ(run.device, "auto") << "the default, as in other commands";
@@ -333,22 +294,10 @@ TEST_F(BenchProgram, SweepTimesEveryNumberAndSkew) {
   EXPECT_GT(report["cells"][2]["lists"]["pairs"], report["cells"][0]["lists"]["pairs"]);
   EXPECT_LT(report["cells"][2]["lists"]["pairs"], 2.5 * report["cells"][0]["lists"]["pairs"].get<double>())
       << "three times as many Gaussians are smaller";
-  EXPECT_EQ(report["config"]["tile_width"], 16) << "the tile that was used, not the default of the option";
-  EXPECT_EQ(report["config"]["tile_height"], 16);
 
   const Outcome empty = run_b3dgs({"bench", "sweep", "--skew"});
   EXPECT_EQ(empty.exit_code, 2);
   EXPECT_NE(empty.err.find("--skew needs at least one value"), std::string::npos) << empty.err;
-}
-
-TEST_F(BenchProgram, TakesTheTileOptionOfTrain) {
-  const json config = bench({"--points", "300", "--width", "96", "--height", "64", "--tile", "16x8"})["config"];
-  EXPECT_EQ(config["tile"], "16x8");
-  EXPECT_EQ(config["tile_width"], 16);
-  EXPECT_EQ(config["tile_height"], 8);
-  const Outcome unknown = run_b3dgs({"bench", "--tile", "12x12"});
-  EXPECT_EQ(unknown.exit_code, 2);
-  EXPECT_NE(unknown.err.find("invalid value for --tile (expected one of"), std::string::npos) << unknown.err;
 }
 
 TEST_F(BenchProgram, AnInterruptedSweepKeepsItsResults) {

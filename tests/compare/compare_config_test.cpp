@@ -42,15 +42,14 @@ TEST(CompareConfig, NaiveKernelsSelectsTheOptionsClosestToTheOriginalTrainer) {
   EXPECT_EQ(original.kernel, "naive");
   EXPECT_EQ(original.backward_kernel, "per-pixel");
   EXPECT_EQ(original.culling, "square");
-  EXPECT_EQ(original.tile, "16x16");
   EXPECT_EQ(entries[1].config.kernel, "published") << "later parts override earlier ones";
-  EXPECT_EQ(entries[1].config.tile, "16x16");
+  EXPECT_EQ(entries[1].config.culling, "square");
   EXPECT_EQ(entries[2].config.backward_kernel, TrainConfig{}.backward_kernel);
   EXPECT_EQ(forward_candidates(entries[2].config), (std::vector<std::string>{"combined", "shared-memory"}));
 }
 
 TEST(CompareConfig, FormerNamesStandForThePresentOnes) {
-  const std::string text = "original,b:paper+tile=16x8,c:preset=original+strategy=balanced";
+  const std::string text = "original,b:paper+culling=square,c:preset=original+strategy=balanced";
   const auto entries = parse_configurations(text, TrainConfig{}, {});
   EXPECT_EQ(entries[0].name, "original") << "the name that the user gave is kept";
   EXPECT_EQ(entries[0].config.backward_kernel, "per-pixel");
@@ -58,7 +57,7 @@ TEST(CompareConfig, FormerNamesStandForThePresentOnes) {
   EXPECT_EQ(entries[2].config.preset + " " + entries[2].config.strategy, "inria budget");
   EXPECT_EQ(describe_former_parts(text),
             (std::vector<std::string>{"--configs original: original is now naive-kernels",
-                                      "--configs b:paper+tile=16x8: paper is now published",
+                                      "--configs b:paper+culling=square: paper is now published",
                                       "--configs c:preset=original+strategy=balanced: preset=original is now "
                                       "preset=inria",
                                       "--configs c:preset=original+strategy=balanced: strategy=balanced is now "
@@ -111,7 +110,7 @@ TEST(CompareConfig, SeparatesOptionsOfTheForwardKernelFromOthers) {
 }
 
 TEST(CompareConfig, TheBaselineCanBeRepeated) {
-  const auto entries = parse("mine:naive+tile=16x8,adaptive", TrainConfig{});
+  const auto entries = parse("mine:naive+culling=square,adaptive", TrainConfig{});
   const Configuration again = repeat_baseline(entries);
   EXPECT_EQ(again.name, "mine_again");
   EXPECT_TRUE(differing_options(again.config, entries[0].config).empty());
@@ -131,7 +130,7 @@ TEST(CompareConfig, RejectsInvalidEntriesWithAReason) {
   expect_rejected("naive,", "empty part");
   expect_rejected("naive,combined+", "empty part");
   expect_rejected("naive,combined+culing=square", "did you mean culling?");
-  expect_rejected("naive,combined+tile_width=8", "did you mean tile?");
+  expect_rejected("naive,combined+culling_mode=square", "did you mean culling?");
   expect_rejected("naive,combined+culling=round",
                   "--configs combined+culling=round: invalid value for --culling (expected one of");
   expect_rejected("naive,combined+seed=3", "must be the same for all");

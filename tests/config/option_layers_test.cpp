@@ -424,7 +424,7 @@ TEST(DescribeOptions, NamesPresetAndWhereValuesAreFrom) {
   EXPECT_EQ(describe_options(resolve_options(given({"-s", "scene"})))[0],
             "options     preset quality, strategy budget");
   const Words lines = describe_options(
-      resolve_options(given({"--preset", "fast", "--eval", "--iterations", "10000", "--tile", "16x8"})));
+      resolve_options(given({"--preset", "fast", "--eval", "--iterations", "10000", "--culling", "square"})));
   std::string text;
   for (const std::string& line : lines) {
     text += line + "\n";
@@ -433,7 +433,7 @@ TEST(DescribeOptions, NamesPresetAndWhereValuesAreFrom) {
   EXPECT_EQ(text.rfind("options     preset fast, ", 0), 0u) << text;
   EXPECT_NE(text.find("its schedule x 1.667 for --iterations\n"), std::string::npos) << text;
   EXPECT_EQ(text.find("position_lr_max_steps"), std::string::npos) << "config.json has these: " << text;
-  EXPECT_NE(text.find("\n  given     eval on, iterations 10000, tile 16x8\n"), std::string::npos) << text;
+  EXPECT_NE(text.find("\n  given     eval on, iterations 10000, culling square\n"), std::string::npos) << text;
   OptionLayers layers = resolve_options();
   layers.epoch_scale = limit_epochs(layers.config, 21, layers.given);
   EXPECT_EQ(describe_options(layers)[0],

@@ -93,10 +93,9 @@ TEST(RasterizeCpu, SplatsMayMissTheLargestTiles) {
 TEST_P(RasterizeCpuTest, EveryKernelOnEveryInstructionSetAgreesWithTheDenseReference) {
   const TestScene scene = GetParam().build();
   const std::vector<std::int64_t> targets = hwy::SupportedAndGeneratedTargets();
-  for (const Binning& binning : kBinnings) {
+  for (const auto& [culling, culling_name] : kCullings) {
     RenderSettings settings = settings_of(scene);
-    settings.culling = binning.culling;
-    settings.tile = binning.tile;
+    settings.culling = culling;
     const Reference reference(scene, settings);
     ASSERT_TRUE(reference.view.hazards.empty())
         << "scene cannot check a float rasterizer: " << reference.view.hazards.front();
@@ -104,7 +103,7 @@ TEST_P(RasterizeCpuTest, EveryKernelOnEveryInstructionSetAgreesWithTheDenseRefer
       const ScopedSimdTarget simd(target);
       std::map<ForwardKernel, std::vector<torch::Tensor>> results;
       for (const ForwardKernelName& kernel : kForwardKernels) {
-        SCOPED_TRACE(testing::Message() << kernel.name << ", " << binning.name << ", " << hwy::TargetName(target));
+        SCOPED_TRACE(testing::Message() << kernel.name << ", " << culling_name << ", " << hwy::TargetName(target));
         settings.kernel = kernel.kernel;
         CpuView view(scene, settings);
         const DenseGradients gradients = view.backward(reference.grad);
@@ -168,11 +167,10 @@ TEST_P(RasterizeCpuTest, InverseDepthAgreesWithTheDenseReference) {
 
 TEST_P(RasterizeCpuTest, AGaussianIsSeenExactlyIfItIsInTheListOfATile) {
   const TestScene scene = GetParam().build();
-  for (const Binning& binning : kBinnings) {
-    SCOPED_TRACE(binning.name);
+  for (const auto& [culling, culling_name] : kCullings) {
+    SCOPED_TRACE(culling_name);
     RenderSettings settings = settings_of(scene);
-    settings.culling = binning.culling;
-    settings.tile = binning.tile;
+    settings.culling = culling;
     const CpuView view(scene, settings);
     const RasterizerBackend& rasterizer = view.rasterizer();
     const BinnedSplats bins = rasterizer.bins();
@@ -215,10 +213,9 @@ TEST(RasterizeCpu, KernelsWithTheSameLanesAgreeBitForBitWhereNoPixelOfALongListF
   ASSERT_LT(view.alpha.max().item<float>(), 0.99f);
   ASSERT_GT(view.alpha.max().item<float>(), 0.5f);
   const ScopedThreadCount threads(3);
-  for (const Binning& binning : kBinnings) {
+  for (const auto& [culling, culling_name] : kCullings) {
     RenderSettings settings = settings_of(scene);
-    settings.culling = binning.culling;
-    settings.tile = binning.tile;
+    settings.culling = culling;
     for (const std::int64_t target : hwy::SupportedAndGeneratedTargets()) {
       const ScopedSimdTarget simd(target);
       for (const std::vector<ForwardKernel>& kernels : kSameLanes) {
@@ -226,7 +223,7 @@ TEST(RasterizeCpu, KernelsWithTheSameLanesAgreeBitForBitWhereNoPixelOfALongListF
         const std::vector<torch::Tensor> first = all_results(scene, settings);
         for (const ForwardKernel kernel : kernels) {
           SCOPED_TRACE(testing::Message()
-                       << forward_kernel_name(kernel) << ", " << binning.name << ", " << hwy::TargetName(target));
+                       << forward_kernel_name(kernel) << ", " << culling_name << ", " << hwy::TargetName(target));
           settings.kernel = kernel;
           expect_same_bytes(all_results(scene, settings), first);
           if (testing::Test::HasFailure()) return;

@@ -18,11 +18,10 @@ class ScoreTest : public testing::TestWithParam<TestSceneRow> {};
 
 TEST_P(ScoreTest, AgreesWithTheDenseReference) {
   const TestScene scene = GetParam().build();
-  for (const Binning& binning : kBinnings) {
-    SCOPED_TRACE(binning.name);
+  for (const auto& [culling, culling_name] : kCullings) {
+    SCOPED_TRACE(culling_name);
     RenderSettings settings = settings_of(scene);
-    settings.culling = binning.culling;
-    settings.tile = binning.tile;
+    settings.culling = culling;
     const torch::NoGradGuard no_grad;
     const DenseView reference = dense_render(to_dense_leaves(scene.gaussians), scene.view, settings);
     CpuView view(scene, settings);

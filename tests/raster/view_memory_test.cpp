@@ -10,7 +10,6 @@ namespace {
 
 TEST(ViewMemory, IsWhatTheReadmeSays) {
   RenderSettings settings;
-  settings.tile = {16, 8};
   settings.depth_gradient = false;
   CameraView view{};
   view.width = 160;
@@ -18,22 +17,19 @@ TEST(ViewMemory, IsWhatTheReadmeSays) {
   const auto view_memory = [&](const RenderSettings& of) { return b3dgs::view_memory(of, view); };
   const ViewMemory memory = view_memory(settings);
   EXPECT_EQ(memory.per_gaussian, 108);
-  EXPECT_NEAR(memory.per_pair, 37.5, 0.1);
+  EXPECT_NEAR(memory.per_pair, 57.0, 0.1);
   EXPECT_EQ(memory.bytes(3, 1), 3 * 108 + memory.per_pair);
-  settings.tile = {16, 16};
-  EXPECT_NEAR(view_memory(settings).per_pair, 57.0, 0.1);
-  settings.tile = {16, 8};
   settings.deterministic = true;
   EXPECT_EQ(view_memory(settings).per_gaussian, 116);
-  EXPECT_NEAR(view_memory(settings).per_pair, 93.5, 0.1);
+  EXPECT_NEAR(view_memory(settings).per_pair, 113.0, 0.1);
   settings.keep_for_backward = settings.deterministic = false;
-  EXPECT_NEAR(view_memory(settings).per_pair, 20.0, 0.1);
-  EXPECT_EQ(view_memory(settings).of_image, 160 * 80 * 8 + 100 * 92);
+  EXPECT_NEAR(view_memory(settings).per_pair, 22.0, 0.1);
+  EXPECT_EQ(view_memory(settings).of_image, 160 * 80 * 8 + 50 * 92);
   settings.keep_for_backward = true;
-  EXPECT_EQ(view_memory(settings).of_image, 160 * 80 * (8 + 16) + 100 * 92);
+  EXPECT_EQ(view_memory(settings).of_image, 160 * 80 * (8 + 16) + 50 * 92);
   view.width = 161;
   view.height = 81;
-  EXPECT_EQ(view_memory(settings).of_image, 161 * 81 * 8 + 11 * 11 * (92 + 128 * 16));
+  EXPECT_EQ(view_memory(settings).of_image, 161 * 81 * 8 + 11 * 6 * (92 + 256 * 16));
   view.lens.kind = LensKind::kEquirectangular;
   EXPECT_EQ(view_memory(settings).per_gaussian, 2 * 108);
 }

@@ -302,40 +302,33 @@ TEST(Trainer, AddsUpTimeOverAllSessions) {
 
 TEST(Trainer, RendersWithTheGivenOptions) {
   TrainConfig config;
-  EXPECT_EQ(evaluation_settings(config, 2).tile.height, 16);
+  EXPECT_EQ(evaluation_settings(config, 2).culling, Culling::kEllipse);
   EXPECT_EQ(evaluation_settings(config, 2).backward_kernel, BackwardKernel::kPerBucket);
   EXPECT_FALSE(evaluation_settings(config, 2).deterministic);
-  config_from_json(config, {{"tile", "16x8"}, {"backward_kernel", "per-pixel"}, {"deterministic", true}}, "test");
+  config_from_json(config, {{"culling", "square"}, {"backward_kernel", "per-pixel"}, {"deterministic", true}}, "test");
   const RenderSettings settings = evaluation_settings(config, 2);
-  EXPECT_EQ(settings.tile.width, 16);
-  EXPECT_EQ(settings.tile.height, 8);
+  EXPECT_EQ(settings.culling, Culling::kSquare);
   EXPECT_EQ(settings.backward_kernel, BackwardKernel::kPerPixel);
   EXPECT_TRUE(settings.deterministic);
   EXPECT_EQ(settings.stages, nullptr);
   const auto refused = [&](const nlohmann::ordered_json& json, const std::string& part) {
     return test::fails_with<InputError>({part}, [&] { config_from_json(config, json, "test"); });
   };
-  EXPECT_TRUE(refused({{"tile", "8x8"}}, "invalid value for tile: test (expected one of 16x16, 16x8"));
+  EXPECT_TRUE(refused({{"culling", "round"}}, "invalid value for culling: test (expected one of ellipse, square"));
   EXPECT_TRUE(refused({{"backward_kernel", "naive"}},
                       "invalid value for backward_kernel: test (expected one of per-pixel, per-bucket"));
   EXPECT_TRUE(refused({{"host_memory_gb", -2}}, "invalid value for host_memory_gb: test (expected at least -1"));
 }
 
-TEST(Trainer, LearnsTheSameWithTilesOfAnyShapeAndIsAlwaysDeterministicOnTheCpu) {
+TEST(Trainer, IsAlwaysDeterministicOnTheCpu) {
   const Scene scene = test::make_tiny_scene();
   const test::TempDir temp;
   TrainConfig config = eventful_config();
-  config.densify_until_iter = 0;  // rounding could decide at a threshold
-  const Trained square = train(config, scene, temp / "square");
+  const Trained first = train(config, scene, temp / "first");
   config.deterministic = true;
   config.backward_kernel = "per-pixel";
   config.image_cache_gb = 0;
-  EXPECT_TRUE(test::same(train(config, scene, temp / "same").ply, square.ply)) << "these options only affect the GPU";
-  config.tile = "16x8";
-  const Trained flat = train(config, scene, temp / "flat");
-  const auto& expected = square.result.evaluations.back().second.mean;
-  EXPECT_NEAR(flat.result.evaluations.back().second.mean.psnr, expected.psnr, 0.01);
-  EXPECT_NEAR(flat.result.evaluations.back().second.mean.ssim, expected.ssim, 1e-4);
+  EXPECT_TRUE(test::same(train(config, scene, temp / "same").ply, first.ply)) << "these options only affect the GPU";
 }
 
 /// Lines of train.jsonl with this event, or without any.

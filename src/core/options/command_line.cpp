@@ -280,7 +280,7 @@ std::string nearest_name(const std::string& name, const std::vector<std::string>
   for (const std::string& candidate : known) {
     // An abbreviation counts as similar, however short.
     const bool is_abbreviation = name.size() >= 3 && candidate.compare(0, name.size(), name) == 0;
-    // So does a name with more words: tile_width for tile, max_num_iterations for iterations.
+    // So does a name with more words: culling_mode for culling, max_num_iterations for iterations.
     const std::size_t longer = candidate.size() + 1;
     const bool is_longer = name.compare(0, longer, candidate + "_") == 0 ||
                            (name.size() > longer && name.compare(name.size() - longer, longer, "_" + candidate) == 0);

@@ -36,10 +36,13 @@ inline constexpr std::array kBackwardLaunches{
 
 /// First part of per-bucket, for has_many_parts(): writes args.behind.
 void launch_sum_behind(const BlendBackwardCudaArgs& args, const LaunchContext& context);
-/// Whether summing the parts behind each bucket once pays. Otherwise each bucket sums those behind it, which takes time
-/// that grows with the square of their number, but saves a kernel (measured: docs/lab/kernels.md).
+/// Whether to sum the parts behind each bucket once: if it pays (measured: docs/lab/kernels.md), and the sums fit into
+/// the memory in which pairs were sorted. Otherwise each bucket sums those behind it, which takes time that grows with
+/// the square of their number, but saves a kernel.
 inline bool has_many_parts(const ViewCounts& counts) {
-  return counts.longest_list > 32768;
+  constexpr std::int64_t kSortBytes = 16;  // for each pair; view_memory.h
+  return counts.longest_list > 32768 &&
+         counts.n_buckets * kCudaTilePixels * std::int64_t{sizeof(float)} <= counts.n_pairs * kSortBytes;
 }
 
 /// `combined` has a mask of 32 bits for a quad and 32 list entries.
@@ -50,17 +53,16 @@ class ForwardScratch {
   /// Sets the scratch pointers of `args` for this kernel; the other arguments must be set. What the backward pass needs
   /// (parts_after()) is not in `scratch`, which later passes overwrite.
   void allocate(ForwardKernel kernel, BlendForwardCudaArgs& args, PassScratch& scratch, const LaunchContext& context) {
-    const std::int64_t tile_pixels = std::int64_t{args.blend.grid.tile.width} * args.blend.grid.tile.height;
     args.next_task = next_task_.resize(1, context);
     if (kernel == ForwardKernel::kCombined) {
       scratch.allocate(context, [&](ScratchArrays& arrays) {
-        args.quad_masks = arrays.take<std::uint32_t>(args.buckets.n * kMasksPerBucket * tile_pixels / kQuadPixels);
+        args.quad_masks = arrays.take<std::uint32_t>(args.buckets.n * kMasksPerBucket * kCudaTilePixels / kQuadPixels);
       });
     }
     if (kernel == ForwardKernel::kSegmented && args.cut.cuts()) {
       // Each task has a full segment in front of it, since only a list's last segment may be shorter.
       const std::int64_t n_tasks_max = args.blend.bins.n_pairs >> args.cut.entries_log2;
-      const std::int64_t n = args.cut.segments_before(args.blend.bins.n_pairs), n_pixels = n * tile_pixels;
+      const std::int64_t n = args.cut.segments_before(args.blend.bins.n_pairs), n_pixels = n * kCudaTilePixels;
       Segments& segments = args.segments;
       segments.n_max = static_cast<std::int32_t>(n);
       segments.n_tasks_max = static_cast<std::int32_t>(n_tasks_max);

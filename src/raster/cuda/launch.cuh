@@ -1,4 +1,4 @@
-// Launch helpers: tile size or SH degree as a template argument; number of resident blocks.
+// Launch helpers: SH degree as a template argument; number of resident blocks.
 #pragma once
 
 #include "core/check.h"
@@ -6,19 +6,6 @@
 #include "raster/math/tiling.h"
 
 namespace b3dgs::cuda {
-
-/// Calls body(std::integral_constant<int, pixels>) with the number of pixels of a tile, which is also the number of
-/// threads of a block in most kernels.
-template <class Body>
-void with_tile_pixels(const TileShape& tile, Body&& body) {
-  B3DGS_CHECK(tile.width == kCudaTileWidth && (tile.height == 8 || tile.height == 16), "tile is ", tile.width, " x ",
-              tile.height, " px, expected 16 x 8 or 16 x 16 on CUDA");
-  if (tile.height == 8) {
-    body(std::integral_constant<int, kCudaTileWidth * 8>());
-  } else {
-    body(std::integral_constant<int, kCudaTileWidth * 16>());
-  }
-}
 
 /// Calls body(std::integral_constant<int, degree>): with a constant degree, SH basis values stay in registers. Degrees
 /// below kMin are not instantiated.

@@ -266,7 +266,7 @@ struct BlendBackwardCudaArgs {
   BucketParts parts{};
   SplatGradSum* splat_grads = nullptr;  // [rows] in and out: added to, must be zero where there is a splat
   // Scratch of per-bucket, [n_buckets, pixels of a tile row by row]: what is behind each bucket of a long list, as
-  // `behind` of ReverseState. Null: not has_many_parts().
+  // `behind` of ReverseState. Null: per-pixel, or not has_many_parts().
   float* behind = nullptr;
   const std::int32_t* tiles_by_length = nullptr;  // BinnedView; with `behind`
   std::int32_t n_long_lists = 0;                  // with `behind`; ViewCounts

@@ -17,7 +17,9 @@
 namespace b3dgs::cuda {
 namespace {
 
-void check_kernels(const RenderSettings& settings) {
+void check_settings(const RenderSettings& settings) {
+  B3DGS_CHECK(settings.tile.width == kCudaTileSide && settings.tile.height == kCudaTileSide, "tile is ",
+              settings.tile.width, " x ", settings.tile.height, " px, expected 16 x 16 on CUDA");
   B3DGS_CHECK(
       !settings.deterministic || !settings.keep_for_backward || settings.backward_kernel == BackwardKernel::kPerBucket,
       "deterministic gradients need the per-bucket backward kernel");
@@ -30,7 +32,7 @@ class CudaBackend final : public RasterizerBackend {
   void forward(const GaussianArrays& gaussians, const CameraView& view, const RenderSettings& settings,
                const ImageArrays& out) override {
     check_render_args(gaussians, view, settings);
-    check_kernels(settings);
+    check_settings(settings);
     const LaunchContext context = context_();
     // Lists and the colours of a ColorPass do not depend on each other, and neither fills the device. Projection and
     // lists are in the side stream, which has priority, so that lists wait for no event.
@@ -130,7 +132,7 @@ class CudaBackend final : public RasterizerBackend {
                       const ImageArrays& out) override {
     const std::int64_t n = rows.n_splats;
     check_splat_args(n, view, settings);
-    check_kernels(settings);
+    check_settings(settings);
     const LaunchContext context = context_();
     const ProjectOutputs projected = begin(n, view, settings, context, /*is_drawn=*/true);
     sums_.are_zero = false;
@@ -421,10 +423,7 @@ class CudaBackend final : public RasterizerBackend {
   }
 
   /// At least one, so that there is memory for parts, which says that they were kept.
-  std::int64_t n_bucket_pixels() const {
-    return std::max<std::int64_t>(binned_.buckets.n, 1) *
-           (std::int64_t{state_.grid.tile.width} * state_.grid.tile.height);
-  }
+  std::int64_t n_bucket_pixels() const { return std::max<std::int64_t>(binned_.buckets.n, 1) * kCudaTilePixels; }
 
   template <class Visit>
   void visit_buffers(Visit&& visit) {

@@ -33,8 +33,8 @@ B3DGS_HD Rect tile_pixels(const TileGrid& grid, std::int32_t tile) {
           y_end < grid.image_height ? y_end : grid.image_height};
 }
 
-/// Width of the tiles that the CUDA kernels support, px; their height is 8 or 16.
-inline constexpr std::int32_t kCudaTileWidth = 16;
+/// Width and height of the tiles that the CUDA kernels support, px.
+inline constexpr std::int32_t kCudaTileSide = 16, kCudaTilePixels = kCudaTileSide * kCudaTileSide;
 
 /// A sub-tile is the part of a CUDA tile that one warp blends, a pixel per lane. 8 x 4 has a smaller perimeter than
 /// 16 x 2, so fewer splats reach it.
@@ -42,13 +42,13 @@ inline constexpr std::int32_t kSubTileWidth = 8, kSubTileHeight = 4;
 inline constexpr std::int32_t kSubTilePixels = kSubTileWidth * kSubTileHeight;
 static_assert(kSubTilePixels == 32, "a lane of a warp per pixel");
 
-/// Index within its tile (row by row, kCudaTileWidth wide) of the pixel that a thread blends if warp w owns sub-tile w.
+/// Index within its tile (row by row, kCudaTileSide wide) of the pixel that a thread blends if warp w owns sub-tile w.
 B3DGS_HD std::int32_t sub_tile_pixel(std::int32_t thread) {
-  constexpr std::int32_t kColumns = kCudaTileWidth / kSubTileWidth;
+  constexpr std::int32_t kColumns = kCudaTileSide / kSubTileWidth;
   const std::int32_t sub_tile = thread / kSubTilePixels, lane = thread % kSubTilePixels;
   const std::int32_t x = sub_tile % kColumns * kSubTileWidth + lane % kSubTileWidth;
   const std::int32_t y = sub_tile / kColumns * kSubTileHeight + lane / kSubTileWidth;
-  return y * kCudaTileWidth + x;
+  return y * kCudaTileSide + x;
 }
 
 /// A quad is a task of `combined`: 2 x 2 pixels of a tile.

@@ -240,7 +240,7 @@ function settings_table({settings, machine}) {
 const words_section = () => table([], [
   ["PSNR, SSIM", "Quality of a render against its photograph; higher is better."],
   ["percentile", "90 % of the values are at or below the 90th percentile; half of them at or below the median."],
-  ["tile", "16 x 16 or 16 x 8 pixels with a list of the Gaussians that touch them, sorted by depth."],
+  ["tile", "16 x 16 pixels with a list of the Gaussians that touch them, sorted by depth."],
   ["saturated pixel", "So opaque that the Gaussians further behind are not processed: they would not be seen."],
   ["Gini coefficient", "How uneven the work is: 0 if all tiles or pixels have the same, 1 if one has it all."],
   ["forward, backward pass", "From Gaussians to an image; from the error of the image to their gradients."],

@@ -94,17 +94,13 @@ void expect_counted_pairs(const TestScene& scene, const RenderSettings& settings
   EXPECT_EQ(n_wrong, 0) << "of " << n_pairs << " pairs are not where they are on the host";
 }
 
-void expect_counted_pairs_by_every_binning(const TestScene& scene) {
+void expect_counted_pairs_by_both_cullings(const TestScene& scene) {
   for (const Culling culling : {Culling::kEllipse, Culling::kSquare}) {
-    for (const TileShape tile : {TileShape{16, 8}, TileShape{16, 16}}) {
-      SCOPED_TRACE(testing::Message() << (culling == Culling::kEllipse ? "ellipse" : "square") << ", 16 x "
-                                      << tile.height);
-      RenderSettings settings = settings_of(scene);
-      settings.culling = culling;
-      settings.tile = tile;
-      settings.keep_for_backward = false;
-      expect_counted_pairs(scene, settings);
-    }
+    SCOPED_TRACE(culling == Culling::kEllipse ? "ellipse" : "square");
+    RenderSettings settings = settings_of(scene);
+    settings.culling = culling;
+    settings.keep_for_backward = false;
+    expect_counted_pairs(scene, settings);
   }
 }
 
@@ -114,7 +110,7 @@ class BinCudaTest : public testing::TestWithParam<TestSceneRow> {
 };
 
 TEST_P(BinCudaTest, WritesThePairsThatTheProjectionCounts) {
-  expect_counted_pairs_by_every_binning(GetParam().build());
+  expect_counted_pairs_by_both_cullings(GetParam().build());
 }
 
 INSTANTIATE_TEST_SUITE_P(Scenes, BinCudaTest, testing::ValuesIn(test_scenes()),
@@ -147,9 +143,9 @@ TestScene like_a_trained_scene(std::int64_t n, std::int32_t width, std::int32_t 
 
 TEST(BinCuda, WritesThePairsThatTheProjectionCountsOfManyGaussians) {
   B3DGS_NEEDS_GPU();
-  expect_counted_pairs_by_every_binning(like_a_trained_scene(50000, 1237, 822));
-  expect_counted_pairs_by_every_binning(like_a_trained_scene(10000, 4096, 4096));  // 2^16 and 2^17 tiles
-  expect_counted_pairs_by_every_binning(like_a_trained_scene(150000, 40, 24));     // lists of several runs (bin.cu)
+  expect_counted_pairs_by_both_cullings(like_a_trained_scene(50000, 1237, 822));
+  expect_counted_pairs_by_both_cullings(like_a_trained_scene(10000, 4096, 4096));  // 2^16 and 2^17 tiles
+  expect_counted_pairs_by_both_cullings(like_a_trained_scene(150000, 40, 24));     // lists of several runs (bin.cu)
 }
 
 TEST(BinCuda, SeesTheGaussiansThatTheCpuSees) {

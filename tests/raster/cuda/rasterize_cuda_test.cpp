@@ -22,14 +22,13 @@ class RasterizeCudaTest : public testing::TestWithParam<TestSceneRow> {
 
 TEST_P(RasterizeCudaTest, EveryKernelAgreesWithTheDenseReference) {
   const TestScene scene = GetParam().build();
-  for (const Binning& binning : kBinnings) {
+  for (const auto& [culling, culling_name] : kCullings) {
     RenderSettings settings = settings_of(scene);
-    settings.culling = binning.culling;
-    settings.tile = binning.tile;
+    settings.culling = culling;
     const Reference reference(scene, settings);
     for (const ForwardKernelName& forward : kForwardKernels) {
       for (const BackwardKernelName& backward : kBackwardKernels) {
-        SCOPED_TRACE(testing::Message() << forward.name << ", " << backward.name << ", " << binning.name);
+        SCOPED_TRACE(testing::Message() << forward.name << ", " << backward.name << ", " << culling_name);
         settings.kernel = forward.kernel;
         settings.backward_kernel = backward.kernel;
         CudaView view(scene, settings);
@@ -52,11 +51,10 @@ TEST_P(RasterizeCudaTest, InverseDepthAgreesWithTheDenseReference) {
 
 TEST_P(RasterizeCudaTest, SeesTheGaussiansThatTheCpuSees) {
   const TestScene scene = GetParam().build();
-  for (const Binning& binning : kBinnings) {
-    SCOPED_TRACE(binning.name);
+  for (const auto& [culling, culling_name] : kCullings) {
+    SCOPED_TRACE(culling_name);
     RenderSettings settings = settings_of(scene);
-    settings.culling = binning.culling;
-    settings.tile = binning.tile;
+    settings.culling = culling;
     const torch::NoGradGuard no_grad;
     const DenseView reference = dense_render(to_dense_leaves(scene.gaussians), scene.view, settings);
     expect_same_seen(CudaView(scene, settings).radii(), CpuView(scene, settings).radii(), reference);
@@ -130,9 +128,9 @@ TEST(RasterizeCuda, AgreesWithTheCpuOnLongListsAndManyGaussians) {
   }
 }
 
-/// large_cloud() on 3200 x 2880 px: 72 000 tiles of 16 x 8.
+/// large_cloud() on 4480 x 4032 px: 70 560 tiles.
 TestScene many_tiles() {
-  constexpr int kScale = 40;
+  constexpr int kScale = 56;
   TestScene scene = large_cloud();
   for (float* length : {&scene.view.fx, &scene.view.fy, &scene.view.cx, &scene.view.cy}) *length *= kScale;
   scene.view.width *= kScale;
@@ -145,7 +143,6 @@ TEST(RasterizeCuda, AgreesWithTheCpuOnMoreTilesThan16BitsCount) {
   const TestScene scene = many_tiles();
   for (const bool deterministic : {false, true}) {
     RenderSettings settings = settings_of(scene);
-    settings.tile = {16, 8};
     settings.deterministic = deterministic;
     CpuView expected(scene, settings);
     CudaView view(scene, settings);
@@ -163,14 +160,10 @@ TEST(RasterizeCuda, AgreesWithTheCpuOnMoreTilesThan16BitsCount) {
 TEST(RasterizeCuda, TakesTheMemoryThatIsForecast) {
   B3DGS_NEEDS_GPU();
   TestScene scene = large_cloud();
-  for (const auto& [deterministic, tile, lens] :
-       {std::tuple(false, TileShape{16, 8}, LensKind::kPinhole), std::tuple(true, TileShape{16, 8}, LensKind::kPinhole),
-        std::tuple(false, TileShape{16, 16}, LensKind::kPinhole),
-        std::tuple(true, TileShape{16, 16}, LensKind::kPinhole),
-        std::tuple(true, TileShape{16, 8}, LensKind::kEquirectangular)}) {
+  for (const auto& [deterministic, lens] : {std::pair(false, LensKind::kPinhole), std::pair(true, LensKind::kPinhole),
+                                            std::pair(true, LensKind::kEquirectangular)}) {
     scene.view.lens.kind = lens;
     RenderSettings settings = settings_of(scene);
-    settings.tile = tile;
     settings.deterministic = deterministic;
     settings.depth_gradient = false;
     settings.kernel = ForwardKernel::kSegmented;
@@ -190,7 +183,7 @@ TEST(RasterizeCuda, TakesTheMemoryThatIsForecast) {
     const std::int64_t n_segments = cut.segments_before(counts.n_pairs);
     cut.entries_log2 = cuda::ListCut::kMaxLog2;
     const double short_segments =
-        static_cast<double>(n_segments - cut.segments_before(counts.n_pairs)) * tile.width * tile.height * 28;
+        static_cast<double>(n_segments - cut.segments_before(counts.n_pairs)) * kCudaTilePixels * 28;
     EXPECT_LE(taken, 1.25 * (forecast + short_segments) + (1 << 20));
     view.rasterizer().release_memory();
     EXPECT_EQ(view.rasterizer().memory_bytes(), 0);

@@ -9,8 +9,6 @@
 namespace b3dgs::test {
 namespace {
 
-constexpr TileShape kTiles[] = {{16, 16}, {16, 8}};
-
 class ScoreCudaTest : public testing::TestWithParam<TestSceneRow> {
  protected:
   void SetUp() override { B3DGS_NEEDS_GPU(); }
@@ -18,15 +16,11 @@ class ScoreCudaTest : public testing::TestWithParam<TestSceneRow> {
 
 TEST_P(ScoreCudaTest, AgreesWithTheDenseReference) {
   const TestScene scene = GetParam().build();
-  for (const TileShape tile : kTiles) {
-    SCOPED_TRACE(tile.height);
-    RenderSettings settings = settings_of(scene);
-    settings.tile = tile;
-    const torch::NoGradGuard no_grad;
-    const DenseView reference = dense_render(to_dense_leaves(scene.gaussians), scene.view, settings);
-    CudaView view(scene, settings);
-    expect_same_scores(view, scene, reference);
-  }
+  const RenderSettings settings = settings_of(scene);
+  const torch::NoGradGuard no_grad;
+  const DenseView reference = dense_render(to_dense_leaves(scene.gaussians), scene.view, settings);
+  CudaView view(scene, settings);
+  expect_same_scores(view, scene, reference);
 }
 
 INSTANTIATE_TEST_SUITE_P(Scenes, ScoreCudaTest, testing::ValuesIn(test_scenes()),

@@ -132,11 +132,10 @@ void expect_finite_or_refused(const TestScene& scene, const RenderSettings& sett
   }
 }
 
-/// Settings for a scene: culling and tile shape change with the seed.
+/// Settings for a scene: culling changes with the seed.
 inline RenderSettings hostile_settings(const TestScene& scene, std::uint32_t seed) {
   RenderSettings settings = settings_of(scene);
   settings.culling = seed % 2 == 0 ? Culling::kEllipse : Culling::kSquare;
-  settings.tile = seed / 2 % 2 == 0 ? TileShape{16, 16} : TileShape{16, 8};
   return settings;
 }
 

@@ -146,7 +146,6 @@ bool expect_same_through_splats(const TestScene& scene, const RenderSettings& se
 inline std::vector<RenderSettings> split_settings(const RenderSettings& base) {
   RenderSettings inverse = base, smooth = base;
   inverse.inverse_depth = true;
-  inverse.tile = {16, 8};
   smooth.antialiasing = true;
   smooth.culling = Culling::kSquare;
   return {base, inverse, smooth};

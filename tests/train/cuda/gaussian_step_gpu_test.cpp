@@ -52,7 +52,6 @@ PinholeView view_from(double x, double z) {
 RenderSettings settings_of(int sh_degree) {
   RenderSettings settings;
   settings.sh_degree = sh_degree;
-  settings.tile = {16, 8};
   settings.deterministic = true;  // same render, same sums
   return settings;
 }

@@ -1,7 +1,7 @@
 // Backward blend, per-bucket. A block per bucket (128 entries of a tile's list), so that long lists are shared out
 // evenly.
 //
-//   Warp: a patch of the tile, 8 x 4 pixels (8 x 8 in tiles of 16 x 16). After the block has loaded the bucket's splats
+//   Warp: a patch of the tile, 8 x 8 pixels. After the block has loaded the bucket's splats
 //     to shared memory, the four warps work independently, from the bucket's last entry to its first:
 //
 //     gather            blend                     sum rows                        add
@@ -39,13 +39,11 @@ static_assert(kQueue % kGroup == 0, "a group never wraps around the end of the r
 constexpr int kRowPixels = kSubTileWidth;  // 8
 constexpr int kRowsAtOnce = kWarpSize / kRowPixels;
 
-/// A patch: 8 pixels wide, 4 kLanePixels high. Lane l has the pixels (l % 8, l / 8 + 4 k), k < kLanePixels.
-template <int kLanePixels>
-struct PatchShape {
-  static constexpr int kWidth = kRowPixels, kHeight = kRowsAtOnce * kLanePixels;
-  /// Of pixel values in shared memory: 4 more than the patch, so that 8 lanes read rows from different banks.
-  static constexpr int kStride = kWidth * kHeight + 4;
-};
+// A patch. Lane l has the pixels (l % 8, l / 8 + 4 k), k < kLanePixels.
+constexpr int kLanePixels = kCudaTilePixels / kThreads, kPatchWidth = kRowPixels,
+              kPatchHeight = kRowsAtOnce * kLanePixels;
+/// Of a patch's pixel values in shared memory: 4 more than it has, so that 8 lanes read rows from different banks.
+constexpr int kStride = kPatchWidth * kPatchHeight + 4;
 
 /// The bucket's splats: what blending reads, without words that it does not need.
 template <bool kWithDepth>
@@ -86,13 +84,13 @@ struct LoadedSplat {
 };
 
 /// A warp's shared memory.
-template <int kLanePixels, bool kWithDepth>
+template <bool kWithDepth>
 struct PatchMemory {
   static constexpr int kSums = kWithDepth ? 11 : 9;  // odd, so that lanes access different banks
   alignas(8) std::uint8_t queue[kQueue];             // a ring of indices in BucketSplats
   // Pixel values of the group.
-  alignas(16) float weight[kGroup * PatchShape<kLanePixels>::kStride];
-  alignas(16) float log_alpha[kGroup * PatchShape<kLanePixels>::kStride];
+  alignas(16) float weight[kGroup * kStride];
+  alignas(16) float log_alpha[kGroup * kStride];
   // Results, for each entry that was queued.
   unsigned queued[kBucketEntries / kWarpSize];  // a bit for each entry
   float sums[kBucketEntries * kSums];
@@ -112,18 +110,16 @@ struct BucketRange {
     const std::int32_t length = list_length(args.blend.bins, tile);
     end = min(begin + kBucketEntries, length);
     is_summed = args.behind != nullptr && length >= kShortListEntries;
-    tile_x = static_cast<float>(tile % grid.columns * kCudaTileWidth);
+    tile_x = static_cast<float>(tile % grid.columns * kCudaTileSide);
     tile_y = static_cast<float>(tile / grid.columns * grid.tile.height);
   }
 };
 
 /// One warp: a patch, and the bucket's entries that reach it.
-template <int kTilePixels, bool kWithDepth>
+template <bool kWithDepth>
 class PatchBlend {
  public:
-  static constexpr int kLanePixels = kTilePixels / kThreads;
-  using Shape = PatchShape<kLanePixels>;
-  using Memory = PatchMemory<kLanePixels, kWithDepth>;
+  using Memory = PatchMemory<kWithDepth>;
   using Splats = BucketSplats<kWithDepth>;
 
   __device__ __forceinline__ PatchBlend(const BlendBackwardCudaArgs& args, const BucketRange& range,
@@ -158,9 +154,9 @@ class PatchBlend {
         state_[k] = {blend_.transmittance[pixel], loss_behind_list(blend_, pixel, grad_[k])};
       }
       if (last_[k] >= range_.end) {
-        state_[k] = state_behind<kTilePixels, kWithDepth>(
-            args_, range_.is_summed, range_.tile, range_.begin / kBucketEntries,
-            at.index + kRowsAtOnce * kCudaTileWidth * k, last_[k], grad_[k], state_[k].behind);
+        state_[k] =
+            state_behind<kWithDepth>(args_, range_.is_summed, range_.tile, range_.begin / kBucketEntries,
+                                     at.index + kRowsAtOnce * kCudaTileSide * k, last_[k], grad_[k], state_[k].behind);
       }
 #pragma unroll
       for (int i = 0; i < kRowPixels; ++i) {
@@ -190,15 +186,15 @@ class PatchBlend {
 
   /// The middle of a patch, px.
   __device__ static __forceinline__ float2 center(const BucketRange& range, int patch) {
-    return make_float2(range.tile_x + (static_cast<float>(patch % 2) + 0.5f) * Shape::kWidth,
-                       range.tile_y + (static_cast<float>(patch / 2) + 0.5f) * Shape::kHeight);
+    return make_float2(range.tile_x + (static_cast<float>(patch % 2) + 0.5f) * kPatchWidth,
+                       range.tile_y + (static_cast<float>(patch / 2) + 0.5f) * kPatchHeight);
   }
 
  private:
   /// The first of this lane's pixels.
   __device__ __forceinline__ TilePixel first_pixel(int patch) const {
-    const int x = patch % 2 * Shape::kWidth + lane_ % kRowPixels, y = patch / 2 * Shape::kHeight + lane_ / kRowPixels;
-    return tile_pixel(blend_.grid, range_.tile, y * kCudaTileWidth + x);
+    const int x = patch % 2 * kPatchWidth + lane_ % kRowPixels, y = patch / 2 * kPatchHeight + lane_ / kRowPixels;
+    return tile_pixel(blend_.grid, range_.tile, y * kCudaTileSide + x);
   }
   /// Index in the image of pixel `k` of this lane; `at`: the first.
   __device__ __forceinline__ std::int64_t pixel_at(const TilePixel& at, int k) const {
@@ -215,8 +211,8 @@ class PatchBlend {
       const float2 extent = splats_.extent[entry];
       const float left = center_x_ - static_cast<float>(lane_ % kRowPixels);
       const float top = center_y_ - static_cast<float>(lane_ / kRowPixels);
-      reaches = mean.x + extent.x >= left && mean.x - extent.x <= left + (Shape::kWidth - 1) &&
-                mean.y + extent.y >= top && mean.y - extent.y <= top + (Shape::kHeight - 1);
+      reaches = mean.x + extent.x >= left && mean.x - extent.x <= left + (kPatchWidth - 1) &&
+                mean.y + extent.y >= top && mean.y - extent.y <= top + (kPatchHeight - 1);
     }
     const unsigned reaching = __ballot_sync(kFullWarp, reaches);
     const unsigned before = reaching & ((1u << lane_) - 1);
@@ -260,8 +256,8 @@ class PatchBlend {
         if constexpr (kWithDepth) value += grad_[k].depth * depth;
         const BlendGrad<float> grad = blend_over_reverse(state_[k], footprint.contributes && slot >= skip_[k],
                                                          evaluate_alpha(footprint.power), value);
-        memory_.weight[slot * Shape::kStride + kWarpSize * k + lane_] = grad.weight;
-        memory_.log_alpha[slot * Shape::kStride + kWarpSize * k + lane_] = grad.log_alpha;
+        memory_.weight[slot * kStride + kWarpSize * k + lane_] = grad.weight;
+        memory_.log_alpha[slot * kStride + kWarpSize * k + lane_] = grad.log_alpha;
       }
     }
     __syncwarp();  // the pixel values are visible to all lanes
@@ -280,7 +276,7 @@ class PatchBlend {
     float sum[10] = {};
 #pragma unroll
     for (int k = 0; k < kLanePixels; ++k) {
-      const int at = slot * Shape::kStride + kWarpSize * k + row * kRowPixels;
+      const int at = slot * kStride + kWarpSize * k + row * kRowPixels;
       float w[kRowPixels], q[kRowPixels];
 #pragma unroll
       for (int i = 0; i < kRowPixels; i += 4) {
@@ -290,7 +286,7 @@ class PatchBlend {
       float row_q = 0, row_qu = 0;
 #pragma unroll
       for (int i = 0; i < kRowPixels; ++i) {
-        const float u = static_cast<float>(i) - 0.5f * (Shape::kWidth - 1);
+        const float u = static_cast<float>(i) - 0.5f * (kPatchWidth - 1);
         row_q += q[i];
         row_qu += q[i] * u;
         sum[kQuu] += q[i] * (u * u);
@@ -299,7 +295,7 @@ class PatchBlend {
         sum[kBlue] += w[i] * row_grad_[k][i].color.z;
         if constexpr (kWithDepth) sum[kDepth] += w[i] * row_grad_[k][i].depth;
       }
-      const float v = static_cast<float>(row + kRowsAtOnce * k) - 0.5f * (Shape::kHeight - 1);
+      const float v = static_cast<float>(row + kRowsAtOnce * k) - 0.5f * (kPatchHeight - 1);
       sum[kQ] += row_q;
       sum[kQu] += row_qu;
       sum[kQv] += row_q * v;
@@ -356,7 +352,7 @@ class PatchBlend {
 };
 
 /// Adds the sums of the entry that this thread has to memory.
-template <int kTilePixels, bool kWithDepth, class Splats, class Memory>
+template <bool kWithDepth, class Splats, class Memory>
 __device__ __forceinline__ void add_entry(const BlendBackwardCudaArgs& args, const BucketRange& range,
                                           const Splats& splats, const Memory* memory) {
   const auto entry = static_cast<std::int32_t>(threadIdx.x);
@@ -372,7 +368,7 @@ __device__ __forceinline__ void add_entry(const BlendBackwardCudaArgs& args, con
     if ((memory[patch].queued[entry / kWarpSize] >> (entry % kWarpSize) & 1) == 0) continue;
     is_reached = true;
     const float* const sums = memory[patch].sums + entry * Memory::kSums;
-    add_patch(total, sums, PatchBlend<kTilePixels, kWithDepth>::center(range, patch), mean, factors);
+    add_patch(total, sums, PatchBlend<kWithDepth>::center(range, patch), mean, factors);
     if constexpr (kWithDepth) total.depth += sums[kDepth];
   }
   if (!is_reached) return;
@@ -384,17 +380,12 @@ __device__ __forceinline__ void add_entry(const BlendBackwardCudaArgs& args, con
   }
 }
 
-/// Blocks on a multiprocessor (H100): with 16 x 8 pixels as many as shared memory allows, with 16 x 16 as many as
-/// registers do.
-template <int kTilePixels, bool kWithDepth>
-constexpr int kResidentBlocks = kTilePixels > 128 ? 4
-                                : kWithDepth      ? 5
-                                                  : 6;
+constexpr int kResidentBlocks = 4;  // on a multiprocessor (H100), as many as registers allow
 
-template <int kTilePixels, bool kWithDepth>
-__global__ void __launch_bounds__(kThreads, kResidentBlocks<kTilePixels, kWithDepth>)
+template <bool kWithDepth>
+__global__ void __launch_bounds__(kThreads, kResidentBlocks)
     backward_per_bucket_kernel(const BlendBackwardCudaArgs args) {
-  using Patch = PatchBlend<kTilePixels, kWithDepth>;
+  using Patch = PatchBlend<kWithDepth>;
   __shared__ typename Patch::Memory memory[kWarps];
   __shared__ typename Patch::Splats splats;
   const auto bucket = static_cast<std::int64_t>(blockIdx.x);
@@ -412,7 +403,7 @@ __global__ void __launch_bounds__(kThreads, kResidentBlocks<kTilePixels, kWithDe
   __syncthreads();  // the bucket's splats
   blend.run();
   __syncthreads();  // the sums of all patches
-  add_entry<kTilePixels, kWithDepth>(args, range, splats, memory);
+  add_entry<kWithDepth>(args, range, splats, memory);
 }
 
 }  // namespace
@@ -421,13 +412,11 @@ void launch_backward_per_bucket(const BlendBackwardCudaArgs& args, const LaunchC
   if (args.buckets.n == 0) return;
   if (args.behind != nullptr) launch_sum_behind(args, context);
   const auto blocks = static_cast<unsigned>(args.buckets.n);
-  with_tile_pixels(args.blend.grid.tile, [&](auto pixels) {
-    if (args.blend.grad.depth != nullptr) {
-      backward_per_bucket_kernel<pixels.value, true><<<blocks, kThreads, 0, context.stream>>>(args);
-    } else {
-      backward_per_bucket_kernel<pixels.value, false><<<blocks, kThreads, 0, context.stream>>>(args);
-    }
-  });
+  if (args.blend.grad.depth != nullptr) {
+    backward_per_bucket_kernel<true><<<blocks, kThreads, 0, context.stream>>>(args);
+  } else {
+    backward_per_bucket_kernel<false><<<blocks, kThreads, 0, context.stream>>>(args);
+  }
   B3DGS_CUDA_CHECK_LAUNCH();
 }
 

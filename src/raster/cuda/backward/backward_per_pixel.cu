@@ -15,7 +15,8 @@
 namespace b3dgs::cuda {
 namespace {
 
-template <int kThreads>
+constexpr int kThreads = kCudaTilePixels;
+
 __global__ void __launch_bounds__(kThreads) backward_per_pixel_kernel(const BlendBackwardCudaArgs args) {
   __shared__ float4 means[kThreads], conics[kThreads], colors[kThreads];
   __shared__ std::int32_t ids[kThreads];
@@ -75,9 +76,7 @@ __global__ void __launch_bounds__(kThreads) backward_per_pixel_kernel(const Blen
 
 void launch_backward_per_pixel(const BlendBackwardCudaArgs& args, const LaunchContext& context) {
   B3DGS_CHECK(args.pair_grads == nullptr, "deterministic gradients need the per-bucket backward kernel");
-  with_tile_pixels(args.blend.grid.tile, [&](auto pixels) {
-    backward_per_pixel_kernel<pixels.value><<<args.blend.grid.n_tiles(), pixels.value, 0, context.stream>>>(args);
-  });
+  backward_per_pixel_kernel<<<args.blend.grid.n_tiles(), kThreads, 0, context.stream>>>(args);
   B3DGS_CUDA_CHECK_LAUNCH();
 }
 

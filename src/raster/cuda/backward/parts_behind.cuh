@@ -3,6 +3,7 @@
 
 #include "raster/cuda/backward/splat_grad.cuh"
 #include "raster/cuda/passes.h"
+#include "raster/math/tiling.h"
 
 namespace b3dgs::cuda {
 
@@ -12,17 +13,17 @@ __device__ __forceinline__ std::int32_t last_bucket(std::int32_t last) {
 }
 
 /// The parts of one pixel.
-template <int kTilePixels, bool kWithDepth>
+template <bool kWithDepth>
 class PixelParts {
  public:
   __device__ __forceinline__ PixelParts(const BlendBackwardCudaArgs& args, std::int32_t tile, std::int32_t pixel_index)
-      : parts_(args.parts), first_(args.buckets.offsets[tile] * kTilePixels + pixel_index) {
+      : parts_(args.parts), first_(args.buckets.offsets[tile] * kCudaTilePixels + pixel_index) {
     const std::int32_t segment = parts_.first_segment_of_tile != nullptr ? parts_.first_segment_of_tile[tile] : -1;
-    if (segment >= 0) fronts_ = parts_.segment_fronts + std::int64_t{segment} * kTilePixels + pixel_index;
+    if (segment >= 0) fronts_ = parts_.segment_fronts + std::int64_t{segment} * kCudaTilePixels + pixel_index;
   }
   /// Index of a bucket's part.
   __device__ __forceinline__ std::int64_t index(std::int32_t bucket) const {
-    return first_ + std::int64_t{bucket} * kTilePixels;
+    return first_ + std::int64_t{bucket} * kCudaTilePixels;
   }
   struct Part {
     float4 color;
@@ -46,7 +47,7 @@ class PixelParts {
  private:
   /// Segments::fronts: the transmittance in front of the bucket's segment; 1 if the list is not cut.
   __device__ __forceinline__ float front(std::int32_t bucket) const {
-    return fronts_ != nullptr ? __ldg(fronts_ + std::int64_t{bucket >> parts_.segment_buckets_log2} * kTilePixels)
+    return fronts_ != nullptr ? __ldg(fronts_ + std::int64_t{bucket >> parts_.segment_buckets_log2} * kCudaTilePixels)
                               : 1.0f;
   }
 
@@ -57,12 +58,12 @@ class PixelParts {
 
 /// State behind a bucket in front of the pixel's last. `is_summed`: sum_behind.cu has added up the list's parts.
 /// `behind_list`: loss_behind_list().
-template <int kTilePixels, bool kWithDepth>
+template <bool kWithDepth>
 __device__ __forceinline__ ReverseState<float> state_behind(const BlendBackwardCudaArgs& args, bool is_summed,
                                                             std::int32_t tile, std::int32_t bucket,
                                                             std::int32_t pixel_index, std::int32_t last,
                                                             const PixelGrad& g, float behind_list) {
-  const PixelParts<kTilePixels, kWithDepth> parts(args, tile, pixel_index);
+  const PixelParts<kWithDepth> parts(args, tile, pixel_index);
   float behind = behind_list;
   if (is_summed) {
     behind = args.behind[parts.index(bucket)];

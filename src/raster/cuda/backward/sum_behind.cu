@@ -1,4 +1,5 @@
-// What is behind each bucket of a pixel, for long lists: per-bucket then reads one number instead of all parts behind.
+// What is behind each bucket of a pixel, for the long lists of a view in which one is very long (has_many_parts()):
+// per-bucket then reads one number instead of all parts behind.
 //
 //   Block: 32 pixels of a tile. Warp: an eighth of each pixel's parts. Lane: a pixel.
 //   Sum: each warp adds up its parts from back to front and stores the sum behind each bucket; then adds those of the
@@ -14,11 +15,11 @@ namespace b3dgs::cuda {
 namespace {
 
 constexpr int kWarps = 8, kThreads = kWarps * kWarpSize;
+constexpr int kBlocks = kCudaTilePixels / kWarpSize;  // for a tile
 
-template <int kTilePixels, bool kWithDepth>
+template <bool kWithDepth>
 __global__ void __launch_bounds__(kThreads) sum_behind_kernel(const BlendBackwardCudaArgs args) {
-  using Parts = PixelParts<kTilePixels, kWithDepth>;
-  constexpr int kBlocks = kTilePixels / kWarpSize;
+  using Parts = PixelParts<kWithDepth>;
   constexpr int kAtOnce = 8;  // loads in flight
   __shared__ float sums[kWarps][kWarpSize];
   const int warp = static_cast<int>(threadIdx.x) / kWarpSize, lane = lane_id();
@@ -64,14 +65,12 @@ __global__ void __launch_bounds__(kThreads) sum_behind_kernel(const BlendBackwar
 }  // namespace
 
 void launch_sum_behind(const BlendBackwardCudaArgs& args, const LaunchContext& context) {
-  with_tile_pixels(args.blend.grid.tile, [&](auto pixels) {
-    const int blocks = args.n_long_lists * (pixels.value / kWarpSize);
-    if (args.blend.grad.depth != nullptr) {
-      sum_behind_kernel<pixels.value, true><<<blocks, kThreads, 0, context.stream>>>(args);
-    } else {
-      sum_behind_kernel<pixels.value, false><<<blocks, kThreads, 0, context.stream>>>(args);
-    }
-  });
+  const int blocks = args.n_long_lists * kBlocks;
+  if (args.blend.grad.depth != nullptr) {
+    sum_behind_kernel<true><<<blocks, kThreads, 0, context.stream>>>(args);
+  } else {
+    sum_behind_kernel<false><<<blocks, kThreads, 0, context.stream>>>(args);
+  }
   B3DGS_CUDA_CHECK_LAUNCH();
 }
 

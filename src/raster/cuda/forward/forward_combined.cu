@@ -6,7 +6,7 @@
 //   splat's ellipse touches,
 //     a bit each. A bit transposition across the warp turns this into a mask per quad, with a bit per entry.
 //
-// Kernel 2, forward_combined: blends the quads. A crowded tile becomes 32 or 64 tasks, so no block works longer than
+// Kernel 2, forward_combined: blends the quads. A crowded tile becomes 64 tasks, so no block works longer than
 // one quad takes.
 //   Grid: as many blocks of 4 warps as are resident at once; they take quads from an atomic counter.
 //   Block: a quad. Warp: one of its four pixels.
@@ -50,35 +50,28 @@ constexpr int kMarkWarps = 8;  // per block of mark_quads_kernel
 
 constexpr TileShape kQuadShape{kQuadSide, kQuadSide};
 
-/// Quads of a tile, whose width is kCudaTileWidth.
-template <int kTilePixels>
-struct TileQuads {
-  static constexpr int kColumns = kCudaTileWidth / kQuadSide, kCount = kTilePixels / kPixels, kRows = kCount / kColumns;
-  static_assert(kCount % kWarpSize == 0, "mark_quads_kernel handles 32 quads at a time");
-};
+/// Quads of a row of a tile, and of a tile.
+constexpr int kRowQuads = kCudaTileSide / kQuadSide, kTileQuads = kCudaTilePixels / kPixels;
+static_assert(kTileQuads % kWarpSize == 0, "mark_quads_kernel handles 32 quads at a time");
 
 /// Which of 32 quads (4 rows of quads of a tile, from column x and row y of the image's quads on) a splat touches: a
 /// bit each, row by row.
-template <int kTilePixels>
 __device__ __forceinline__ std::uint32_t touched_quads(const TileGrid& quads, const TileRows& rows, std::int32_t x,
                                                        std::int32_t y) {
-  constexpr int kColumns = TileQuads<kTilePixels>::kColumns;
   std::uint32_t touched = 0;
 #pragma unroll
-  for (std::int32_t row = 0; row < kWarpSize / kColumns; ++row) {
+  for (std::int32_t row = 0; row < kWarpSize / kRowQuads; ++row) {
     if (y + row < rows.begin || y + row >= rows.end) continue;
     const TileSpan span = rows.span(quads, y + row);
-    const std::int32_t begin = max(span.begin - x, 0), end = min(span.end - x, kColumns);
-    if (begin < end) touched |= ((1u << end) - (1u << begin)) << (row * kColumns);
+    const std::int32_t begin = max(span.begin - x, 0), end = min(span.end - x, kRowQuads);
+    if (begin < end) touched |= ((1u << end) - (1u << begin)) << (row * kRowQuads);
   }
   return touched;
 }
 
 /// Writes, for each run of 32 entries and each quad of its tile, a mask that tells which of the 32 splats touch the
 /// quad. A tile's masks are stored quad by quad, so that a task reads contiguous masks.
-template <int kTilePixels>
 __global__ void __launch_bounds__(kMarkWarps* kWarpSize) mark_quads_kernel(const BlendForwardCudaArgs args) {
-  using Quads = TileQuads<kTilePixels>;
   const BlendForwardArgs& blend = args.blend;
   const std::int64_t task = static_cast<std::int64_t>(blockIdx.x) * kMarkWarps + threadIdx.x / kWarpSize;
   const std::int64_t bucket = task / kMasksPerBucket;
@@ -101,11 +94,11 @@ __global__ void __launch_bounds__(kMarkWarps* kWarpSize) mark_quads_kernel(const
     }
   }
   const TileGrid quads = make_tile_grid(blend.grid.image_width, blend.grid.image_height, kQuadShape);
-  const std::int32_t x = tile % blend.grid.columns * Quads::kColumns, y = tile / blend.grid.columns * Quads::kRows;
-  std::uint32_t* const masks = args.quad_masks + first * Quads::kCount + run;
+  const std::int32_t x = tile % blend.grid.columns * kRowQuads, y = tile / blend.grid.columns * kRowQuads;
+  std::uint32_t* const masks = args.quad_masks + first * kTileQuads + run;
 #pragma unroll
-  for (int quad = 0; quad < Quads::kCount; quad += kWarpSize) {
-    const std::uint32_t touched = touched_quads<kTilePixels>(quads, rows, x, y + quad / Quads::kColumns);
+  for (int quad = 0; quad < kTileQuads; quad += kWarpSize) {
+    const std::uint32_t touched = touched_quads(quads, rows, x, y + quad / kRowQuads);
     masks[(quad + lane_id()) * n_runs] = warp_transpose(touched);
   }
 }
@@ -241,27 +234,25 @@ __device__ __forceinline__ void blend_queued(const QuadMemory& shared, const War
 }
 
 /// One task: blends quad `task` with the whole block.
-template <int kTilePixels, StoredParts kStored>
+template <StoredParts kStored>
 __device__ __forceinline__ void blend_quad(const BlendForwardCudaArgs& args, std::int32_t task, QuadMemory& shared) {
-  using Quads = TileQuads<kTilePixels>;
   const BlendForwardArgs& blend = args.blend;
   const int thread = static_cast<int>(threadIdx.x), warp = thread / kWarpSize;
-  const std::int32_t tile = task / Quads::kCount, quad_in_tile = task % Quads::kCount;
+  const std::int32_t tile = task / kTileQuads, quad_in_tile = task % kTileQuads;
   // The quad's upper left pixel within the tile, and the tile's within the image.
-  const std::int32_t quad_x = quad_in_tile % Quads::kColumns * kQuadSide,
-                     quad_y = quad_in_tile / Quads::kColumns * kQuadSide;
-  const std::int32_t tile_x = tile % blend.grid.columns * kCudaTileWidth;
-  const std::int32_t tile_y = tile / blend.grid.columns * Quads::kRows * kQuadSide;
+  const std::int32_t quad_x = quad_in_tile % kRowQuads * kQuadSide, quad_y = quad_in_tile / kRowQuads * kQuadSide;
+  const std::int32_t tile_x = tile % blend.grid.columns * kCudaTileSide;
+  const std::int32_t tile_y = tile / blend.grid.columns * kRowQuads * kQuadSide;
   if (tile_x + quad_x >= blend.grid.image_width || tile_y + quad_y >= blend.grid.image_height) return;
   const std::int32_t x = quad_x + warp % kQuadSide, y = quad_y + warp / kQuadSide;
-  const TilePixel at{tile_x + x, tile_y + y, y * kCudaTileWidth + x,
+  const TilePixel at{tile_x + x, tile_y + y, y * kCudaTileSide + x,
                      tile_x + x < blend.grid.image_width && tile_y + y < blend.grid.image_height};
   GaussianWisePixel<kStored> pixel(args, tile, at);
   const Quad quad{blend.splats, blend.bins.splat_ids + blend.bins.tile_offsets[tile],
                   static_cast<float>(tile_x + quad_x) + 0.5f, static_cast<float>(tile_y + quad_y) + 0.5f};
 
   const std::int32_t n_runs = (list_length(blend.bins, tile) + kWarpSize - 1) / kWarpSize;
-  const std::uint32_t* const masks = args.quad_masks + args.buckets.offsets[tile] * kMasksPerBucket * Quads::kCount +
+  const std::uint32_t* const masks = args.quad_masks + args.buckets.offsets[tile] * kMasksPerBucket * kTileQuads +
                                      static_cast<std::int64_t>(quad_in_tile) * n_runs;
   QueueEnds ends;
   WarpQueue queue;
@@ -303,7 +294,7 @@ __device__ __forceinline__ void blend_quad(const BlendForwardCudaArgs& args, std
   pixel.store();
 }
 
-template <int kTilePixels, StoredParts kStored>
+template <StoredParts kStored>
 __global__ void __launch_bounds__(kThreads)
     forward_combined_kernel(const BlendForwardCudaArgs args, const std::int32_t n_tasks) {
   __shared__ QuadMemory shared;
@@ -314,25 +305,25 @@ __global__ void __launch_bounds__(kThreads)
   for (int turn = 0; task < n_tasks; turn ^= 1) {
     std::int32_t upcoming = 0;
     if (threadIdx.x == 0) upcoming = static_cast<std::int32_t>(gridDim.x) + atomicAdd(args.next_task, 1);
-    blend_quad<kTilePixels, kStored>(args, task, shared);
+    blend_quad<kStored>(args, task, shared);
     if (threadIdx.x == 0) tickets[turn] = upcoming;
     __syncthreads();  // the ticket is written, and QuadMemory may be overwritten
     task = tickets[turn];
   }
 }
 
-template <int kTilePixels, StoredParts kStored>
+template <StoredParts kStored>
 void launch(const BlendForwardCudaArgs& args, const LaunchContext& context) {
-  const std::int64_t n_tasks = std::int64_t{TileQuads<kTilePixels>::kCount} * args.blend.grid.n_tiles();
+  const std::int64_t n_tasks = std::int64_t{kTileQuads} * args.blend.grid.n_tiles();
   B3DGS_CHECK(n_tasks < std::int64_t{1} << 30, "image too large for the combined kernel: ", n_tasks,
               " tasks, expected below 2^30");
   if (args.buckets.n > 0) {
     const auto blocks = static_cast<unsigned>((args.buckets.n * kMasksPerBucket + kMarkWarps - 1) / kMarkWarps);
-    mark_quads_kernel<kTilePixels><<<blocks, kMarkWarps * kWarpSize, 0, context.stream>>>(args);
+    mark_quads_kernel<<<blocks, kMarkWarps * kWarpSize, 0, context.stream>>>(args);
     B3DGS_CUDA_CHECK_LAUNCH();
   }
   reset_tasks(args.next_task, context);
-  const auto kernel = forward_combined_kernel<kTilePixels, kStored>;
+  const auto kernel = forward_combined_kernel<kStored>;
   kernel<<<resident_blocks(kernel, kThreads, context), kThreads, 0, context.stream>>>(
       args, static_cast<std::int32_t>(n_tasks));
   B3DGS_CUDA_CHECK_LAUNCH();
@@ -341,9 +332,7 @@ void launch(const BlendForwardCudaArgs& args, const LaunchContext& context) {
 }  // namespace
 
 void launch_forward_combined(const BlendForwardCudaArgs& args, const LaunchContext& context) {
-  with_tile_pixels(args.blend.grid.tile, [&](auto pixels) {
-    with_stored_parts(args.parts, [&](auto stored) { launch<pixels.value, stored.value>(args, context); });
-  });
+  with_stored_parts(args.parts, [&](auto stored) { launch<stored.value>(args, context); });
 }
 
 }  // namespace b3dgs::cuda

@@ -14,6 +14,8 @@
 namespace b3dgs::cuda {
 namespace {
 
+constexpr int kThreads = kCudaTilePixels;
+
 /// Blends one pixel with the whole warp.
 template <StoredParts kStored>
 __device__ __forceinline__ void blend_pixel(const BlendForwardCudaArgs& args, std::int32_t tile, const TilePixel& at) {
@@ -37,7 +39,7 @@ __device__ __forceinline__ void blend_pixel(const BlendForwardCudaArgs& args, st
   pixel.store();
 }
 
-template <int kThreads, StoredParts kStored>
+template <StoredParts kStored>
 __global__ void __launch_bounds__(kThreads) forward_gaussian_wise_kernel(const BlendForwardCudaArgs args) {
   const auto tile = static_cast<std::int32_t>(blockIdx.x);
   const std::int32_t begin = static_cast<std::int32_t>(threadIdx.x) / kWarpSize * kWarpSize;
@@ -51,10 +53,8 @@ __global__ void __launch_bounds__(kThreads) forward_gaussian_wise_kernel(const B
 
 void launch_forward_gaussian_wise(const BlendForwardCudaArgs& args, const LaunchContext& context) {
   const int n_tiles = args.blend.grid.n_tiles();
-  with_tile_pixels(args.blend.grid.tile, [&](auto pixels) {
-    with_stored_parts(args.parts, [&](auto stored) {
-      forward_gaussian_wise_kernel<pixels.value, stored.value><<<n_tiles, pixels.value, 0, context.stream>>>(args);
-    });
+  with_stored_parts(args.parts, [&](auto stored) {
+    forward_gaussian_wise_kernel<stored.value><<<n_tiles, kThreads, 0, context.stream>>>(args);
   });
   B3DGS_CUDA_CHECK_LAUNCH();
 }

@@ -23,8 +23,9 @@
 namespace b3dgs::cuda {
 namespace {
 
+constexpr int kThreads = kCudaTilePixels;  // of naive and dynamic
+
 /// A batch of splats in shared memory, one per thread of the block.
-template <int kThreads>
 struct StagedBatch {
   float4 mean[kThreads];
   float4 conic[kThreads];
@@ -33,8 +34,7 @@ struct StagedBatch {
 
 /// Blends a tile with the whole block. All threads reach both barriers of a batch, whether or not their pixel is
 /// finished.
-template <int kThreads>
-__device__ __forceinline__ void blend_tile_pixelwise(const BlendForwardCudaArgs& args, StagedBatch<kThreads>& batch,
+__device__ __forceinline__ void blend_tile_pixelwise(const BlendForwardCudaArgs& args, StagedBatch& batch,
                                                      std::int32_t tile) {
   const BlendForwardArgs& blend = args.blend;
   const TilePixel at = tile_pixel(blend.grid, tile, static_cast<std::int32_t>(threadIdx.x));
@@ -80,15 +80,13 @@ __device__ __forceinline__ void blend_tile_pixelwise(const BlendForwardCudaArgs&
   if (at.inside) store_pixel(blend, at, pixel, last_blended);
 }
 
-template <int kThreads>
 __global__ void __launch_bounds__(kThreads) forward_naive_kernel(const BlendForwardCudaArgs args) {
-  __shared__ StagedBatch<kThreads> batch;
+  __shared__ StagedBatch batch;
   blend_tile_pixelwise(args, batch, static_cast<std::int32_t>(blockIdx.x));
 }
 
-template <int kThreads>
 __global__ void __launch_bounds__(kThreads) forward_dynamic_kernel(const BlendForwardCudaArgs args) {
-  __shared__ StagedBatch<kThreads> batch;
+  __shared__ StagedBatch batch;
   __shared__ std::int32_t ticket;
   const std::int32_t n_tiles = args.blend.grid.n_tiles();
   for (std::int32_t tile = take_task(args.next_task, ticket); tile < n_tiles;
@@ -97,13 +95,11 @@ __global__ void __launch_bounds__(kThreads) forward_dynamic_kernel(const BlendFo
   }
 }
 
-template <int kTilePixels>
 __global__ void __launch_bounds__(kStagedThreads) forward_shared_memory_kernel(const BlendForwardCudaArgs args) {
-  constexpr int kBlocks = kStagedBlocks<kTilePixels>;
   __shared__ StagedSplats staged;
   const BlendForwardArgs& blend = args.blend;
-  const std::int32_t tile = args.tiles_by_length[blockIdx.x / kBlocks];
-  const TilePixel at = staged_pixel(blend.grid, tile, static_cast<int>(blockIdx.x) % kBlocks);
+  const std::int32_t tile = args.tiles_by_length[blockIdx.x / kStagedBlocks];
+  const TilePixel at = staged_pixel(blend.grid, tile, static_cast<int>(blockIdx.x) % kStagedBlocks);
   PixelState<float> pixel{at.inside ? 1.0f : kClosedPixel, 0, 0, 0, 0};
   const std::int32_t last = blend_staged(args, staged, tile, {0, list_length(blend.bins, tile)}, at, pixel);
   if (at.inside) store_pixel(blend, at, pixel, last);
@@ -112,26 +108,20 @@ __global__ void __launch_bounds__(kStagedThreads) forward_shared_memory_kernel(c
 }  // namespace
 
 void launch_forward_naive(const BlendForwardCudaArgs& args, const LaunchContext& context) {
-  with_tile_pixels(args.blend.grid.tile, [&](auto pixels) {
-    forward_naive_kernel<pixels.value><<<args.blend.grid.n_tiles(), pixels.value, 0, context.stream>>>(args);
-  });
+  forward_naive_kernel<<<args.blend.grid.n_tiles(), kThreads, 0, context.stream>>>(args);
   B3DGS_CUDA_CHECK_LAUNCH();
 }
 
 void launch_forward_dynamic(const BlendForwardCudaArgs& args, const LaunchContext& context) {
   reset_tasks(args.next_task, context);
-  with_tile_pixels(args.blend.grid.tile, [&](auto pixels) {
-    const auto kernel = forward_dynamic_kernel<pixels.value>;
-    kernel<<<resident_blocks(kernel, pixels.value, context), pixels.value, 0, context.stream>>>(args);
-  });
+  const int blocks = resident_blocks(forward_dynamic_kernel, kThreads, context);
+  forward_dynamic_kernel<<<blocks, kThreads, 0, context.stream>>>(args);
   B3DGS_CUDA_CHECK_LAUNCH();
 }
 
 void launch_forward_shared_memory(const BlendForwardCudaArgs& args, const LaunchContext& context) {
-  with_tile_pixels(args.blend.grid.tile, [&](auto pixels) {
-    const int blocks = args.blend.grid.n_tiles() * kStagedBlocks<pixels.value>;
-    forward_shared_memory_kernel<pixels.value><<<blocks, kStagedThreads, 0, context.stream>>>(args);
-  });
+  const int blocks = args.blend.grid.n_tiles() * kStagedBlocks;
+  forward_shared_memory_kernel<<<blocks, kStagedThreads, 0, context.stream>>>(args);
   B3DGS_CUDA_CHECK_LAUNCH();
 }
 

@@ -140,7 +140,6 @@ struct ListSegment {
 /// Upper bound of the pixel's transmittance in front of this segment: the product over the segments that are done. It
 /// is computed in the order in which transmittance_in_front() multiplies, so that it is a bound despite rounding. Must
 /// be called by all threads of a warp of the tile's `block`, including those of pixels outside the image.
-template <int kTilePixels>
 __device__ __forceinline__ float transmittance_bound(const Segments& segments, const ListSegment& segment, int block,
                                                      std::int32_t pixel_index) {
   constexpr int kAtOnce = 4;  // loads in flight
@@ -159,7 +158,7 @@ __device__ __forceinline__ float transmittance_bound(const Segments& segments, c
       float factor[kAtOnce];
 #pragma unroll
       for (int k = 0; k < kAtOnce; ++k) {
-        const std::int32_t from = (start + __ffs(ready) - 1) * kTilePixels + pixel_index;
+        const std::int32_t from = (start + __ffs(ready) - 1) * kCudaTilePixels + pixel_index;
         factor[k] = ready != 0 ? __ldcg(segments.transmittance + from) : 1.0f;
         ready &= ready - 1;
       }
@@ -172,20 +171,18 @@ __device__ __forceinline__ float transmittance_bound(const Segments& segments, c
 
 /// Stores what forward_segmented_kernel has blended. Reads the task anew: kept in registers during blending, it would
 /// leave room for fewer blocks on a multiprocessor (sm_90: 86 registers instead of 72).
-template <int kTilePixels>
 __device__ __forceinline__ void store_segment(const BlendForwardCudaArgs& args, const PixelState<float>& pixel,
                                               std::int32_t last) {
-  constexpr int kBlocks = kStagedBlocks<kTilePixels>;
   const Segments& segments = args.segments;
   SegmentTask task;
-  take_segment(args, static_cast<std::int32_t>(blockIdx.x) / kBlocks, task);
-  const int block = static_cast<int>(blockIdx.x) % kBlocks;
+  take_segment(args, static_cast<std::int32_t>(blockIdx.x) / kStagedBlocks, task);
+  const int block = static_cast<int>(blockIdx.x) % kStagedBlocks;
   const ListSegment segment(args, task);
   const TilePixel at = staged_pixel(args.blend.grid, segment.tile, block);
   const bool is_first = segment.index == segment.first, is_whole = segment.first < 0;
   if (at.inside && is_first && (is_whole || is_finished(pixel.transmittance))) store_pixel(args.blend, at, pixel, last);
   if (is_whole) return;
-  const std::int32_t pixel_of_segment = segment.index * kTilePixels + at.index;
+  const std::int32_t pixel_of_segment = segment.index * kCudaTilePixels + at.index;
   if (is_first && segments.fronts != nullptr) segments.fronts[pixel_of_segment] = 1;
   segments.transmittance[pixel_of_segment] = pixel.transmittance;
   segments.color_depth[pixel_of_segment] = make_float4(pixel.red, pixel.green, pixel.blue, pixel.depth);
@@ -199,13 +196,11 @@ __device__ __forceinline__ void store_segment(const BlendForwardCudaArgs& args, 
   }
 }
 
-template <int kTilePixels>
 __global__ void __launch_bounds__(kStagedThreads) forward_segmented_kernel(const BlendForwardCudaArgs args) {
-  constexpr int kBlocks = kStagedBlocks<kTilePixels>;
   __shared__ StagedSplats staged;
   SegmentTask task;
-  if (!take_segment(args, static_cast<std::int32_t>(blockIdx.x) / kBlocks, task)) return;
-  const int block = static_cast<int>(blockIdx.x) % kBlocks;
+  if (!take_segment(args, static_cast<std::int32_t>(blockIdx.x) / kStagedBlocks, task)) return;
+  const int block = static_cast<int>(blockIdx.x) % kStagedBlocks;
   const ListSegment segment(args, task);
   const TilePixel at = staged_pixel(args.blend.grid, segment.tile, block);
   // Skip what cannot be visible.
@@ -216,7 +211,7 @@ __global__ void __launch_bounds__(kStagedThreads) forward_segmented_kernel(const
     const bool is_hidden = segment.index >= __shfl_sync(kFullWarp, __ldcg(hidden_from), 0);
     is_alive = is_alive && !is_hidden;
     if (!is_hidden) {
-      const float bound = transmittance_bound<kTilePixels>(args.segments, segment, block, at.index);
+      const float bound = transmittance_bound(args.segments, segment, block, at.index);
       is_alive = is_alive && !is_saturated(bound);
     }
     if (__syncthreads_or(is_alive) == 0) {
@@ -227,11 +222,10 @@ __global__ void __launch_bounds__(kStagedThreads) forward_segmented_kernel(const
   // Blend as if the transmittance in front were 1. Pixels outside the image or already finished start as finished.
   PixelState<float> pixel{is_alive ? 1.0f : kClosedPixel, 0, 0, 0, 0};
   const std::int32_t last = blend_staged(args, staged, segment.tile, segment.range, at, pixel);
-  store_segment<kTilePixels>(args, pixel, last);
+  store_segment(args, pixel, last);
 }
 
 /// Transmittance of the pixel in front of a segment; kClosedPixel if it finishes before.
-template <int kTilePixels>
 __device__ __forceinline__ float transmittance_in_front(const Segments& segments, const ListSegment& segment,
                                                         std::int32_t pixel_index) {
   constexpr int kAtOnce = 8;  // loads in flight
@@ -240,7 +234,8 @@ __device__ __forceinline__ float transmittance_in_front(const Segments& segments
     float factor[kAtOnce];
 #pragma unroll
     for (int k = 0; k < kAtOnce; ++k) {
-      factor[k] = start + k < segment.index ? segments.transmittance[(start + k) * kTilePixels + pixel_index] : 1.0f;
+      factor[k] =
+          start + k < segment.index ? segments.transmittance[(start + k) * kCudaTilePixels + pixel_index] : 1.0f;
     }
 #pragma unroll
     for (int k = 0; k < kAtOnce; ++k) {
@@ -252,13 +247,12 @@ __device__ __forceinline__ float transmittance_in_front(const Segments& segments
 }
 
 /// Combines segments front to back up to, but not including, `end`. Returns the last splat blended, or -1.
-template <int kTilePixels>
 __device__ __forceinline__ std::int32_t join_segments(const Segments& segments, std::int32_t first, std::int32_t end,
                                                       std::int32_t pixel_index, PixelState<float>& pixel) {
   std::int32_t last = -1;
 #pragma unroll 4
   for (std::int32_t index = first; index < end; ++index) {
-    const std::int32_t from = index * kTilePixels + pixel_index;
+    const std::int32_t from = index * kCudaTilePixels + pixel_index;
     const float4 part = segments.color_depth[from];
     const std::int32_t last_of_segment = segments.last[from];
     const float front = pixel.transmittance;
@@ -272,20 +266,18 @@ __device__ __forceinline__ std::int32_t join_segments(const Segments& segments, 
 /// Stores the pixels that finish in a listed segment, or whose list ends with it; forward_segmented has stored those
 /// that finish in the first. If a segment is blended again, its bucket parts are then absolute instead of relative to
 /// the segment.
-template <int kTilePixels>
 __global__ void __launch_bounds__(kStagedThreads) finish_pixels_kernel(const BlendForwardCudaArgs args) {
-  constexpr int kBlocks = kStagedBlocks<kTilePixels>;
   __shared__ StagedSplats staged;
   const Segments& segments = args.segments;
   SegmentTask task;
-  if (!take_listed(segments, static_cast<std::int32_t>(blockIdx.x) / kBlocks, task)) return;
-  const int block = static_cast<int>(blockIdx.x) % kBlocks;
+  if (!take_listed(segments, static_cast<std::int32_t>(blockIdx.x) / kStagedBlocks, task)) return;
+  const int block = static_cast<int>(blockIdx.x) % kStagedBlocks;
   const ListSegment segment(args, task);
   const std::int32_t end = segments.hidden_from[kSegmentBlocks * segment.tile + block];
   if (segment.index >= end) return;
   const TilePixel at = staged_pixel(args.blend.grid, segment.tile, block);
-  const std::int32_t pixel_of_segment = segment.index * kTilePixels + at.index;
-  const float front = at.inside ? transmittance_in_front<kTilePixels>(segments, segment, at.index) : kClosedPixel;
+  const std::int32_t pixel_of_segment = segment.index * kCudaTilePixels + at.index;
+  const float front = at.inside ? transmittance_in_front(segments, segment, at.index) : kClosedPixel;
   const bool is_open = front > 0, ends = is_open && is_saturated(front * segments.transmittance[pixel_of_segment]);
   // With transmittance 1 in front, the segment was blended exactly as it should be.
   const bool is_again = ends && front != 1;
@@ -294,8 +286,7 @@ __global__ void __launch_bounds__(kStagedThreads) finish_pixels_kernel(const Ble
   PixelState<float> pixel{1, 0, 0, 0, 0};
   std::int32_t last = -1;
   if (ends || (is_open && segment.index + 1 == end)) {
-    last = join_segments<kTilePixels>(segments, segment.first, is_again ? segment.index : segment.index + 1, at.index,
-                                      pixel);
+    last = join_segments(segments, segment.first, is_again ? segment.index : segment.index + 1, at.index, pixel);
     if (!is_again) store_pixel(args.blend, at, pixel, last);
   }
   if (__syncthreads_or(is_again) == 0) return;
@@ -308,20 +299,17 @@ __global__ void __launch_bounds__(kStagedThreads) finish_pixels_kernel(const Ble
 
 void launch_forward_segmented(const BlendForwardCudaArgs& args, const LaunchContext& context) {
   static_assert(1 << ListCut::kMinLog2 == kBucketEntries, "a segment consists of whole buckets");
-  static_assert(3 * (std::int64_t{kIndexMax} >> (ListCut::kMaxLog2 + 1)) * (kCudaTileWidth * 16) <= kIndexMax,
+  static_assert(3 * (std::int64_t{kIndexMax} >> (ListCut::kMaxLog2 + 1)) * kCudaTilePixels <= kIndexMax,
                 "32 bits index the pixels of all segments, which are shorter only if there are few");
   if (!args.cut.cuts()) return launch_forward_shared_memory(args, context);
   const std::int32_t n_tiles = args.blend.grid.n_tiles(), n_tasks_max = args.segments.n_tasks_max;
   cut_lists_kernel<<<1, kCutThreads, 0, context.stream>>>(args);
   B3DGS_CUDA_CHECK_LAUNCH();
-  with_tile_pixels(args.blend.grid.tile, [&](auto pixels) {
-    constexpr int kTilePixels = pixels.value, kBlocks = kStagedBlocks<kTilePixels>;
-    static_assert(kBlocks <= kSegmentBlocks);
-    forward_segmented_kernel<kTilePixels><<<kBlocks*(n_tiles + n_tasks_max), kStagedThreads, 0, context.stream>>>(args);
-    B3DGS_CUDA_CHECK_LAUNCH();
-    finish_pixels_kernel<kTilePixels><<<kBlocks * n_tasks_max, kStagedThreads, 0, context.stream>>>(args);
-    B3DGS_CUDA_CHECK_LAUNCH();
-  });
+  static_assert(kStagedBlocks == kSegmentBlocks);
+  forward_segmented_kernel<<<kStagedBlocks*(n_tiles + n_tasks_max), kStagedThreads, 0, context.stream>>>(args);
+  B3DGS_CUDA_CHECK_LAUNCH();
+  finish_pixels_kernel<<<kStagedBlocks * n_tasks_max, kStagedThreads, 0, context.stream>>>(args);
+  B3DGS_CUDA_CHECK_LAUNCH();
 }
 
 }  // namespace b3dgs::cuda

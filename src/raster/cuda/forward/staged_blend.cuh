@@ -1,7 +1,7 @@
 // Pixel-wise blending with complete splats staged in shared memory, including colour and depth, so that no contributing
 // splat needs an access to global memory. Used by shared-memory and segmented.
 //
-//   Block: 128 pixels, a tile of 16 x 8 or half of one of 16 x 16. Warp: a sub-tile of 8 x 4. Thread: a pixel.
+//   Block: 128 pixels, half of a tile. Warp: a sub-tile of 8 x 4. Thread: a pixel.
 //   Stage: each thread copies one splat of the next bucket (128 entries) asynchronously while this one is blended. One
 //     barrier per bucket also counts finished pixels, to stop early.
 //   Cull: a warp queues the splats whose bounding box reaches its sub-tile, a lane per splat.
@@ -19,9 +19,7 @@ namespace b3dgs::cuda {
 constexpr int kStagedThreads = kBucketEntries;  // a thread per pixel, and per splat that is staged
 constexpr int kQueueMargin = 4;                 // the last group, of four, is filled up with kNothing
 
-/// Blocks for a tile.
-template <int kTilePixels>
-constexpr int kStagedBlocks = kTilePixels / kStagedThreads;
+constexpr int kStagedBlocks = kCudaTilePixels / kStagedThreads;  // for a tile
 
 /// Shared memory of a block.
 struct StagedSplats {

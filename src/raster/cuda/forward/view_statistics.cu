@@ -25,9 +25,8 @@
 namespace b3dgs::cuda {
 namespace {
 
-constexpr int kAddThreads = 256;
+constexpr int kThreads = kCudaTilePixels, kAddThreads = 256;
 
-template <int kThreads>
 __global__ void __launch_bounds__(kThreads) count_load_kernel(const CountLoadArgs args) {
   const auto tile = static_cast<std::int32_t>(blockIdx.x);
   const TilePixel at = tile_pixel(args.grid, tile, static_cast<std::int32_t>(threadIdx.x));
@@ -45,7 +44,6 @@ __global__ void __launch_bounds__(kThreads) count_load_kernel(const CountLoadArg
 }
 
 /// A batch of splats in shared memory, one per thread of the block, and what the block's pixels add up for them.
-template <int kThreads>
 struct ScoredBatch {
   static_assert(std::uint64_t{kThreads} * kScoreMax < std::uint64_t{1} << 32, "a tile's sums fit into 32 bits");
   float4 mean[kThreads];
@@ -110,10 +108,9 @@ struct ScoredBatch {
   }
 };
 
-template <int kThreads>
 __global__ void __launch_bounds__(kThreads)
     score_kernel(const ScoreArgs args, const std::int32_t* __restrict__ tiles_by_length, bool wants_weights) {
-  __shared__ ScoredBatch<kThreads> batches[2];  // one is scored while the next one arrives
+  __shared__ ScoredBatch batches[2];  // one is scored while the next one arrives
   const std::int32_t tile = tiles_by_length[blockIdx.x];
   const auto thread = static_cast<std::int32_t>(threadIdx.x);
   const TilePixel at = tile_pixel(args.grid, tile, sub_tile_pixel(thread));
@@ -128,7 +125,7 @@ __global__ void __launch_bounds__(kThreads)
   // Splats that this thread has staged: of the batch before, of this one, and to be staged.
   std::int32_t before = -1, here = -1, next = thread < n ? ids[thread] : -1;
   for (std::int32_t start = -kThreads;; start += kThreads) {
-    ScoredBatch<kThreads>&batch = batches[start / kThreads & 1], &other = batches[(start / kThreads + 1) & 1];
+    ScoredBatch &batch = batches[start / kThreads & 1], &other = batches[(start / kThreads + 1) & 1];
     __pipeline_wait_prior(0);
     // The one barrier per batch: this batch is complete, and all threads have finished with the one before.
     const bool is_done = __syncthreads_count(is_finished(transmittance)) == kThreads || start >= n;
@@ -166,18 +163,13 @@ __global__ void __launch_bounds__(kAddThreads) add_scores_kernel(const AddRowsAr
 }  // namespace
 
 void count_load(const CountLoadArgs& args, const LaunchContext& context) {
-  with_tile_pixels(args.grid.tile, [&](auto pixels) {
-    count_load_kernel<pixels.value><<<args.grid.n_tiles(), pixels.value, 0, context.stream>>>(args);
-  });
+  count_load_kernel<<<args.grid.n_tiles(), kThreads, 0, context.stream>>>(args);
   B3DGS_CUDA_CHECK_LAUNCH();
 }
 
 void score(const ScoreArgs& args, const std::int32_t* tiles_by_length, bool wants_weights,
            const LaunchContext& context) {
-  with_tile_pixels(args.grid.tile, [&](auto pixels) {
-    score_kernel<pixels.value>
-        <<<args.grid.n_tiles(), pixels.value, 0, context.stream>>>(args, tiles_by_length, wants_weights);
-  });
+  score_kernel<<<args.grid.n_tiles(), kThreads, 0, context.stream>>>(args, tiles_by_length, wants_weights);
   B3DGS_CUDA_CHECK_LAUNCH();
 }
 
