@@ -28,7 +28,7 @@ struct ConfigurationHistory : Configuration {
 /// training option, the name of a kernel, or `naive-kernels`: the options closest to the original 3DGS trainer. Later
 /// parts override earlier ones. An entry without a name is named by its text:
 ///
-///   naive,adaptive,shared-memory+seed=1,wide:kernel=combined+culling=square,naive-kernels,b:naive-kernels+kernel=published
+///   naive,adaptive,shared-memory+exposure=true,wide:kernel=combined+culling=square,naive-kernels,b:naive-kernels+kernel=published
 /// Lists are separated by slashes: mixed:kernel_candidates=combined/shared-memory.
 ///
 /// `given` are options for all configurations; a configuration's own come on top, so `preset=fast` applies below both

@@ -151,7 +151,7 @@ struct Buckets {
 struct BinnedView {
   BinnedSplats bins{};  // its slots are null unless keep_slots
   Buckets buckets{};
-  const std::int32_t* tiles_by_length = nullptr;  // [n_tiles] the longest list first, roughly
+  const std::int32_t* tiles_by_length = nullptr;  // [n_tiles] the longest list first, roughly; short ones last
   ViewCounts counts{};
 };
 
@@ -182,7 +182,7 @@ struct BucketParts {
 
 /// A length that no list exceeds.
 inline constexpr std::int32_t kAnyLength = std::numeric_limits<std::int32_t>::max();
-/// Blocks that blend a segment, at most: halves of a tile.
+/// Blocks that blend a segment: one for each half of a tile.
 inline constexpr std::int32_t kSegmentBlocks = 2;
 
 /// How `segmented` cuts lists.
@@ -265,8 +265,8 @@ struct BlendBackwardCudaArgs {
   Buckets buckets{};
   BucketParts parts{};
   SplatGradSum* splat_grads = nullptr;  // [rows] in and out: added to, must be zero where there is a splat
-  // Scratch of per-bucket, [n_buckets, pixels of a tile row by row]: what is behind each bucket of a long list, as
-  // `behind` of ReverseState. Null: per-pixel, or not has_many_parts().
+  // Scratch of per-bucket, [n_buckets, pixels of a tile row by row]: what is behind each bucket of a list that is not
+  // short (kShortListEntries), as `behind` of ReverseState. Null: per-pixel, or not has_many_parts().
   float* behind = nullptr;
   const std::int32_t* tiles_by_length = nullptr;  // BinnedView; with `behind`
   std::int32_t n_long_lists = 0;                  // with `behind`; ViewCounts

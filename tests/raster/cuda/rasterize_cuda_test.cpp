@@ -1,5 +1,5 @@
-// The CUDA rasterizer compared with the dense reference: every forward and backward kernel, culling and tile shape, on
-// every test scene; and with the CPU rasterizer where the reference is too slow.
+// The CUDA rasterizer compared with the dense reference: every forward and backward kernel and culling, on every
+// test scene; and with the CPU rasterizer where the reference is too slow.
 #include "raster/cuda/passes.h"
 
 #include <gtest/gtest.h>

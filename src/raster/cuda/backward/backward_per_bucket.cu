@@ -1,11 +1,11 @@
 // Backward blend, per-bucket. A block per bucket (128 entries of a tile's list), so that long lists are shared out
 // evenly.
 //
-//   Warp: a patch of the tile, 8 x 8 pixels. After the block has loaded the bucket's splats
-//     to shared memory, the four warps work independently, from the bucket's last entry to its first:
+//   Warp: a patch of the tile, 8 x 8 pixels. After the block has loaded the bucket's splats to shared memory, the four
+//     warps work independently, from the bucket's last entry to its first:
 //
 //     gather            blend                     sum rows                        add
-//     lane: entry       lane: pixel               lane: entry x row of 8 px       thread: entry
+//     lane: entry       lane: two pixels          lane: entry x two rows of 8 px  thread: entry
 //
 //     entries whose     8 at a time: weight and   their sums of weight times      the four patches' sums,
 //     box reaches the   dL/d(ln alpha) of each    dL/d(colour), and moments of    to memory, with vector
@@ -13,10 +13,10 @@
 //     queue
 //
 //   Sums: with shuffles over 32 lanes, a splat's ten sums would take 100 instructions. Through shared memory they take
-//     twelve: a lane sums a row of 8 pixels, whose offsets from the patch's centre are constants, and four lanes add
+//     twelve: a lane sums rows of 8 pixels, whose offsets from the patch's centre are constants, and four lanes add
 //     up.
 //   State behind the bucket: if the pixel's last splat is in the bucket, from the forward pass's final transmittance;
-//     otherwise from the parts of the buckets behind, which the forward pass stored (parts_behind.cuh).
+//     otherwise from the parts of the buckets behind, which the forward pass stored, or their sum (parts_behind.cuh).
 //   Shared memory: BucketSplats, and PatchMemory for each warp. Barriers: one to end if all pixels finish in front of
 //     the bucket, one behind the loads, one before the last phase.
 
@@ -42,7 +42,8 @@ constexpr int kRowsAtOnce = kWarpSize / kRowPixels;
 // A patch. Lane l has the pixels (l % 8, l / 8 + 4 k), k < kLanePixels.
 constexpr int kLanePixels = kCudaTilePixels / kThreads, kPatchWidth = kRowPixels,
               kPatchHeight = kRowsAtOnce * kLanePixels;
-/// Of a patch's pixel values in shared memory: 4 more than it has, so that 8 lanes read rows from different banks.
+/// Distance of two entries' pixel values in shared memory: 4 more than there are pixels, so that 8 lanes read rows from
+/// different banks.
 constexpr int kStride = kPatchWidth * kPatchHeight + 4;
 
 /// The bucket's splats: what blending reads, without words that it does not need.
@@ -63,7 +64,7 @@ struct BucketSplats {
   }
 };
 
-/// A splat on its way to BucketSplats: all loads are queued before the first value is used.
+/// A splat on its way to BucketSplats: all loads are issued before the first value is used.
 struct LoadedSplat {
   float4 mean{}, conic{}, color{};
   float2 extent{};
