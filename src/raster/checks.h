@@ -49,8 +49,8 @@ class InvalidGaussianError : public NumericError {
   std::int64_t row_;
 };
 
-// Limit on the number of (tile, splat) pairs of one view. Their indices are 32-bit; at 37.5 to 57 bytes per
-// pair (view_memory.h), more pairs would need over 80 GB of GPU memory.
+// Limit on the number of (tile, splat) pairs of one view. Their indices are 32-bit; at 57 bytes per pair
+// (view_memory.h), training with more would need over 120 GB of GPU memory.
 
 /// The Gaussian, or row of splats, that touches the most tiles of a view.
 struct WidestGaussian {

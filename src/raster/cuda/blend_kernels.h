@@ -5,6 +5,7 @@
 #include <array>
 
 #include "raster/cuda/passes.h"
+#include "raster/cuda/sort_lists.h"
 #include "raster/kernels.h"
 #include "raster/math/tiling.h"
 
@@ -36,14 +37,12 @@ inline constexpr std::array kBackwardLaunches{
 
 /// First part of per-bucket, for has_many_parts(): writes args.behind.
 void launch_sum_behind(const BlendBackwardCudaArgs& args, const LaunchContext& context);
-/// Whether to sum the parts behind each bucket once: if it pays (docs/lab/kernels.md: not with a
-/// longest list of 20,000 entries, but with 52,000), and the sums fit into
-/// the memory in which pairs were sorted. Otherwise each bucket sums those behind it, which takes time that grows with
-/// the square of their number, but saves a kernel.
+/// Whether to sum the parts behind each bucket once: if it pays (docs/lab/kernels.md: on street 1.5 M, not on 0.5 M),
+/// and the sums fit into the memory in which pairs were sorted. Otherwise each bucket sums those behind it, which takes
+/// time that grows with the square of their number, but saves a kernel.
 inline bool has_many_parts(const ViewCounts& counts) {
-  constexpr std::int64_t kSortBytes = 16;  // for each pair; view_memory.h
-  return counts.longest_list > 32768 &&
-         counts.n_buckets * kCudaTilePixels * std::int64_t{sizeof(float)} <= counts.n_pairs * kSortBytes;
+  constexpr std::int64_t kSortBytes = 2 * sizeof(EntryKey), kSumBytes = kCudaTilePixels * sizeof(float);
+  return counts.longest_list > 32768 && counts.n_buckets * kSumBytes <= counts.n_pairs * kSortBytes;
 }
 
 /// `combined` has a mask of 32 bits for a quad and 32 list entries.

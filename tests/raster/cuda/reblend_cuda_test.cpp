@@ -1,7 +1,6 @@
 // Blending a rendered view again with another kernel, and counting the load, on the GPU.
 #include <gtest/gtest.h>
 
-#include <cmath>
 #include <vector>
 
 #include "support/approx.h"
@@ -29,8 +28,8 @@ TEST(ReblendCuda, IsTheForwardOfThatKernel) {
   }
 }
 
-/// Three tiles with lists of about 60,000, 900 and 60 small, faint splats. Pixels of the first end about 35,000 splats
-/// deep, in different buckets: the parts behind a bucket are summed once for the first two tiles.
+/// Three tiles with lists of about 60,000, 900 and 60 small, faint splats. Pixels of the first end 35,000 splats
+/// deep or deeper, in various buckets: the parts behind a bucket are summed once for the first two tiles.
 TestScene lists_of_very_different_length() {
   TestScene scene;
   scene.view.rotation = {{1, 0, 0, 0, 1, 0, 0, 0, 1}};
@@ -50,12 +49,8 @@ TestScene lists_of_very_different_length() {
   // Multiples of irrational numbers, which spread evenly.
   const torch::Tensor x = (torch::cat(columns) - 24) / 48;
   const torch::Tensor y = (torch::frac(0.5698402910 * torch::arange(n, torch::kFloat64)) - 0.5) / 3;
-  scene.gaussians = {torch::stack({x * depth, y * depth, depth}, 1).to(torch::kFloat32).contiguous(),
-                     torch::log(0.0125f * depth).to(torch::kFloat32).unsqueeze(1).repeat({1, 3}).contiguous(),
-                     torch::tensor({1.0f, 0.0f, 0.0f, 0.0f}).repeat({n, 1}).contiguous(),
-                     torch::full({n}, std::log(0.02f / 0.98f)),
-                     torch::sin(0.37f * torch::arange(3 * n, torch::kFloat32)).view({n, 1, 3}).contiguous(),
-                     torch::zeros({n, 0, 3})};
+  scene.gaussians =
+      make_spheres(torch::stack({x * depth, y * depth, depth}, 1), 0.0125 * depth, torch::full({n}, 0.02f));
   return scene;
 }
 

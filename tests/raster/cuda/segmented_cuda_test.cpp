@@ -3,7 +3,6 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
-#include <cmath>
 #include <set>
 #include <vector>
 
@@ -38,7 +37,7 @@ TEST(ListCut, SegmentsOfConsecutiveListsDoNotOverlap) {
   for (cut.entries_log2 = cuda::ListCut::kMinLog2; cut.entries_log2 <= cuda::ListCut::kMaxLog2; ++cut.entries_log2) {
     const std::int32_t entries = 1 << cut.entries_log2;
     cut.longest_whole = 2 * entries;
-    // The most segments for their entries have the shortest lists that are cut.
+    // Lists that are just long enough to be cut have the most segments for their entries.
     for (const std::int32_t length : {2 * entries + 1, 3 * entries, 3 * entries + 1, 100 * entries + 1}) {
       for (const std::int32_t whole : {0, 1, 2 * entries}) {  // between them
         std::int64_t before = 0, end = 0;
@@ -124,13 +123,7 @@ TestScene wall_behind(int n_splats, int n_faint) {
   const torch::Tensor opacity =
       torch::where(is_opaque, torch::full({n_splats}, 0.9f), torch::full({n_splats}, 0.0042f));
   const torch::Tensor zero = torch::zeros({n_splats});
-  scene.gaussians = {
-      torch::stack({zero, zero, depth}, 1).contiguous(),
-      torch::full({n_splats, 3}, std::log(5.0f)),
-      torch::tensor({1.0f, 0.0f, 0.0f, 0.0f}).repeat({n_splats, 1}).contiguous(),
-      torch::logit(opacity).contiguous(),
-      torch::sin(0.37f * torch::arange(3 * n_splats, torch::kFloat32)).view({n_splats, 1, 3}).contiguous(),
-      torch::zeros({n_splats, 0, 3})};
+  scene.gaussians = make_spheres(torch::stack({zero, zero, depth}, 1), torch::full({n_splats}, 5.0f), opacity);
   return scene;
 }
 
@@ -172,12 +165,8 @@ TestScene crowd_in_a_tile() {
   const torch::Tensor depth = 2 + 1e-6 * index;
   // Multiples of two irrational numbers, which spread evenly.
   const torch::Tensor x = torch::frac(0.7548776662 * index) - 0.5, y = 0.5 * (torch::frac(0.5698402910 * index) - 0.5);
-  scene.gaussians = {torch::stack({x * depth, y * depth, depth}, 1).to(torch::kFloat32).contiguous(),
-                     torch::full({kSplats, 3}, std::log(0.125f)),
-                     torch::tensor({1.0f, 0.0f, 0.0f, 0.0f}).repeat({kSplats, 1}).contiguous(),
-                     torch::full({kSplats}, std::log(0.0042f / 0.9958f)),
-                     torch::sin(0.37f * torch::arange(3 * kSplats, torch::kFloat32)).view({kSplats, 1, 3}).contiguous(),
-                     torch::zeros({kSplats, 0, 3})};
+  scene.gaussians = make_spheres(torch::stack({x * depth, y * depth, depth}, 1), torch::full({kSplats}, 0.125f),
+                                 torch::full({kSplats}, 0.0042f));
   return scene;
 }
 

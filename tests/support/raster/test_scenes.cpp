@@ -184,6 +184,16 @@ TestScene cloud_scene(const PinholeView& view, int sh_degree_max, const Cloud& c
 
 }  // namespace
 
+GaussianTensors make_spheres(const torch::Tensor& means, const torch::Tensor& scales, const torch::Tensor& opacities) {
+  const std::int64_t n = means.size(0);
+  return {means.to(torch::kFloat32).contiguous(),
+          scales.log().to(torch::kFloat32).unsqueeze(1).repeat({1, 3}).contiguous(),
+          torch::tensor({1.0f, 0.0f, 0.0f, 0.0f}).repeat({n, 1}).contiguous(),
+          torch::logit(opacities).to(torch::kFloat32).contiguous(),
+          torch::sin(0.37f * torch::arange(3 * n, torch::kFloat32)).view({n, 1, 3}).contiguous(),
+          torch::zeros({n, 0, 3})};
+}
+
 TestScene empty_scene() {
   return SceneBuilder(make_view(20, 12, 20), 3).build();
 }

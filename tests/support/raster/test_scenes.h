@@ -19,6 +19,9 @@ struct TestScene {
   int sh_degree = 0;  // rendered; shN may be allocated for a higher degree
 };
 
+/// Spheres of various colours, SH degree 0. @param means [N, 3] @param scales, opacities [N]
+GaussianTensors make_spheres(const torch::Tensor& means, const torch::Tensor& scales, const torch::Tensor& opacities);
+
 TestScene empty_scene();                    // no Gaussian at all
 TestScene one_splat();                      // in the middle of a tile
 TestScene splat_on_tile_corner();           // centre on the common corner of four tiles

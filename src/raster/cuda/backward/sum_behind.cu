@@ -1,4 +1,4 @@
-// What is behind each bucket of a pixel, for the long lists of a view in which one is very long (has_many_parts()):
+// Sums, for each pixel, what the buckets behind each bucket of a long list add to the loss, if has_many_parts():
 // per-bucket then reads one number instead of all parts behind.
 //
 //   Block: 32 pixels of a tile. Warp: an eighth of each pixel's parts. Lane: a pixel.

@@ -6,8 +6,8 @@
 //   splat's ellipse touches,
 //     a bit each. A bit transposition across the warp turns this into a mask per quad, with a bit per entry.
 //
-// Kernel 2, forward_combined: blends the quads. A crowded tile becomes 64 tasks, so no block works longer than
-// one quad takes.
+// Kernel 2, forward_combined: blends the quads. A crowded tile becomes 64 tasks, so no block works longer than one
+// quad takes.
 //   Grid: as many blocks of 4 warps as are resident at once; they take quads from an atomic counter.
 //   Block: a quad. Warp: one of its four pixels.
 //
