@@ -8,6 +8,7 @@
 #include <tuple>
 
 #include "core/check.h"
+#include "raster/math/tiling.h"
 #include "raster/view_memory.h"
 #include "support/raster/cuda_harness.h"
 #include "support/raster/reference_check.h"
