@@ -4,7 +4,8 @@
 //   1. number_lists   one block: a prefix sum of it gives the length of each list, others where each list begins and
 //                     its buckets are numbered; tiles are ordered by length
 //   2. emit_entries   a thread per row of tiles that a splat of its block touches: writes depth and id, a key of 64
-//                     bits, to the next free entry of each tile's list, in any order
+//                     bits, to the next free entry of each tile's list, in any order. If lists are long, the block
+//                     first takes room in each list for all of its entries
 //   3. sort_lists     sorts each list (sort_lists.cu)
 //
 // With `keep_slots`, find_slots_kernel then looks up the slot of each entry: the first slot of its splat (a scan over
@@ -164,6 +165,9 @@ __global__ void __launch_bounds__(kNumberThreads) number_lists_kernel(const Numb
 
 // ---- 2. emit_entries
 
+/// If a list has more entries, blocks take room for theirs at once (BlockCounters).
+constexpr std::int64_t kManyInOneList = 8192;
+
 struct EmitArgs {
   ProjectOutputs projected;
   std::int64_t n_rows;
@@ -174,28 +178,63 @@ struct EmitArgs {
   std::int32_t n_pairs;
 };
 
+/// Takes room for all entries that the block has counted. Its counters then have the next free entry of each list.
+__device__ __forceinline__ void take_room(BlockCounters& counters, std::int32_t* next_entries) {
+  constexpr int kOfThread = BlockCounters::kSlots / kThreads;  // atomics in flight
+  std::int32_t entry[kOfThread];
+#pragma unroll
+  for (int k = 0; k < kOfThread; ++k) entry[k] = counters.count[threadIdx.x + k * kThreads];
+#pragma unroll
+  for (int k = 0; k < kOfThread; ++k) {
+    if (entry[k] == 0) continue;
+    entry[k] = atomicAdd(next_entries + kCounterStride * counters.tile[threadIdx.x + k * kThreads], entry[k]);
+  }
+#pragma unroll
+  for (int k = 0; k < kOfThread; ++k) counters.count[threadIdx.x + k * kThreads] = entry[k];
+}
+
+/// kTakesRoom: for all entries of a block at once.
+template <bool kTakesRoom>
 __global__ void __launch_bounds__(kThreads) emit_entries_kernel(const EmitArgs args) {
   constexpr int kAtOnce = 4;  // atomics in flight
   __shared__ SpanTasks<kThreads> tasks;
+  __shared__ BlockCounters counters;
   __shared__ EntryKey keys[kThreads];
   const std::int64_t i = spread_row<kThreads>();
   TileRows rows = no_tile_rows(args.culling);
   const std::int32_t radius = i < args.n_rows ? args.projected.radii[i] : 0;
   if (radius > 0) {
     const Splat& splat = args.projected.splats[i];
-    rows = tile_rows(args.grid, args.culling, splat, args.projected.extents[i], radius);
+    rows = tile_rows(with_constant_tiles(args.grid), args.culling, splat, args.projected.extents[i], radius);
     keys[threadIdx.x] = EntryKey{__float_as_uint(splat.depth)} << 32 | static_cast<std::uint32_t>(i);
   }
+  if (kTakesRoom) counters.reset(kThreads);
+  const int n_tasks = share_spans(tasks, rows);  // its barriers: the keys are written, the counters reset
   // The projection counted the tiles with the same arithmetic and the same bits (tiling.h), so all entries of a list
   // are written, and none beyond the last.
-  visit_spans(tasks, args.grid, rows, [&](int thread, std::int32_t row, TileSpan span) {
+  if constexpr (kTakesRoom) {
+    visit_spans(tasks, args.grid, n_tasks, [&](int, std::int32_t row, TileSpan span) {
+      for (std::int32_t column = span.begin; column < span.end; ++column) {
+        if (std::int32_t* const count = counters.take(row * args.grid.columns + column)) atomicAdd(count, 1);
+      }
+    });
+    __syncthreads();  // all are counted
+    take_room(counters, args.next_entries);
+    __syncthreads();  // where the block's entries go is known
+  }
+  visit_spans(tasks, args.grid, n_tasks, [&](int thread, std::int32_t row, TileSpan span) {
     const EntryKey key = keys[thread];
-    std::int32_t* const next = args.next_entries + kCounterStride * (row * args.grid.columns);
+    const std::int32_t first = row * args.grid.columns;
     for (std::int32_t column = span.begin; column < span.end; column += kAtOnce) {
       std::int32_t entry[kAtOnce];
 #pragma unroll
       for (int k = 0; k < kAtOnce; ++k) {
-        entry[k] = column + k < span.end ? atomicAdd(next + kCounterStride * (column + k), 1) : args.n_pairs;
+        const std::int32_t tile = first + column + k;
+        std::int32_t* next = args.next_entries + kCounterStride * tile;
+        if (kTakesRoom && column + k < span.end) {
+          if (std::int32_t* const of_block = counters.find(tile)) next = of_block;
+        }
+        entry[k] = column + k < span.end ? atomicAdd(next, 1) : args.n_pairs;
       }
 #pragma unroll
       for (int k = 0; k < kAtOnce; ++k) {
@@ -320,10 +359,16 @@ BinnedView bin(const BinCudaArgs& args, BinBuffers& buffers, PassScratch& scratc
     sort.merged = arrays.take<EntryKey>(n_pairs);
   });
   if (n_pairs > 0) {
-    launch_rows<kThreads>(emit_entries_kernel,
-                          EmitArgs{args.projected, args.n_rows, args.grid, args.culling, buffers.next_entries.data(),
-                                   sort.keys, static_cast<std::int32_t>(n_pairs)},
-                          args.n_rows, context.stream);
+    const EmitArgs emit{args.projected,
+                        args.n_rows,
+                        args.grid,
+                        args.culling,
+                        buffers.next_entries.data(),
+                        sort.keys,
+                        static_cast<std::int32_t>(n_pairs)};
+    launch_rows<kThreads>(
+        args.counts.longest_list > kManyInOneList ? emit_entries_kernel<true> : emit_entries_kernel<false>, emit,
+        args.n_rows, context.stream);
     sort_lists(sort, context);
     if (args.keep_slots) find_slots(args, buffers, context);
   }

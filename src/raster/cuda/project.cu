@@ -28,9 +28,10 @@ constexpr int kNoColors = -1;
 template <int kShDegree, bool kAntialiasing, class Lens>
 __device__ __forceinline__ TileRows project_one(const ProjectCudaArgs& args, std::int64_t i) {
   const GaussianArrays& g = args.gaussians;
+  const TileGrid grid = with_constant_tiles(args.grid);
   const ViewTransform<float> view = make_view_transform<float>(args.view);
   const ProjectedGaussian projected = project_splat<TileCount::kAny, kAntialiasing>(
-      g, i, view, lens_of<Lens>(args.view), args.near_plane, args.culling, args.grid);
+      g, i, view, lens_of<Lens>(args.view), args.near_plane, args.culling, grid);
   const bool is_seen = projected.outcome == Outcome::kSeen;
   bool is_valid = projected.outcome != Outcome::kInvalid;
   if (is_seen) {
@@ -48,7 +49,7 @@ __device__ __forceinline__ TileRows project_one(const ProjectCudaArgs& args, std
   args.out.radii[i] = is_seen ? projected.radius : 0;
   if (!is_valid) note_invalid(args.out.counts, i);
   if (!is_seen) return no_tile_rows(args.culling);
-  return tile_rows(args.grid, args.culling, projected.splat, projected.extent, projected.radius);
+  return tile_rows(grid, args.culling, projected.splat, projected.extent, projected.radius);
 }
 
 /// The same for the second splat of a panorama's Gaussian, from what was written of the first.

@@ -7,7 +7,7 @@
 //   list   | 5 1 4 2 3 | 9 8 0 6 |   -->   | 1 2 3 4 5 | 0 6 8 9 |   -->   | 0 1 2 3 4 5 6 8 9 |
 //
 // Keys are unique, so that the result does not depend on the order in which they were written. The last pass of a list
-// writes ids instead of keys. Barriers: those of CUB's merge sorts; two in merge_runs.
+// writes ids instead of keys. Barriers: those of CUB's merge sorts; four in merge_runs.
 
 #include "raster/cuda/sort_lists.h"
 
@@ -31,6 +31,19 @@ __device__ __forceinline__ std::int32_t id_of(EntryKey key, std::int32_t n_ids) 
   return min(static_cast<std::int32_t>(key & 0xffffffffu), n_ids - 1);
 }
 
+/// The first number in [low, high) that does not meet `condition`, or `high`; none behind it may meet it either. All
+/// lanes of a warp must call it. They test 32 numbers at once, because a test waits for global memory.
+template <class Condition>
+__device__ __forceinline__ std::int32_t search_by_warp(std::int32_t low, std::int32_t high, Condition&& condition) {
+  while (low < high) {
+    const std::int32_t step = (high - low + kWarpSize - 1) / kWarpSize, probe = low + lane_id() * step;
+    const int n_met = __popc(__ballot_sync(kFullWarp, probe < high && condition(probe)));
+    high = min(high, low + n_met * step);
+    low = n_met > 0 ? low + (n_met - 1) * step + 1 : high;
+  }
+  return low;
+}
+
 /// The run of a block. Block b takes the first run of the list number b by length, and blocks from `n_lists` on the
 /// other runs.
 struct Run {
@@ -43,11 +56,7 @@ struct Run {
     } else {
       // The last tile with at most this many such runs in front.
       const std::int32_t number = block - n_lists;
-      tile = 0;
-      for (std::int32_t end = args.n_tiles; end - tile > 1;) {
-        const std::int32_t middle = (tile + end) / 2;
-        (args.first_more_runs[middle] <= number ? tile : end) = middle;
-      }
+      tile = search_by_warp(0, args.n_tiles, [&](std::int32_t at) { return args.first_more_runs[at] <= number; }) - 1;
       index = 1 + number - args.first_more_runs[tile];
     }
     list = args.tile_offsets[tile];
@@ -175,25 +184,42 @@ __global__ void __launch_bounds__(kThreads) merge_runs_kernel(const SortListsArg
   auto n_a = static_cast<std::int32_t>(min(width, std::int64_t{run.length - pair}));
   auto n_b = static_cast<std::int32_t>(min(width, std::int64_t{run.length - pair - n_a}));
   const EntryKey *a = args.keys + run.list + pair, *b = a + n_a;
-  if (thread < 2) splits[thread] = split_merged(a, n_a, b, n_b, first + thread * count);
+  if (const std::int32_t warp = thread / kWarpSize; warp < 2) {
+    const std::int32_t wanted = first + warp * count;
+    // As split_merged().
+    const std::int32_t split = search_by_warp(max(0, wanted - n_b), min(wanted, n_a),
+                                              [&](std::int32_t k) { return a[k] < b[wanted - 1 - k]; });
+    if (lane_id() == 0) splits[warp] = split;
+  }
   __syncthreads();  // what this block merges is known
   a += splits[0];
   b += first - splits[0];
   n_a = splits[1] - splits[0];
   n_b = count - n_a;
   for (std::int32_t k = thread; k < count; k += kThreads) keys[k] = k < n_a ? a[k] : b[k - n_a];
-  __syncthreads();  // all keys are in shared memory
-  const std::int32_t own = thread * kItems;
-  if (own >= count) return;
+  __syncthreads();          // all keys are in shared memory
+  EntryKey merged[kItems];  // to shared memory first, so that neighbouring threads write neighbouring entries
+  const std::int32_t own = min(thread * kItems, count);
   std::int32_t from_a = split_merged(keys, n_a, keys + n_a, n_b, own), from_b = n_a + own - from_a;
-  for (std::int32_t at = own; at < min(own + kItems, count); ++at) {
-    const bool is_a = from_b >= count || (from_a < n_a && keys[from_a] < keys[from_b]);
-    const EntryKey key = keys[is_a ? from_a++ : from_b++];
-    const std::int64_t to = run.list + begin + at;
+#pragma unroll
+  for (int k = 0; k < kItems; ++k) {
+    const bool has_a = from_a < n_a, has_b = from_b < count;
+    if (!has_a && !has_b) break;
+    const bool is_a = !has_b || (has_a && keys[from_a] < keys[from_b]);
+    merged[k] = keys[is_a ? from_a++ : from_b++];
+  }
+  __syncthreads();  // all have read the keys
+#pragma unroll
+  for (int k = 0; k < kItems; ++k) {
+    if (own + k < count) keys[own + k] = merged[k];
+  }
+  __syncthreads();  // the keys are merged
+  for (std::int32_t k = thread; k < count; k += kThreads) {
+    const std::int64_t to = run.list + begin + k;
     if (run.length <= 2 * width) {
-      args.splat_ids[to] = id_of(key, args.n_ids);
+      args.splat_ids[to] = id_of(keys[k], args.n_ids);
     } else {
-      args.merged[to] = key;
+      args.merged[to] = keys[k];
     }
   }
 }

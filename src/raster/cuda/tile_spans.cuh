@@ -13,7 +13,12 @@
 
 namespace b3dgs::cuda {
 
-/// Shared memory of visit_spans().
+/// The grid with the size of its tiles as constants, so that kernels need not divide by it.
+__device__ __forceinline__ TileGrid with_constant_tiles(const TileGrid& grid) {
+  return {grid.image_width, grid.image_height, {kCudaTileSide, kCudaTileSide}, grid.columns, grid.rows};
+}
+
+/// Shared memory of share_spans() and visit_spans().
 template <int kThreads>
 struct SpanTasks {
   TileRows rows[kThreads];
@@ -30,18 +35,25 @@ __device__ __forceinline__ std::int64_t spread_row() {
   return (thread / kRun * gridDim.x + blockIdx.x) * kRun + thread % kRun;
 }
 
-/// Calls visit(thread, row, span) for each row of tiles that the splat of a thread touches. `rows`: of this thread's
-/// splat, none where rows.begin == rows.end. All threads of the block must call it. Barriers: one, and those of the
-/// scan.
-template <int kThreads, class Visit>
-__device__ __forceinline__ void visit_spans(SpanTasks<kThreads>& tasks, const TileGrid& grid, const TileRows& rows,
-                                            Visit&& visit) {
-  static_assert((kThreads & (kThreads - 1)) == 0, "for the binary search");
+/// Shares out the rows of tiles that the block's splats touch, for visit_spans(), and returns their number. `rows`: of
+/// this thread's splat, none where rows.begin == rows.end. All threads of the block must call it. Barriers: one, and
+/// those of the scan.
+template <int kThreads>
+__device__ __forceinline__ int share_spans(SpanTasks<kThreads>& tasks, const TileRows& rows) {
   int up_to = 0, n_tasks = 0;
   cub::BlockScan<int, kThreads>(tasks.scan).InclusiveSum(max(rows.end - rows.begin, 0), up_to, n_tasks);
   tasks.rows[threadIdx.x] = rows;
   tasks.up_to[threadIdx.x] = up_to;
   __syncthreads();  // what all threads have
+  return n_tasks;
+}
+
+/// Calls visit(thread, row, span) for each row of tiles that the splat of a thread touches. `n_tasks`: from
+/// share_spans(). All threads of the block must call it.
+template <int kThreads, class Visit>
+__device__ __forceinline__ void visit_spans(const SpanTasks<kThreads>& tasks, const TileGrid& grid, int n_tasks,
+                                            Visit&& visit) {
+  static_assert((kThreads & (kThreads - 1)) == 0, "for the binary search");
   for (auto task = static_cast<int>(threadIdx.x); task < n_tasks; task += kThreads) {
     int owner = 0;  // number of threads whose rows are all in front
 #pragma unroll
@@ -50,19 +62,52 @@ __device__ __forceinline__ void visit_spans(SpanTasks<kThreads>& tasks, const Ti
     }
     const TileRows& of_owner = tasks.rows[owner];
     const std::int32_t row = of_owner.begin + task - (owner > 0 ? tasks.up_to[owner - 1] : 0);
-    const TileSpan span = of_owner.span(grid, row);
+    const TileSpan span = of_owner.span(with_constant_tiles(grid), row);
     if (span.begin < span.end) visit(owner, row, span);
   }
 }
 
-/// Adds the splats of a block to the lengths of their tiles' lists. `rows`: as in visit_spans().
+/// A block's own counters for tiles, in shared memory. It adds them to the counters in global memory once: there,
+/// atomics to one tile's counter wait for each other. A tile has the slot `tile % kSlots`, unless another took it
+/// first; then its atomics go to global memory.
+struct BlockCounters {
+  static constexpr int kSlots = 1024;
+  std::int32_t tile[kSlots], count[kSlots];
+
+  __device__ __forceinline__ void reset(int n_threads) {
+    for (int slot = static_cast<int>(threadIdx.x); slot < kSlots; slot += n_threads) tile[slot] = -1, count[slot] = 0;
+  }
+  /// The counter of tile `index`, or null if another tile has its slot.
+  __device__ __forceinline__ std::int32_t* take(std::int32_t index) {
+    const int slot = index % kSlots;
+    const std::int32_t before = atomicCAS(tile + slot, -1, index);
+    return before == -1 || before == index ? count + slot : nullptr;
+  }
+  /// The same, after all tiles of the block have taken theirs.
+  __device__ __forceinline__ std::int32_t* find(std::int32_t index) {
+    return tile[index % kSlots] == index ? count + index % kSlots : nullptr;
+  }
+};
+
+/// Adds the splats of a block to the lengths of their tiles' lists. `rows`: as in share_spans().
 template <int kThreads>
 __device__ __forceinline__ void count_spans(SpanTasks<kThreads>& tasks, const TileGrid& grid, const TileRows& rows,
                                             std::int32_t* list_growth) {
-  visit_spans(tasks, grid, rows, [&](int, std::int32_t row, TileSpan span) {
-    atomicAdd(list_growth + kCounterStride * (row * grid.columns + span.begin), 1);
-    atomicAdd(list_growth + kCounterStride * (row * grid.columns + span.end), -1);
+  __shared__ BlockCounters counters;
+  counters.reset(kThreads);
+  const int n_tasks = share_spans(tasks, rows);  // its barriers: the counters are reset
+  const auto add = [&](std::int32_t tile, std::int32_t value) {
+    std::int32_t* const own = counters.take(tile);
+    atomicAdd(own != nullptr ? own : list_growth + kCounterStride * tile, value);
+  };
+  visit_spans(tasks, grid, n_tasks, [&](int, std::int32_t row, TileSpan span) {
+    add(row * grid.columns + span.begin, 1);
+    add(row * grid.columns + span.end, -1);
   });
+  __syncthreads();  // all are counted
+  for (int slot = static_cast<int>(threadIdx.x); slot < BlockCounters::kSlots; slot += kThreads) {
+    if (counters.count[slot] != 0) atomicAdd(list_growth + kCounterStride * counters.tile[slot], counters.count[slot]);
+  }
 }
 
 }  // namespace b3dgs::cuda

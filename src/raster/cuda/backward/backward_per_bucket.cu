@@ -100,10 +100,10 @@ struct PatchMemory {
 /// The block's bucket.
 struct BucketRange {
   std::int32_t tile;
-  std::int64_t first;       // first pair of the tile's list
-  std::int32_t begin, end;  // the bucket's entries: positions in the list
-  bool is_summed;           // state_behind()
-  float tile_x, tile_y;     // upper left corner of the tile, px
+  std::int64_t first;           // first pair of the tile's list
+  std::int32_t begin, end;      // the bucket's entries: positions in the list
+  bool is_summed;               // state_behind()
+  std::int32_t tile_x, tile_y;  // upper left corner of the tile, px
   __device__ BucketRange(const BlendBackwardCudaArgs& args, std::int64_t bucket)
       : tile(args.buckets.tile_of_bucket[bucket]), first(args.blend.bins.tile_offsets[tile]) {
     const TileGrid& grid = args.blend.grid;
@@ -111,8 +111,8 @@ struct BucketRange {
     const std::int32_t length = list_length(args.blend.bins, tile);
     end = min(begin + kBucketEntries, length);
     is_summed = args.behind != nullptr && length >= kShortListEntries;
-    tile_x = static_cast<float>(tile % grid.columns * kCudaTileSide);
-    tile_y = static_cast<float>(tile / grid.columns * grid.tile.height);
+    tile_x = tile % grid.columns * kCudaTileSide;
+    tile_y = tile / grid.columns * kCudaTileSide;
   }
 };
 
@@ -187,15 +187,17 @@ class PatchBlend {
 
   /// The middle of a patch, px.
   __device__ static __forceinline__ float2 center(const BucketRange& range, int patch) {
-    return make_float2(range.tile_x + (static_cast<float>(patch % 2) + 0.5f) * kPatchWidth,
-                       range.tile_y + (static_cast<float>(patch / 2) + 0.5f) * kPatchHeight);
+    return make_float2(static_cast<float>(range.tile_x) + (static_cast<float>(patch % 2) + 0.5f) * kPatchWidth,
+                       static_cast<float>(range.tile_y) + (static_cast<float>(patch / 2) + 0.5f) * kPatchHeight);
   }
 
  private:
   /// The first of this lane's pixels.
   __device__ __forceinline__ TilePixel first_pixel(int patch) const {
     const int x = patch % 2 * kPatchWidth + lane_ % kRowPixels, y = patch / 2 * kPatchHeight + lane_ / kRowPixels;
-    return tile_pixel(blend_.grid, range_.tile, y * kCudaTileSide + x);
+    const std::int32_t image_x = range_.tile_x + x, image_y = range_.tile_y + y;
+    return {image_x, image_y, y * kCudaTileSide + x,
+            image_x < blend_.grid.image_width && image_y < blend_.grid.image_height};
   }
   /// Index in the image of pixel `k` of this lane; `at`: the first.
   __device__ __forceinline__ std::int64_t pixel_at(const TilePixel& at, int k) const {
