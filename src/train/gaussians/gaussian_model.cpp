@@ -20,11 +20,6 @@ torch::Tensor to_tensor(const std::vector<float>& values, std::vector<std::int64
   return tensor;
 }
 
-std::vector<float> to_vector(const torch::Tensor& tensor) {
-  const torch::Tensor host = tensor.to(torch::kCPU).contiguous();
-  return {host.data_ptr<float>(), host.data_ptr<float>() + host.numel()};
-}
-
 }  // namespace
 
 SplatCloud splats_from_points(const PointCloud& points, int sh_degree, double opacity, double scale) {
@@ -84,19 +79,6 @@ void include_filters(const std::vector<float>& filters, SplatCloud& cloud) {
     cloud.logit_opacities[i] = logit(std::max(kMinOpacity, opacity));
   }
   cloud.antialiased = true;
-}
-
-SplatCloud to_splat_cloud(const GaussianTensors& gaussians) {
-  SplatCloud cloud;
-  cloud.sh_degree = sh_degree_of(gaussians);
-  cloud.means = to_vector(gaussians.means);
-  cloud.log_scales = to_vector(gaussians.log_scales);
-  cloud.quats = to_vector(gaussians.quats);
-  cloud.logit_opacities = to_vector(gaussians.logit_opacities);
-  cloud.sh0 = to_vector(gaussians.sh0);
-  cloud.shN = to_vector(gaussians.shN);
-  if (gaussians.filters.defined()) include_filters(to_vector(gaussians.filters), cloud);
-  return cloud;
 }
 
 SplatCloud initial_splats(const TrainConfig& config, const Scene& scene) {

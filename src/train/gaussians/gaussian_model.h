@@ -27,9 +27,6 @@ GaussianTensors to_tensors(const SplatCloud& cloud, int sh_degree, torch::Device
 /// Gaussian, as GaussianTensors::filters.
 void include_filters(const std::vector<float>& filters, SplatCloud& cloud);
 
-/// With filters included, if there are any.
-SplatCloud to_splat_cloud(const GaussianTensors& gaussians);
-
 // The initial Gaussians of a training.
 
 /// The Gaussians of --init_ply unchanged, or one per point of --init_ply, or else one per point of the scene, with the
