@@ -18,7 +18,7 @@ __device__ __forceinline__ float rounded_product(float a, float b) {
   return __fmul_rn(a, b);
 }
 __device__ __forceinline__ float rounded_quotient(float a, float b) {
-  return a / b;  // rounded like __fdiv_rn(), but by a constant power of two the compiler multiplies
+  return a / b;  // as __fdiv_rn(), by nvcc's default -prec-div=true; a constant power of two becomes a factor
 }
 __device__ __forceinline__ float rounded_root(float a) {
   return __fsqrt_rn(a);

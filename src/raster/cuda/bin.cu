@@ -4,8 +4,8 @@
 //   1. number_lists   one block: a prefix sum of it gives the length of each list, others where each list begins and
 //                     its buckets are numbered; tiles are ordered by length
 //   2. emit_entries   a thread per row of tiles that a splat of its block touches: writes depth and id, a key of 64
-//                     bits, to the next free entry of each tile's list, in any order. If lists are long, the block
-//                     first takes room in each list for all of its entries
+//                     bits, to the next free entry of each tile's list, in any order. If a list is long, blocks
+//                     reserve most of their entries together
 //   3. sort_lists     sorts each list (sort_lists.cu)
 //
 // With `keep_slots`, find_slots_kernel then looks up the slot of each entry: the first slot of its splat (a scan over
@@ -165,7 +165,7 @@ __global__ void __launch_bounds__(kNumberThreads) number_lists_kernel(const Numb
 
 // ---- 2. emit_entries
 
-/// If a list has more entries, blocks take room for theirs at once (BlockCounters).
+/// If a list has more entries, blocks reserve theirs together (BlockCounters).
 constexpr std::int64_t kManyInOneList = 8192;
 
 struct EmitArgs {
@@ -178,9 +178,10 @@ struct EmitArgs {
   std::int32_t n_pairs;
 };
 
-/// Takes room for all entries that the block has counted. Its counters then have the next free entry of each list.
-__device__ __forceinline__ void take_room(BlockCounters& counters, std::int32_t* next_entries) {
+/// Reserves the entries that the block has counted. Its counters then have the first of each list.
+__device__ __forceinline__ void reserve_entries(BlockCounters& counters, std::int32_t* next_entries) {
   constexpr int kOfThread = BlockCounters::kSlots / kThreads;  // atomics in flight
+  static_assert(BlockCounters::kSlots % kThreads == 0);
   std::int32_t entry[kOfThread];
 #pragma unroll
   for (int k = 0; k < kOfThread; ++k) entry[k] = counters.count[threadIdx.x + k * kThreads];
@@ -193,8 +194,8 @@ __device__ __forceinline__ void take_room(BlockCounters& counters, std::int32_t*
   for (int k = 0; k < kOfThread; ++k) counters.count[threadIdx.x + k * kThreads] = entry[k];
 }
 
-/// kTakesRoom: for all entries of a block at once.
-template <bool kTakesRoom>
+/// kReservesTogether: see BlockCounters.
+template <bool kReservesTogether>
 __global__ void __launch_bounds__(kThreads) emit_entries_kernel(const EmitArgs args) {
   constexpr int kAtOnce = 4;  // atomics in flight
   __shared__ SpanTasks<kThreads> tasks;
@@ -208,18 +209,18 @@ __global__ void __launch_bounds__(kThreads) emit_entries_kernel(const EmitArgs a
     rows = tile_rows(with_constant_tiles(args.grid), args.culling, splat, args.projected.extents[i], radius);
     keys[threadIdx.x] = EntryKey{__float_as_uint(splat.depth)} << 32 | static_cast<std::uint32_t>(i);
   }
-  if (kTakesRoom) counters.reset(kThreads);
+  if (kReservesTogether) counters.reset(kThreads);
   const int n_tasks = share_spans(tasks, rows);  // its barriers: the keys are written, the counters reset
   // The projection counted the tiles with the same arithmetic and the same bits (tiling.h), so all entries of a list
   // are written, and none beyond the last.
-  if constexpr (kTakesRoom) {
+  if constexpr (kReservesTogether) {
     visit_spans(tasks, args.grid, n_tasks, [&](int, std::int32_t row, TileSpan span) {
       for (std::int32_t column = span.begin; column < span.end; ++column) {
         if (std::int32_t* const count = counters.take(row * args.grid.columns + column)) atomicAdd(count, 1);
       }
     });
     __syncthreads();  // all are counted
-    take_room(counters, args.next_entries);
+    reserve_entries(counters, args.next_entries);
     __syncthreads();  // where the block's entries go is known
   }
   visit_spans(tasks, args.grid, n_tasks, [&](int thread, std::int32_t row, TileSpan span) {
@@ -231,7 +232,7 @@ __global__ void __launch_bounds__(kThreads) emit_entries_kernel(const EmitArgs a
       for (int k = 0; k < kAtOnce; ++k) {
         const std::int32_t tile = first + column + k;
         std::int32_t* next = args.next_entries + kCounterStride * tile;
-        if (kTakesRoom && column + k < span.end) {
+        if (kReservesTogether && column + k < span.end) {
           if (std::int32_t* const of_block = counters.find(tile)) next = of_block;
         }
         entry[k] = column + k < span.end ? atomicAdd(next, 1) : args.n_pairs;

@@ -2,7 +2,8 @@
 //   Grid: a thread per Gaussian. project_splat() (raster/math) decides whether the view sees it; the thread then writes
 //     splat, colour, extent and radius to the Gaussian's row, and the block adds its splats to the lengths of their
 //     tiles' lists (tile_spans.cuh).
-//   Shared memory: the rows of tiles of the block's splats. Barriers: before and after its use, and to count splats.
+//   Shared memory: the rows of tiles of the block's splats, and counters of tiles. Barriers: to use it, and to count
+//     splats.
 //   In a panorama, a Gaussian at the seam has a second splat, in row N + i: the thread writes it after the block has
 //     counted the first ones. copy_second_colors_kernel copies colours to them after a ColorPass. add_second_kernel
 //     makes those of splats that were projected elsewhere.

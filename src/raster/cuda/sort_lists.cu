@@ -31,8 +31,8 @@ __device__ __forceinline__ std::int32_t id_of(EntryKey key, std::int32_t n_ids) 
   return min(static_cast<std::int32_t>(key & 0xffffffffu), n_ids - 1);
 }
 
-/// The first number in [low, high) that does not meet `condition`, or `high`; none behind it may meet it either. All
-/// lanes of a warp must call it. They test 32 numbers at once, because a test waits for global memory.
+/// The first number in [low, high) that does not meet `condition`, or `high`. All later ones must not meet it either.
+/// All lanes of a warp must call it; they test 32 numbers at once, because a test waits for global memory.
 template <class Condition>
 __device__ __forceinline__ std::int32_t search_by_warp(std::int32_t low, std::int32_t high, Condition&& condition) {
   while (low < high) {
@@ -45,7 +45,7 @@ __device__ __forceinline__ std::int32_t search_by_warp(std::int32_t low, std::in
 }
 
 /// The run of a block. Block b takes the first run of the list number b by length, and blocks from `n_lists` on the
-/// other runs.
+/// other runs: all lanes of a warp must construct it together.
 struct Run {
   std::int32_t tile, index, length;  // index of the run in the list; length of the list
   std::int64_t list;                 // first entry of the list
@@ -54,7 +54,7 @@ struct Run {
       tile = args.tiles_by_length[block];
       index = 0;
     } else {
-      // The last tile with at most this many such runs in front.
+      // The last tile with at most `number` such runs in front.
       const std::int32_t number = block - n_lists;
       tile = search_by_warp(0, args.n_tiles, [&](std::int32_t at) { return args.first_more_runs[at] <= number; }) - 1;
       index = 1 + number - args.first_more_runs[tile];

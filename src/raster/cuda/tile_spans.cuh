@@ -13,7 +13,7 @@
 
 namespace b3dgs::cuda {
 
-/// The grid with the size of its tiles as constants, so that kernels need not divide by it.
+/// The grid with the size of its tiles as constants: a division becomes a product.
 __device__ __forceinline__ TileGrid with_constant_tiles(const TileGrid& grid) {
   return {grid.image_width, grid.image_height, {kCudaTileSide, kCudaTileSide}, grid.columns, grid.rows};
 }
@@ -67,9 +67,9 @@ __device__ __forceinline__ void visit_spans(const SpanTasks<kThreads>& tasks, co
   }
 }
 
-/// A block's own counters for tiles, in shared memory. It adds them to the counters in global memory once: there,
-/// atomics to one tile's counter wait for each other. A tile has the slot `tile % kSlots`, unless another took it
-/// first; then its atomics go to global memory.
+/// A block's own counters for tiles, in shared memory, so that it adds to a tile's counter in global memory once:
+/// there, atomics to one counter wait for each other. Tile t has slot t % kSlots, unless another tile took it first;
+/// then its atomics go to global memory.
 struct BlockCounters {
   static constexpr int kSlots = 1024;
   std::int32_t tile[kSlots], count[kSlots];
@@ -83,13 +83,14 @@ struct BlockCounters {
     const std::int32_t before = atomicCAS(tile + slot, -1, index);
     return before == -1 || before == index ? count + slot : nullptr;
   }
-  /// The same, after all tiles of the block have taken theirs.
+  /// The same without taking the slot. Call it after a barrier behind the last take().
   __device__ __forceinline__ std::int32_t* find(std::int32_t index) {
     return tile[index % kSlots] == index ? count + index % kSlots : nullptr;
   }
 };
 
-/// Adds the splats of a block to the lengths of their tiles' lists. `rows`: as in share_spans().
+/// Adds the splats of a block to the lengths of their tiles' lists. `rows`: as in share_spans(). Barriers: two, and
+/// those of the scan; there must be another before the next call.
 template <int kThreads>
 __device__ __forceinline__ void count_spans(SpanTasks<kThreads>& tasks, const TileGrid& grid, const TileRows& rows,
                                             std::int32_t* list_growth) {

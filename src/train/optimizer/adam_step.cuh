@@ -8,19 +8,8 @@ namespace b3dgs::cuda {
 /// Multiply-adds are fused as written here, so that every kernel computes the same bits. Square root and division are
 /// the device's fast approximations: the step (not the parameter) has an error of a few ulp. Second moments below 1e-38
 /// are flushed to 0; their root is negligible beside epsilon.
-__device__ __forceinline__ void step_one(const AdamStepSize& size, float grad, float& param, float& m, float& v) {
-  constexpr auto kBeta1 = static_cast<float>(kAdamBeta1), kBeta2 = static_cast<float>(kAdamBeta2);
-  m = __fmaf_rn(kBeta1, m, __fmul_rn(1 - kBeta1, grad));
-  v = __fmaf_rn(kBeta2, v, __fmul_rn(__fmul_rn(1 - kBeta2, grad), grad));
-  float root;
-  asm("sqrt.approx.ftz.f32 %0, %1;" : "=f"(root) : "f"(v));
-  const float divisor = __fmaf_rn(root, size.inverse_root_bias2, static_cast<float>(kAdamEpsilon));
-  param = __fsub_rn(param, __fdividef(__fmul_rn(size.step_size, m), divisor));
-}
-
-/// The same with the rule of a step along several views.
-__device__ __forceinline__ void step_one(const AdamStepSize& size, const AdamRule& rule, float grad, float& param,
-                                         float& m, float& v) {
+__device__ __forceinline__ void step_one(const AdamStepSize& size, float grad, float& param, float& m, float& v,
+                                         const AdamRule& rule = {}) {
   m = __fmaf_rn(rule.beta1, m, __fmul_rn(rule.rest1, grad));
   v = __fmaf_rn(rule.beta2, v, __fmul_rn(__fmul_rn(rule.rest2, grad), grad));
   float root;
@@ -29,11 +18,10 @@ __device__ __forceinline__ void step_one(const AdamStepSize& size, const AdamRul
   param = __fsub_rn(param, __fdividef(__fmul_rn(size.step_size, m), divisor));
 }
 
-/// Steps `kFloats` floats of a row, by `rule` if there is one. All are read before any is written, so that no load
-/// waits for another.
-template <int kFloats, class... Rule>
+/// Steps `kFloats` floats of a row. All are read before any is written, so that no load waits for another.
+template <int kFloats>
 __device__ __forceinline__ void step_row(const AdamArgs& args, std::int64_t row, const float (&grad)[kFloats],
-                                         const Rule&... rule) {
+                                         const AdamRule& rule = {}) {
   float param[kFloats], m[kFloats], v[kFloats];
 #pragma unroll
   for (int k = 0; k < kFloats; ++k) {
@@ -43,7 +31,7 @@ __device__ __forceinline__ void step_row(const AdamArgs& args, std::int64_t row,
   }
 #pragma unroll
   for (int k = 0; k < kFloats; ++k) {
-    step_one(args.size, rule..., grad[k], param[k], m[k], v[k]);
+    step_one(args.size, grad[k], param[k], m[k], v[k], rule);
     args.param[kFloats * row + k] = param[k];
     args.m[kFloats * row + k] = m[k];
     args.v[kFloats * row + k] = v[k];

@@ -117,7 +117,7 @@ __device__ __forceinline__ void step_rests(const BatchStepArgs& args, std::int64
     for (int j = 0; j < kTogether; ++j) {
       if (at[j] < 0) continue;
       const int k = (first + j) * kThreads + static_cast<int>(threadIdx.x);
-      step_one(adam.size, args.rule, scale * rests[k], param[j], m[j], v[j]);
+      step_one(adam.size, scale * rests[k], param[j], m[j], v[j], args.rule);
       adam.param[at[j]] = param[j];
       adam.m[at[j]] = m[j];
       adam.v[at[j]] = v[j];
