@@ -29,40 +29,40 @@ SynthConfig with_scene_defaults(SynthConfig config) {
 
 namespace {
 
-/// The lens of the config, of the size and with the principal point of `pinhole`.
+/// With the lens of the config instead of the pinhole's.
 Camera with_lens_of(const SynthConfig& config, const Camera& pinhole) {
-  Lens lens;
-  lens.cx = pinhole.cx;
-  lens.cy = pinhole.cy;
+  Camera camera = pinhole;
   double reach = 0.5 * pinhole.width / pinhole.fx;  // half the width, in focal lengths
+  const auto set_lens = [&](LensKind kind, std::initializer_list<double> coefficients) {
+    camera.lens.kind = kind;
+    std::copy(coefficients.begin(), coefficients.end(), camera.lens.k);
+  };
   if (config.lens == "EQUIRECTANGULAR") {
     if (pinhole.width != 2 * pinhole.height) {
       input_error("--lens EQUIRECTANGULAR: expected images twice as wide as high, found ", pinhole.width, " x ",
                   pinhole.height, "; name a --width of twice the --height");
     }
-    lens = equirectangular_lens({pinhole.width, pinhole.height});
-  } else if (config.lens == "PINHOLE" || config.lens == "OPENCV") {
+    camera = panorama_camera({pinhole.width, pinhole.height});
+    camera.cam_from_world = pinhole.cam_from_world;
+    return camera;
+  }
+  if (config.lens == "PINHOLE" || config.lens == "OPENCV") {
     if (config.fov >= 160)
       input_error("--fov: expected below 160 degrees for --lens ", config.lens, ", found ", config.fov);
     if (config.fov > 0) reach = std::tan(config.fov * kPi / 360);
     if (config.lens == "OPENCV") {
-      lens.model = &kOpenCvLens;
-      lens.coefficients = {-0.08, 0.01, 0.002, -0.003};
-      if (config.fov > 0) reach = distort(lens, reach, 0)[0];
+      set_lens(LensKind::kDistorted, {-0.08, 0.01, 0, 0, 0, 0, 0, 0.002, -0.003});
+      if (config.fov > 0) reach = distort(camera.lens, reach, 0)[0];
     }
   } else {
     const bool is_prism = config.lens == "THIN_PRISM_FISHEYE";
-    lens.model = is_prism ? &kThinPrismFisheyeLens : &kFisheyeLens<4>;
-    lens.coefficients = {0.02, -0.004, 0.0005, -0.00002};
-    if (is_prism) lens.coefficients = {0.02, -0.004, 0.002, -0.003, 0.0005, -0.00002, 0.001, -0.002};
+    set_lens(LensKind::kFisheye, {0.02, -0.004, 0.0005, -0.00002});
+    if (is_prism) set_lens(LensKind::kFisheye, {0.02, -0.004, 0.0005, -0.00002, 0, 0, 0, 0.002, -0.003, 0.001, -0.002});
     const double angle = (config.fov > 0 ? config.fov : 180) * kPi / 360, s = angle * angle;
     reach = angle * (1 + s * (0.02 + s * (-0.004 + s * (0.0005 - s * 0.00002))));
   }
-  if (config.lens != "EQUIRECTANGULAR") lens.fx = lens.fy = 0.5 * pinhole.width / reach;
-  const ImageSize size{pinhole.width, pinhole.height};
-  Camera camera = config.lens == "PINHOLE" ? lens.pinhole(size) : native_camera(lens, size, "--lens " + config.lens);
-  camera.cam_from_world = pinhole.cam_from_world;
-  return camera;
+  camera.fx = camera.fy = 0.5 * pinhole.width / reach;
+  return native_camera(camera, "--lens " + config.lens);
 }
 
 }  // namespace

@@ -130,23 +130,20 @@ Orbit choose_orbit(const CommandLine& line, const CameraOptions& options, const 
 Camera in_projection(const CameraOptions& options, const Camera& camera) {
   if (options.projection == "auto") return camera;
   if (options.projection == "pinhole") return camera.without_lens();
-  ImageSize size{camera.width, camera.height};
-  Lens lens;
+  Camera projected;
   if (options.projection == "equirectangular") {
     if (options.width > 0 && options.height > 0 && options.width != 2 * options.height) {
       input_error("--projection equirectangular: expected images twice as wide as high, found --width ", options.width,
                   " and --height ", options.height, "; name only one of them");
     }
-    size = options.width > 0 ? ImageSize{size.width, std::max(1, size.width / 2)}
-                             : ImageSize{2 * size.height, size.height};
-    lens = equirectangular_lens(size);
+    projected = panorama_camera(options.width > 0 ? ImageSize{camera.width, std::max(1, camera.width / 2)}
+                                                  : ImageSize{2 * camera.height, camera.height});
   } else {
-    lens.model = &kFisheyeLens<0>;
-    lens.fx = lens.fy = size.height / radians(options.fov > 0 ? options.fov : kDefaultFisheyeFov);
-    lens.cx = 0.5 * size.width;
-    lens.cy = 0.5 * size.height;
+    const double focal = camera.height / radians(options.fov > 0 ? options.fov : kDefaultFisheyeFov);
+    projected = {camera.width, camera.height, focal, focal, 0.5 * camera.width, 0.5 * camera.height, {}, {}};
+    projected.lens.kind = LensKind::kFisheye;
+    projected = native_camera(projected, "--projection " + options.projection);
   }
-  Camera projected = native_camera(lens, size, "--projection " + options.projection);
   projected.cam_from_world = camera.cam_from_world;
   return projected;
 }

@@ -22,10 +22,6 @@ namespace fs = std::filesystem;
 // How far the poses of faces may differ from that of their panorama: an angle, and as many pixels of parallax.
 constexpr double kMostAngle = 3 * kDegree;
 
-Camera panorama_camera(ImageSize size) {
-  return native_camera(equirectangular_lens(size), size, "panorama");
-}
-
 std::string face_name(const std::string& panorama, std::size_t face) {
   return panorama + "/" + std::to_string(face) + ".jpg";
 }

@@ -41,16 +41,17 @@ std::vector<const ColmapImage*> sorted_by_name(const ColmapModel& model) {
 using PhotographCameras = std::map<std::tuple<std::uint32_t, int, int>, Camera>;
 
 /// The camera of the photograph: a pinhole if it is undistorted, or with its lens (SceneOptions::lenses).
-Camera camera_of(const ViewSource& source, const std::string& lenses, PhotographCameras& cameras) {
+Camera training_camera(const ViewSource& source, const std::string& lenses, PhotographCameras& cameras) {
   constexpr double kEnoughUndistorted = 0.9;
-  const bool is_panorama = source.lens.params().kind == LensKind::kEquirectangular;
-  const Camera pinhole = source.lens.pinhole(source.file_size);
-  if ((lenses == "undistort" && !is_panorama) || source.lens.is_pinhole()) return pinhole;
+  const bool is_panorama = source.file_camera.lens.kind == LensKind::kEquirectangular;
+  if (source.file_camera.is_pinhole() || (lenses == "undistort" && !is_panorama)) {
+    return source.file_camera.without_lens();
+  }
   const auto [known, is_new] = cameras.try_emplace({source.camera_id, source.file_size.width, source.file_size.height});
   if (!is_new) return known->second;
-  const Camera native = native_camera(source.lens, source.file_size, source.camera_place);
+  const Camera native = native_camera(source.file_camera, source.camera_place);
   const bool is_undistorted = lenses == "auto" && !is_panorama && undistorted_share(native) >= kEnoughUndistorted;
-  return known->second = is_undistorted ? pinhole : native;
+  return known->second = is_undistorted ? native.without_lens() : native;
 }
 
 // Reads the photograph's header. Photographs may be smaller or larger than COLMAP's camera.
@@ -65,10 +66,9 @@ ViewSource view_source(const ColmapImage& image, const SceneModel& model, const 
   source.camera_place = model.camera_places.at(camera.id);
   source.file_size = read_image_size(file);
   source.size = training_size(divided_size(source.file_size, divisor), options.resolution);
-  source.lens = lens_of(camera, source.camera_place)
-                    .scaled(source.file_size.width / static_cast<double>(camera.width),
-                            source.file_size.height / static_cast<double>(camera.height));
-  source.camera = camera_of(source, options.lenses, cameras).scaled_to(source.size.width, source.size.height);
+  source.file_camera =
+      camera_of(camera, source.camera_place).scaled_to(source.file_size.width, source.file_size.height);
+  source.camera = training_camera(source, options.lenses, cameras).scaled_to(source.size.width, source.size.height);
   source.camera.cam_from_world = {rotation_from_quaternion(image.quat), image.translation};
   return source;
 }

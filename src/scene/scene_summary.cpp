@@ -80,7 +80,7 @@ std::string describe_kept_lenses(const SceneOrigin& origin) {
 std::string describe_distortion(const Scene& scene, const SceneOrigin& origin) {
   std::string kept = describe_kept_lenses(origin);
   const std::size_t n_distorted = count_sources(
-      origin, [](const ViewSource& source) { return source.camera.is_pinhole() && !source.lens.is_pinhole(); });
+      origin, [](const ViewSource& source) { return source.camera.is_pinhole() && !source.file_camera.is_pinhole(); });
   if (n_distorted == 0) return kept.empty() ? "none" : kept;
   if (!kept.empty()) kept += "; ";
   if (!origin.options.load_images) return concat(kept, "in ", n_distorted, " images");

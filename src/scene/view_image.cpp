@@ -42,14 +42,14 @@ void assign_lens_groups(std::vector<ViewSource>& sources, UndistorterCache& cach
   std::map<std::tuple<std::uint32_t, int, int>, Group> groups;  // by camera, width and height of the file
   for (ViewSource& source : sources) {
     const bool keeps_lens = !source.camera.is_pinhole();
-    if (!keeps_lens && source.lens.is_pinhole()) continue;
+    if (!keeps_lens && source.file_camera.is_pinhole()) continue;
     const auto [known, is_new] =
         groups.try_emplace({source.camera_id, source.file_size.width, source.file_size.height});
     Group& group = known->second;
     if (is_new && keeps_lens) {
       std::tie(group.valid, group.warning) = shown_by(source);
     } else if (is_new) {
-      group.number = cache.add_group(source.lens, source.file_size, source.camera_place);
+      group.number = cache.add_group(source.file_camera, source.camera_place);
       group.valid = cache.get(group.number)->valid();
       if (group.valid) {
         group.valid = std::make_shared<Image8>(shrink_mask(*group.valid, source.size.width, source.size.height));

@@ -12,7 +12,6 @@
 #include <vector>
 
 #include "scene/cameras/camera.h"
-#include "scene/cameras/lens.h"
 #include "scene/cameras/undistort.h"
 #include "scene/images/image.h"
 #include "scene/images/image_memory.h"
@@ -27,7 +26,7 @@ struct ViewSource {
   std::filesystem::path mask;  // empty: none
   std::uint32_t image_id = 0, camera_id = 0;
   std::string camera_place;             // "FILE: camera ID", for errors
-  Lens lens;                            // in pixels of the file
+  Camera file_camera;                   // of the photograph on disk, with its lens, without its pose
   ImageSize file_size, size;            // px, on disk and for training; `size` is not larger
   Camera camera;                        // of `size`, with its pose: a pinhole, or with its lens
   int lens_group = -1;                  // of SceneImages::undistorters; -1: the photograph is used as it is

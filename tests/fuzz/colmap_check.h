@@ -5,7 +5,7 @@
 
 #include "core/check.h"
 #include "core/files/file_reader.h"
-#include "scene/cameras/camera.h"
+#include "scene/cameras/lens.h"
 #include "scene/colmap/colmap.h"
 
 namespace b3dgs::fuzz {
@@ -17,9 +17,7 @@ inline bool is_finite_float(double value) {
 /// Turns the model into views. @throws InputError for cameras that cannot be used
 inline void check_model(const ColmapModel& model) {
   for (const ColmapImage& image : model.images) {
-    const ColmapCamera& camera = model.cameras.at(image.camera_id);
-    const Lens lens = lens_of(camera, "cameras");
-    Camera view = lens.pinhole({static_cast<int>(camera.width), static_cast<int>(camera.height)});
+    Camera view = camera_of(model.cameras.at(image.camera_id), "cameras");
     view.cam_from_world.rotation = rotation_from_quaternion(image.quat);
     view.cam_from_world.translation = image.translation;
     const Camera half = view.scaled_to((view.width + 1) / 2, (view.height + 1) / 2);
@@ -28,7 +26,7 @@ inline void check_model(const ColmapModel& model) {
     B3DGS_CHECK(is_finite_float(half.cx) && is_finite_float(half.cy), "principal point ", half.cx, ", ", half.cy);
     for (const double value : half.center()) B3DGS_CHECK(is_finite_float(value), "camera centre at ", value);
     for (const double value : half.cam_from_world.rotation) B3DGS_CHECK(std::abs(value) < 1.001, "rotation ", value);
-    distort(lens, 0.5, -0.25);
+    distort(view.lens, 0.5, -0.25);
   }
   for (const ColmapPoint& point : model.points) {
     for (const double value : point.position) B3DGS_CHECK(is_finite_float(value * value), "point at ", value);

@@ -187,15 +187,9 @@ TEST_F(CameraFiles, BadFramesAreNamed) {
 
 TEST_F(CameraFiles, KeepLenses) {
   std::vector<View> views = some_views();
-  Lens fisheye;
-  fisheye.model = &kFisheyeLens<4>;
-  fisheye.coefficients = {0.02, -0.004, 0.0005, -0.00002};
-  fisheye.fx = fisheye.fy = 30;
-  fisheye.cx = 44;
-  fisheye.cy = 31;
   const Pose pose = views[1].camera.cam_from_world;
-  views[1].camera = native_camera(fisheye, {90, 60}, "");
-  views[1].camera.cam_from_world = pose;
+  const Camera fisheye{90, 60, 30, 30, 44, 31, pose, {LensKind::kFisheye, {0.02, -0.004, 0.0005, -0.00002}, 0}};
+  views[1].camera = native_camera(fisheye, "");
   const Json json = cameras_to_json({}, views);
   EXPECT_FALSE(json[0].contains("camera_model"));
   EXPECT_EQ(json[1]["camera_model"], "THIN_PRISM_FISHEYE");
@@ -208,7 +202,7 @@ TEST_F(CameraFiles, KeepLenses) {
   EXPECT_EQ(lens.max_angle, expected.max_angle);
 
   // A panorama that was reduced need not be twice as wide as high.
-  views[1].camera = native_camera(equirectangular_lens({156, 78}), {156, 78}, "").scaled_to(156, 77);
+  views[1].camera = panorama_camera({156, 78}).scaled_to(156, 77);
   const NamedCamera panorama = cameras_from_json(cameras_to_json({}, views), "cameras.json")[1];
   EXPECT_EQ(panorama.camera.lens.kind, LensKind::kEquirectangular);
   EXPECT_EQ(panorama.camera.height, 77);

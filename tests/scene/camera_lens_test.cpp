@@ -9,6 +9,7 @@
 
 #include "core/check.h"
 #include "core/vec.h"
+#include "scene/cameras/lens.h"
 #include "scene/colmap/colmap.h"
 #include "scene/view_image.h"
 #include "scene_folder.h"
@@ -23,7 +24,7 @@ Camera native(CameraModel model, std::vector<double> params, int width, int heig
   camera.width = static_cast<std::uint64_t>(width);
   camera.height = static_cast<std::uint64_t>(height);
   camera.params = std::move(params);
-  return native_camera(lens_of(camera, "camera 1"), {width, height}, "camera 1");
+  return native_camera(camera_of(camera, "camera 1"), "camera 1");
 }
 
 /// A lens of every model that is no pinhole, of 80 x 60 px.
@@ -85,14 +86,13 @@ TEST(CameraLens, SeesWhatUndistortionReads) {
     colmap.params = is_fisheye
                         ? std::vector<double>{20, 21, 41, 29, 0.02, -0.004, 0.0005, -0.00002}
                         : std::vector<double>{60, 62, 41, 29, -0.1, 0.02, 0.003, -0.004, 0.001, 0.02, 0.01, 0.001};
-    const Lens lens = lens_of(colmap, "");
-    const Camera camera = native_camera(lens, {80, 60}, "");
+    const Camera camera = native_camera(camera_of(colmap, ""), "");
     for (const auto& [x, y] : {std::pair(0.0, 0.0), std::pair(0.3, -0.2), std::pair(-0.5, 0.3)}) {
-      const auto [u, v] = distort(lens, x, y);
+      const auto [u, v] = distort(camera.lens, x, y);
       const auto place = camera.image_of({2 * x, 2 * y, 2});
       ASSERT_TRUE(place);
-      EXPECT_NEAR(place->x, lens.fx * u + lens.cx, 1e-9);
-      EXPECT_NEAR(place->y, lens.fy * v + lens.cy, 1e-9);
+      EXPECT_NEAR(place->x, camera.fx * u + camera.cx, 1e-9);
+      EXPECT_NEAR(place->y, camera.fy * v + camera.cy, 1e-9);
     }
   }
 }
@@ -125,7 +125,7 @@ TEST(CameraLens, OfAPanoramaLeavesOutThePoles) {
 
 TEST(CameraLens, NamesModelsThatReadersKnow) {
   for (const auto& [name, camera] : native_cameras()) {
-    const Camera same = native_camera(lens_of(to_colmap_camera(camera), ""), {camera.width, camera.height}, "");
+    const Camera same = native_camera(camera_of(to_colmap_camera(camera), ""), "");
     EXPECT_EQ(same.lens.kind, camera.lens.kind) << name;
     EXPECT_TRUE(std::equal(same.lens.k, same.lens.k + kLensCoefficients, camera.lens.k)) << name;
     EXPECT_EQ(same.lens.max_angle, camera.lens.max_angle) << name;

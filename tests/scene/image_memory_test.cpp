@@ -111,10 +111,10 @@ TEST(HostMemory, IsTheMinimumOfSystemAndControlGroups) {
 }
 
 TEST(UndistorterCache, KeepsTheMostRecentlyUsedMaps) {
-  const Lens lens = lens_of({1, CameraModel::kSimpleRadial, 40, 30, {50, 20, 15, 0.1}}, "camera 1");
+  const Camera camera = camera_of({1, CameraModel::kSimpleRadial, 40, 30, {50, 20, 15, 0.1}}, "camera 1");
   constexpr std::int64_t kMap = 9 * 40 * 30;
   UndistorterCache cache(2 * kMap);
-  for (int i = 0; i < 3; ++i) EXPECT_EQ(cache.add_group(lens, {40, 30}, "camera"), i);
+  for (int i = 0; i < 3; ++i) EXPECT_EQ(cache.add_group(camera, "camera"), i);
   EXPECT_EQ(cache.most_kept_bytes(), 2 * kMap);
   const std::weak_ptr<const Undistorter> first = cache.get(0), second = cache.get(1);
   EXPECT_EQ(cache.get(0), first.lock());
@@ -123,7 +123,7 @@ TEST(UndistorterCache, KeepsTheMostRecentlyUsedMaps) {
   EXPECT_TRUE(second.expired()) << "the least recently used one";
   EXPECT_FALSE(third.expired());
   UndistorterCache none(kMap - 1);
-  none.add_group(lens, {40, 30}, "camera");
+  none.add_group(camera, "camera");
   EXPECT_NE(none.get(0), nullptr);
 }
 

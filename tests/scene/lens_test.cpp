@@ -13,8 +13,12 @@ namespace {
 
 using test::fails_with;
 
-Lens lens(CameraModel model, std::vector<double> params) {
-  return lens_of({1, model, 100, 100, std::move(params)}, "camera 1");
+Camera camera(CameraModel model, std::vector<double> params) {
+  return camera_of({1, model, 100, 100, std::move(params)}, "camera 1");
+}
+
+LensParams<double> lens(CameraModel model, std::vector<double> params) {
+  return camera(model, std::move(params)).lens;
 }
 
 TEST(Distortion, SimpleRadialByHand) {
@@ -37,7 +41,8 @@ TEST(Distortion, OpenCvByHand) {
 }
 
 TEST(Distortion, FullOpenCvByHand) {
-  const Lens full = lens(CameraModel::kFullOpenCv, {10, 11, 5, 6, 0.1, -0.2, 0.01, 0.03, 0.5, 0.2, 0.3, -0.4});
+  const LensParams<double> full =
+      lens(CameraModel::kFullOpenCv, {10, 11, 5, 6, 0.1, -0.2, 0.01, 0.03, 0.5, 0.2, 0.3, -0.4});
   const auto [x, y] = distort(full, 0.3, 0.4);
   const double radial =
       (1 + 0.1 * 0.25 - 0.2 * 0.0625 + 0.5 * 0.015625) / (1 + 0.2 * 0.25 + 0.3 * 0.0625 - 0.4 * 0.015625);
@@ -47,7 +52,7 @@ TEST(Distortion, FullOpenCvByHand) {
 
 TEST(Distortion, FisheyesByHand) {
   const double theta = M_PI / 4, t2 = theta * theta;  // at radius 1
-  const auto at_one = [](const Lens& l) { return distort(l, 0, 1)[1]; };
+  const auto at_one = [](const LensParams<double>& l) { return distort(l, 0, 1)[1]; };
   EXPECT_DOUBLE_EQ(at_one(lens(CameraModel::kSimpleRadialFisheye, {10, 5, 5, 0})), theta);
   EXPECT_DOUBLE_EQ(at_one(lens(CameraModel::kSimpleRadialFisheye, {10, 5, 5, 0.1})), theta * (1 + 0.1 * t2));
   EXPECT_DOUBLE_EQ(at_one(lens(CameraModel::kRadialFisheye, {10, 5, 5, 0.1, 0.2})),
@@ -57,7 +62,8 @@ TEST(Distortion, FisheyesByHand) {
 }
 
 TEST(Distortion, ThinPrismFisheyeByHand) {
-  const Lens l = lens(CameraModel::kThinPrismFisheye, {10, 11, 5, 6, 0.1, -0.2, 0.01, 0.03, 0.5, 0.4, 0.02, -0.05});
+  const LensParams<double> l =
+      lens(CameraModel::kThinPrismFisheye, {10, 11, 5, 6, 0.1, -0.2, 0.01, 0.03, 0.5, 0.4, 0.02, -0.05});
   const auto [x, y] = distort(l, 0.3, 0.4);
   const double theta = std::atan(0.5), t2 = theta * theta;
   const double u = 0.3 * theta / 0.5, v = 0.4 * theta / 0.5;
@@ -72,7 +78,7 @@ TEST(Distortion, FovByHand) {
   const double radius = std::atan(2 * 0.5 * std::tan(0.45)) / 0.9;
   EXPECT_NEAR(x, 0.3 * radius / 0.5, 1e-15);
   EXPECT_NEAR(y, 0.4 * radius / 0.5, 1e-15);
-  EXPECT_TRUE(lens(CameraModel::kFov, {10, 11, 5, 6, 0}).is_pinhole());
+  EXPECT_TRUE(camera(CameraModel::kFov, {10, 11, 5, 6, 0}).is_pinhole());
   // Near omega = 0 and near the axis without a jump.
   EXPECT_NEAR(distort(lens(CameraModel::kFov, {10, 11, 5, 6, 1e-7}), 0.3, 0.4)[0], 0.3, 1e-12);
   EXPECT_NEAR(distort(lens(CameraModel::kFov, {10, 11, 5, 6, 0.9}), 1e-13, 0)[0], 1e-13 * 2 * std::tan(0.45) / 0.9,
@@ -104,7 +110,7 @@ TEST(Distortion, FisheyesWithoutCoefficientsAreEquidistant) {
   const double theta = std::atan(0.5);
   EXPECT_DOUBLE_EQ(distort(lens(CameraModel::kSimpleFisheye, {10, 5, 6}), 0.3, 0.4)[0], 0.6 * theta);
   EXPECT_DOUBLE_EQ(distort(lens(CameraModel::kFisheye, {10, 11, 5, 6}), 0.3, 0.4)[1], 0.8 * theta);
-  EXPECT_FALSE(lens(CameraModel::kFisheye, {10, 11, 5, 6}).is_pinhole());
+  EXPECT_FALSE(camera(CameraModel::kFisheye, {10, 11, 5, 6}).is_pinhole());
 }
 
 // Holds for every row of the table of camera models, also for new ones.
@@ -119,19 +125,18 @@ TEST(Distortion, OfEverySupportedModelIsConsistent) {
     params[0] = params[has_two_focal_lengths ? 1 : 0] = 100;
     if (params.size() > first) params[first] = 0.05;     // k1: no tangential distortion
     if (model == CameraModel::kEucm) params.back() = 1;  // alone, its first coefficient does not distort
-    const Lens camera = lens(model, params);
-    ASSERT_EQ(camera.coefficients.size(), params.size() - first);
-    const auto [axis_x, axis_y] = distort(camera, 0, 0);
+    const Camera found = camera(model, params);
+    const auto [axis_x, axis_y] = distort(found.lens, 0, 0);
     EXPECT_EQ(axis_x, 0);
     EXPECT_EQ(axis_y, 0);
-    const double factor = camera.model->radial_factor(camera.coefficients.data(), std::sqrt(0.7 * 0.7 + 0.4 * 0.4));
-    const auto [x, y] = distort(camera, 0.7, 0.4);
+    const double r = std::sqrt(0.7 * 0.7 + 0.4 * 0.4), factor = distort(found.lens, r, 0)[0] / r;
+    const auto [x, y] = distort(found.lens, 0.7, 0.4);
     EXPECT_NEAR(x, 0.7 * factor, 1e-15);
     EXPECT_NEAR(y, 0.4 * factor, 1e-15);
-    const bool is_pinhole = params.size() == first && camera.model->is_pinhole_at_zero;
-    EXPECT_EQ(camera.is_pinhole(), is_pinhole);
+    const bool is_pinhole = model == CameraModel::kSimplePinhole || model == CameraModel::kPinhole;
+    EXPECT_EQ(found.is_pinhole(), is_pinhole);
     EXPECT_EQ(factor == 1, is_pinhole);
-    EXPECT_GT(monotonic_radius(camera, 0.5), 0.49);
+    EXPECT_GT(monotonic_radius(found.lens, 0.5), 0.49);
   }
 }
 
@@ -144,22 +149,19 @@ TEST(Distortion, KeepsTheOpticalAxisFixed) {
 }
 
 TEST(Distortion, ModelsWithoutCoefficientsArePinholesButFisheyesAreNot) {
-  EXPECT_TRUE(lens(CameraModel::kSimplePinhole, {10, 5, 5}).is_pinhole());
-  EXPECT_TRUE(lens(CameraModel::kPinhole, {10, 11, 5, 5}).is_pinhole());
-  EXPECT_TRUE(lens(CameraModel::kFullOpenCv, {10, 11, 5, 5, 0, 0, 0, 0, 0, 0, 0, 0}).is_pinhole());
-  EXPECT_FALSE(lens(CameraModel::kFullOpenCv, {10, 11, 5, 5, 0, 0, 0, 0, 0, 0, 0, 1e-3}).is_pinhole());
-  EXPECT_FALSE(lens(CameraModel::kOpenCv, {10, 11, 5, 5, 0, 0, 0, 1e-4}).is_pinhole());
-  EXPECT_FALSE(lens(CameraModel::kSimpleRadialFisheye, {10, 5, 5, 0}).is_pinhole());
+  EXPECT_TRUE(camera(CameraModel::kSimplePinhole, {10, 5, 5}).is_pinhole());
+  EXPECT_TRUE(camera(CameraModel::kPinhole, {10, 11, 5, 5}).is_pinhole());
+  EXPECT_TRUE(camera(CameraModel::kFullOpenCv, {10, 11, 5, 5, 0, 0, 0, 0, 0, 0, 0, 0}).is_pinhole());
+  EXPECT_FALSE(camera(CameraModel::kFullOpenCv, {10, 11, 5, 5, 0, 0, 0, 0, 0, 0, 0, 1e-3}).is_pinhole());
+  EXPECT_FALSE(camera(CameraModel::kOpenCv, {10, 11, 5, 5, 0, 0, 0, 1e-4}).is_pinhole());
+  EXPECT_FALSE(camera(CameraModel::kSimpleRadialFisheye, {10, 5, 5, 0}).is_pinhole());
 }
 
 TEST(Distortion, TakesFocalLengthsAndPrincipalPointInColmapsOrder) {
-  const Lens one = lens(CameraModel::kRadial, {10, 5, 6, 0, 0}),
-             two = lens(CameraModel::kOpenCv, {10, 11, 5, 6, 0, 0, 0, 0});
+  const Camera one = camera(CameraModel::kRadial, {10, 5, 6, 0, 0}),
+               two = camera(CameraModel::kOpenCv, {10, 11, 5, 6, 0, 0, 0, 0});
   EXPECT_EQ((std::array<double, 4>{one.fx, one.fy, one.cx, one.cy}), (std::array<double, 4>{10, 10, 5, 6}));
   EXPECT_EQ((std::array<double, 4>{two.fx, two.fy, two.cx, two.cy}), (std::array<double, 4>{10, 11, 5, 6}));
-  const Lens scaled = two.scaled(2, 3);
-  EXPECT_EQ((std::array<double, 4>{scaled.fx, scaled.fy, scaled.cx, scaled.cy}),
-            (std::array<double, 4>{20, 33, 10, 18}));
 }
 
 TEST(Distortion, NamesUnsupportedModels) {
@@ -171,7 +173,7 @@ TEST(Distortion, NamesUnsupportedModels) {
 
 TEST(Distortion, RejectsFocalLengthsThatAreNotPositive) {
   EXPECT_TRUE(fails_with<InputError>({"camera 1", "focal lengths", "-10"}, [] {
-    lens(CameraModel::kPinhole, {10, -10, 5, 5});
+    camera(CameraModel::kPinhole, {10, -10, 5, 5});
   }));
 }
 
@@ -185,10 +187,10 @@ TEST(Distortion, MonotonicRadiusIsWhereTheDerivativeVanishes) {
               1e-3);
 }
 
-TEST(LensOf, RejectsImpossibleIntrinsics) {
+TEST(CameraOf, RejectsImpossibleIntrinsics) {
   const auto refuses = [](std::vector<double> params, const std::string& part) {
-    const ColmapCamera camera{1, CameraModel::kPinhole, 64, 48, std::move(params)};
-    return test::fails_with<InputError>({"place", part}, [&] { lens_of(camera, "place"); });
+    const ColmapCamera named{1, CameraModel::kPinhole, 64, 48, std::move(params)};
+    return test::fails_with<InputError>({"place", part}, [&] { camera_of(named, "place"); });
   };
   EXPECT_TRUE(refuses({0, 50, 32, 24}, "focal lengths above 0"));
   EXPECT_TRUE(refuses({50, -50, 32, 24}, "focal lengths above 0"));

@@ -16,8 +16,8 @@ namespace {
 
 using test::fails_with;
 
-Lens lens(CameraModel model, std::vector<double> params) {
-  return lens_of({1, model, 100, 100, std::move(params)}, "camera 1");
+Camera camera(CameraModel model, std::vector<double> params, std::uint64_t width = 100, std::uint64_t height = 100) {
+  return camera_of({1, model, width, height, std::move(params)}, "camera 1");
 }
 
 struct Point2 {
@@ -64,9 +64,10 @@ Point2 find_dot(const Image8& image, Point2 near) {
 }
 
 template <class Project>
-void expect_dots_where_the_pinhole_sees_them(const Lens& lens, Project&& project) {
+void expect_dots_where_the_pinhole_sees_them(CameraModel model, std::vector<double> params, Project&& project) {
   constexpr int kWidth = 200, kHeight = 160;
-  const Undistorter undistorter(lens, kWidth, kHeight, "camera 1");
+  const Camera lens = camera(model, std::move(params), kWidth, kHeight);
+  const Undistorter undistorter(lens, "camera 1");
   int n_dots = 0;
   for (double x = -0.5; x <= 0.5; x += 0.125) {
     for (double y = -0.4; y <= 0.4; y += 0.1) {
@@ -86,12 +87,12 @@ void expect_dots_where_the_pinhole_sees_them(const Lens& lens, Project&& project
 }
 
 TEST(Undistorter, PutsOpenCvDotsWhereThePinholeSeesThem) {
-  expect_dots_where_the_pinhole_sees_them(lens(CameraModel::kOpenCv, {150, 140, 104.5, 78, -0.12, 0.03, 0.004, -0.003}),
+  expect_dots_where_the_pinhole_sees_them(CameraModel::kOpenCv, {150, 140, 104.5, 78, -0.12, 0.03, 0.004, -0.003},
                                           opencv_pixel);
 }
 
 TEST(Undistorter, PutsFisheyeDotsWhereThePinholeSeesThem) {
-  expect_dots_where_the_pinhole_sees_them(lens(CameraModel::kOpenCvFisheye, {100, 110, 96.25, 83, 0.02, -0.01, 0, 0}),
+  expect_dots_where_the_pinhole_sees_them(CameraModel::kOpenCvFisheye, {100, 110, 96.25, 83, 0.02, -0.01, 0, 0},
                                           fisheye_pixel);
 }
 
@@ -99,14 +100,14 @@ TEST(Undistorter, WithoutNoticeableDistortionChangesNoPixel) {
   Image8 image(31, 17, 3);
   std::mt19937 random(1);
   for (std::uint8_t& value : image.pixels) value = static_cast<std::uint8_t>(random() % 256);
-  const Undistorter undistorter(lens(CameraModel::kSimpleRadial, {20, 15.3, 8.1, -1e-9}), 31, 17, "camera 1");
+  const Undistorter undistorter(camera(CameraModel::kSimpleRadial, {20, 15.3, 8.1, -1e-9}, 31, 17), "camera 1");
   EXPECT_EQ(undistorter.apply(image).pixels, image.pixels);
   EXPECT_EQ(undistorter.valid(), nullptr);
 }
 
 TEST(Undistorter, MasksPixelsOutsideThePhotograph) {
   // Pincushion: the corner of the output would come from outside, the middle from inside.
-  const Undistorter undistorter(lens(CameraModel::kSimpleRadial, {100, 50, 50, 0.3}), 100, 100, "camera 1");
+  const Undistorter undistorter(camera(CameraModel::kSimpleRadial, {100, 50, 50, 0.3}), "camera 1");
   ASSERT_NE(undistorter.valid(), nullptr);
   const Image8& valid = *undistorter.valid();
   const auto at = [&](int x, int y) { return int{valid.pixels[static_cast<std::size_t>(y) * 100 + x]}; };
@@ -124,16 +125,16 @@ TEST(Undistorter, MasksPixelsOutsideThePhotograph) {
 
 TEST(Undistorter, MasksPixelsBeyondTheMonotonicRadius) {
   // r - r^3 / 2 turns back at r = 0.816: the output at r = 1.2 would come from r = 0.336, which is inside.
-  const Undistorter undistorter(lens(CameraModel::kSimpleRadial, {40, 50, 50, -0.5}), 100, 100, "camera 1");
+  const Undistorter undistorter(camera(CameraModel::kSimpleRadial, {40, 50, 50, -0.5}), "camera 1");
   ASSERT_NE(undistorter.valid(), nullptr);
   EXPECT_EQ(undistorter.valid()->pixels[50 * 100 + 50 + 48], 0);    // r = 1.21
   EXPECT_EQ(undistorter.valid()->pixels[50 * 100 + 50 + 31], 255);  // r = 0.79
 }
 
 TEST(Undistorter, RejectsALensThatLeavesNoValidPixel) {
-  Lens lost = lens(CameraModel::kSimpleRadial, {100, 50, 50, 0.1});
+  Camera lost = camera(CameraModel::kSimpleRadial, {100, 50, 50, 0.1});
   lost.cx = -100000;
-  EXPECT_TRUE(fails_with<InputError>({"camera 1", "no valid pixel"}, [&] { Undistorter(lost, 100, 100, "camera 1"); }));
+  EXPECT_TRUE(fails_with<InputError>({"camera 1", "no valid pixel"}, [&] { Undistorter(lost, "camera 1"); }));
 }
 
 TEST(ShrinkMask, KeepsOnlyPixelsThatAreEntirelyValid) {

@@ -63,10 +63,9 @@ LensParams<double> lens_from_json(const Json& entry, const Camera& camera, const
   }
   // A panorama is written at any size: what the training reduced need not be twice as wide as high.
   if (named.model == CameraModel::kEquirectangular) {
-    return equirectangular_lens({camera.width, camera.height}).params();
+    return panorama_camera({camera.width, camera.height}).lens;
   }
-  const Lens lens = lens_of(named, place);
-  return lens.is_pinhole() ? LensParams<double>{} : native_camera(lens, {camera.width, camera.height}, place).lens;
+  return native_camera(camera_of(named, place), place).lens;
 }
 
 /// @throws nlohmann::json::exception for missing keys and wrong types; InputError for sizes out of range
@@ -330,12 +329,9 @@ CameraFile read_transforms_cameras(const std::string& text, const fs::path& path
   read_transforms(text, path, size_of, frames);
   CameraFile result;
   for (const ColmapImage& image : frames.model.images) {
-    const ColmapCamera& lens = frames.model.cameras.at(image.camera_id);
     const std::string& place = frames.camera_places.at(image.camera_id);
-    const ImageSize sides{static_cast<int>(lens.width), static_cast<int>(lens.height)};
-    const bool is_panorama = lens.model == CameraModel::kEquirectangular;
-    Camera camera =
-        is_panorama ? native_camera(lens_of(lens, place), sides, place) : lens_of(lens, place).pinhole(sides);
+    Camera camera = camera_of(frames.model.cameras.at(image.camera_id), place);
+    if (camera.lens.kind != LensKind::kEquirectangular) camera = camera.without_lens();
     camera.cam_from_world = {rotation_from_quaternion(image.quat), image.translation};
     check_camera(camera, place);
     result.cameras.push_back({image.name, camera});

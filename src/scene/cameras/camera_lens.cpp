@@ -33,22 +33,23 @@ bool is_inside(const Camera& camera, const Vec2<double>& pixel) {
 
 }  // namespace
 
-Lens equirectangular_lens(ImageSize size) {
-  return {size.width / (2 * kPi), size.height / kPi, 0.5 * size.width, 0.5 * size.height, &kEquirectangularLens, {}};
+Camera panorama_camera(ImageSize size) {
+  Camera camera{size.width, size.height, size.width / (2 * kPi), size.height / kPi, 0.5 * size.width, 0.5 * size.height,
+                {},         {}};
+  camera.lens.kind = LensKind::kEquirectangular;
+  return camera;
 }
 
-Camera native_camera(const Lens& lens, ImageSize size, const std::string& place) {
-  Camera camera = lens.pinhole(size);
-  camera.lens = lens.params();
-  if (camera.lens.kind == LensKind::kEquirectangular) return camera;
+Camera native_camera(Camera camera, const std::string& place) {
+  if (camera.is_pinhole() || camera.lens.kind == LensKind::kEquirectangular) return camera;
   constexpr int kAzimuths = 64, kAngles = 2000;
   const double limit = camera.lens.kind == LensKind::kFisheye ? kMaxFisheyeAngle : kMaxPerspectiveAngle;
   double fold = limit, corner = 0;
   std::vector<double> azimuths;
   azimuths.reserve(kAzimuths);
   for (int i = 0; i < kAzimuths; ++i) azimuths.push_back(2 * kPi * i / kAzimuths);
-  for (const double x : {-camera.cx, size.width - camera.cx}) {  // and of the corners
-    for (const double y : {-camera.cy, size.height - camera.cy}) {
+  for (const double x : {-camera.cx, camera.width - camera.cx}) {  // and of the corners
+    for (const double y : {-camera.cy, camera.height - camera.cy}) {
       azimuths.push_back(std::atan2(y / camera.fy, x / camera.fx));
     }
   }
@@ -66,7 +67,7 @@ Camera native_camera(const Lens& lens, ImageSize size, const std::string& place)
     }
   }
   if (fold <= 0 || corner <= 0) {
-    input_error(place, ": no pixel of ", size.width, " x ", size.height,
+    input_error(place, ": no pixel of ", camera.width, " x ", camera.height,
                 " px shows a direction, so its parameters describe no lens; reconstruct the scene again");
   }
   camera.lens.max_angle = std::min(fold, kCornerMargin * corner);

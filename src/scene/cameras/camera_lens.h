@@ -8,15 +8,17 @@
 #include <vector>
 
 #include "scene/cameras/camera.h"
-#include "scene/cameras/lens.h"
 #include "scene/images/image.h"
 
 namespace b3dgs {
 
-/// The camera of photographs of this size that are trained as they are, without a pose. Its largest angle is a little
-/// beyond the corners of the image, or where the lens's formula folds over. @throws InputError, beginning with `place`,
-/// if no pixel of the image is within it
-Camera native_camera(const Lens& lens, ImageSize size, const std::string& place);
+/// Of a panorama of this size, without a pose.
+Camera panorama_camera(ImageSize size);
+
+/// The camera of photographs that are trained as they are: with the largest angle of its lens, which is a little beyond
+/// the corners of the image, or where the lens's formula folds over. @throws InputError, beginning with `place`, if no
+/// pixel of the image is within it
+Camera native_camera(Camera camera, const std::string& place);
 
 /// Directions of the light that pixels show.
 class LensRays {

@@ -8,36 +8,38 @@
 
 #include "core/check.h"
 #include "core/parallel.h"
+#include "scene/cameras/lens.h"
 
 namespace b3dgs {
 namespace {
 
-std::int64_t map_bytes(ImageSize size) {
-  return std::int64_t{9} * size.width * size.height;  // two floats and the mask
+std::int64_t map_bytes(const Camera& camera) {
+  return std::int64_t{9} * camera.width * camera.height;  // two floats and the mask
 }
 
 }  // namespace
 
-Undistorter::Undistorter(const Lens& lens, int width, int height, const std::string& place)
-    : width_(width), height_(height), source_(std::size_t{2} * width * height) {
+Undistorter::Undistorter(const Camera& camera, const std::string& place)
+    : width_(camera.width), height_(camera.height), source_(std::size_t{2} * width_ * height_) {
   constexpr int kMaxSide = std::numeric_limits<short>::max() - 1;  // cv::remap's coordinates are 16-bit
-  if (width > kMaxSide || height > kMaxSide) {
-    input_error(place, ": images of ", width, " x ", height, " px are too large to undistort (expected at most ",
+  if (width_ > kMaxSide || height_ > kMaxSide) {
+    input_error(place, ": images of ", width_, " x ", height_, " px are too large to undistort (expected at most ",
                 kMaxSide, " px per side); run \"colmap image_undistorter\" and train on its output");
   }
-  const double far_x = std::max(lens.cx, width - lens.cx) / lens.fx,
-               far_y = std::max(lens.cy, height - lens.cy) / lens.fy;
-  const double max_radius = monotonic_radius(lens, std::hypot(far_x, far_y));
-  auto valid = std::make_shared<Image8>(width, height, 1);
+  const double far_x = std::max(camera.cx, width_ - camera.cx) / camera.fx,
+               far_y = std::max(camera.cy, height_ - camera.cy) / camera.fy;
+  const double max_radius = monotonic_radius(camera.lens, std::hypot(far_x, far_y));
+  auto valid = std::make_shared<Image8>(width_, height_, 1);
   std::atomic<std::int64_t> n_valid{0};
-  parallel_pool(height, [&](std::int64_t row, int) {
+  parallel_pool(height_, [&](std::int64_t row, int) {
     std::int64_t n_valid_here = 0;
-    for (int column = 0; column < width; ++column) {
-      const double x = (column + 0.5 - lens.cx) / lens.fx, y = (static_cast<double>(row) + 0.5 - lens.cy) / lens.fy;
-      const auto [xd, yd] = distort(lens, x, y);
-      const double u = lens.fx * xd + lens.cx, v = lens.fy * yd + lens.cy;  // centres at + 0.5, as in COLMAP
-      const bool is_inside = u >= 0 && u <= width && v >= 0 && v <= height && std::hypot(x, y) <= max_radius;
-      const std::size_t pixel = static_cast<std::size_t>(row) * width + column;
+    for (int column = 0; column < width_; ++column) {
+      const double x = (column + 0.5 - camera.cx) / camera.fx,
+                   y = (static_cast<double>(row) + 0.5 - camera.cy) / camera.fy;
+      const auto [xd, yd] = distort(camera.lens, x, y);
+      const double u = camera.fx * xd + camera.cx, v = camera.fy * yd + camera.cy;  // centres at + 0.5, as in COLMAP
+      const bool is_inside = u >= 0 && u <= width_ && v >= 0 && v <= height_ && std::hypot(x, y) <= max_radius;
+      const std::size_t pixel = static_cast<std::size_t>(row) * width_ + column;
       source_[2 * pixel] = is_inside ? static_cast<float>(u - 0.5) : 0.0f;
       source_[2 * pixel + 1] = is_inside ? static_cast<float>(v - 0.5) : 0.0f;
       valid->pixels[pixel] = is_inside ? 255 : 0;
@@ -50,7 +52,7 @@ Undistorter::Undistorter(const Lens& lens, int width, int height, const std::str
                 ": undistortion leaves no valid pixel, so its parameters describe no lens; reconstruct the scene ",
                 "again");
   }
-  if (n_valid < std::int64_t{width} * height) valid_ = std::move(valid);
+  if (n_valid < std::int64_t{width_} * height_) valid_ = std::move(valid);
 }
 
 Image8 Undistorter::apply(const Image8& image) const {
@@ -92,17 +94,16 @@ void Undistorter::remap(ImageSize size, int channels, int type, const void* from
   cv::remap(image, result, map, cv::noArray(), cv::INTER_LINEAR, cv::BORDER_REPLICATE);
 }
 
-int UndistorterCache::add_group(const Lens& lens, ImageSize size, const std::string& place) {
+int UndistorterCache::add_group(const Camera& camera, const std::string& place) {
   groups_.push_back(std::make_unique<Group>());
-  groups_.back()->lens = lens;
-  groups_.back()->size = size;
+  groups_.back()->camera = camera;
   groups_.back()->place = place;
   return static_cast<int>(groups_.size()) - 1;
 }
 
 std::int64_t UndistorterCache::most_kept_bytes() const {
   std::int64_t bytes = 0;
-  for (const auto& group : groups_) bytes += map_bytes(group->size);
+  for (const auto& group : groups_) bytes += map_bytes(group->camera);
   return std::min(bytes, max_bytes_);
 }
 
@@ -113,8 +114,8 @@ std::shared_ptr<const Undistorter> UndistorterCache::get(int group_number) {
   group.last_use = ++n_uses_;
   if (group.map) return group.map;
   lock.unlock();
-  auto map = std::make_shared<const Undistorter>(group.lens, group.size.width, group.size.height, group.place);
-  const std::int64_t bytes = map_bytes(group.size);
+  auto map = std::make_shared<const Undistorter>(group.camera, group.place);
+  const std::int64_t bytes = map_bytes(group.camera);
   if (bytes > max_bytes_) return map;
   lock.lock();
   while (kept_bytes_ + bytes > max_bytes_) {
@@ -123,7 +124,7 @@ std::shared_ptr<const Undistorter> UndistorterCache::get(int group_number) {
       if (other->map && (oldest == nullptr || other->last_use < oldest->last_use)) oldest = other.get();
     }
     oldest->map.reset();
-    kept_bytes_ -= map_bytes(oldest->size);
+    kept_bytes_ -= map_bytes(oldest->camera);
   }
   group.map = map;
   kept_bytes_ += bytes;
@@ -149,53 +150,6 @@ Image8 shrink_mask(const Image8& mask, int width, int height) {
     }
   }
   return result;
-}
-
-bool Lens::is_pinhole() const {
-  return model->is_pinhole_at_zero &&
-         std::all_of(coefficients.begin(), coefficients.end(), [](double value) { return value == 0; });
-}
-
-Lens Lens::scaled(double sx, double sy) const {
-  Lens scaled = *this;
-  scaled.fx *= sx;
-  scaled.cx *= sx;
-  scaled.fy *= sy;
-  scaled.cy *= sy;
-  return scaled;
-}
-
-LensParams<double> Lens::params() const {
-  LensParams<double> params;
-  if (is_pinhole()) return params;
-  params.kind = model->kind;
-  for (std::size_t i = 0; i < coefficients.size(); ++i) params.k[model->places[i]] = coefficients[i];
-  return params;
-}
-
-Camera Lens::pinhole(ImageSize size) const {
-  return {size.width, size.height, fx, fy, cx, cy, {}, {}};
-}
-
-std::array<double, 2> distort(const Lens& lens, double x, double y) {
-  const double* const k = lens.coefficients.data();
-  if (lens.model->distort != nullptr) return lens.model->distort(k, x, y);
-  const double factor = lens.model->radial_factor(k, std::sqrt(x * x + y * y));
-  return {x * factor, y * factor};
-}
-
-double monotonic_radius(const Lens& lens, double limit) {
-  // Steps far smaller than a pixel of an image whose corner is at `limit`; a turning point between two steps moves the
-  // result by less than one step.
-  constexpr int kSteps = 1 << 15;
-  double before = 0;
-  for (int i = 1; i <= kSteps; ++i) {
-    const double r = limit * i / kSteps;
-    const double distorted = r * lens.model->radial_factor(lens.coefficients.data(), r);
-    if (!(distorted > before)) return limit * (i - 1) / kSteps;
-    before = distorted;
-  }
-  return limit;
 }
 
 }  // namespace b3dgs

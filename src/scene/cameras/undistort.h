@@ -7,18 +7,17 @@
 #include <string>
 #include <vector>
 
-#include "scene/cameras/lens.h"
+#include "scene/cameras/camera.h"
 #include "scene/images/image.h"
 
 namespace b3dgs {
 
-/// Maps images of one lens and size to the pinhole with the same focal lengths, principal point and size. Pixels
-/// outside the photograph become black and invalid. Immutable, so threads may share it.
+/// Maps images of one camera to the pinhole with the same focal lengths, principal point and size. Pixels outside the
+/// photograph become black and invalid. Immutable, so threads may share it.
 class Undistorter {
  public:
-  /// `lens` is in pixels of an image of this size. @throws InputError, beginning with `place`, if the image is too
-  /// large or no pixel is valid
-  Undistorter(const Lens& lens, int width, int height, const std::string& place);
+  /// @throws InputError, beginning with `place`, if the image is too large or no pixel is valid
+  Undistorter(const Camera& camera, const std::string& place);
 
   /// Bilinear, as in COLMAP's undistorter: sharper filters ring at edges.
   Image8 apply(const Image8& image) const;
@@ -51,8 +50,8 @@ class UndistorterCache {
   /// Keeps at most max_bytes; maps in use that are no longer cached are not counted.
   explicit UndistorterCache(std::int64_t max_bytes) : max_bytes_(max_bytes) {}
 
-  /// Adds a group, the images of one lens and size, and returns its number. Errors begin with `place`.
-  int add_group(const Lens& lens, ImageSize size, const std::string& place);
+  /// Adds a group, the images of one camera, and returns its number. Errors begin with `place`.
+  int add_group(const Camera& camera, const std::string& place);
 
   /// Most bytes that the cache can take for these groups.
   std::int64_t most_kept_bytes() const;
@@ -62,8 +61,7 @@ class UndistorterCache {
 
  private:
   struct Group {
-    Lens lens;
-    ImageSize size;
+    Camera camera;
     std::string place;
     std::mutex build_mutex;                  // one thread builds the map, the others wait for it
     std::shared_ptr<const Undistorter> map;  // null: not cached; guarded by mutex_, as is last_use

@@ -11,31 +11,35 @@ namespace {
 
 struct CameraModelRow {
   const char* name;
-  const char* params;  // "f, cx, cy, ...", "fx, fy, cx, cy, ..." or "w, h"; null: cameras of this model cannot be read
-  const LensModel* lens;  // null: photographs of this model cannot be used
+  const char* params;  // "f, cx, cy, ...", "fx, fy, cx, cy, ..." or "w, h"; null: the model is not supported
+  LensKind kind;
+  std::array<std::uint8_t, 8> places;  // where in LensParams::k each coefficient behind cy goes
 };
 
 // In the order of COLMAP's ids (src/colmap/sensor/models.h there). RAD_TAN_THIN_PRISM_FISHEYE has a name only: its
 // number of parameters has changed between versions of COLMAP.
 constexpr std::array<CameraModelRow, 18> kCameraModels{{
-    {"SIMPLE_PINHOLE", "f, cx, cy", &kPinholeLens},
-    {"PINHOLE", "fx, fy, cx, cy", &kPinholeLens},
-    {"SIMPLE_RADIAL", "f, cx, cy, k", &kRadialLens<1>},
-    {"RADIAL", "f, cx, cy, k1, k2", &kRadialLens<2>},
-    {"OPENCV", "fx, fy, cx, cy, k1, k2, p1, p2", &kOpenCvLens},
-    {"OPENCV_FISHEYE", "fx, fy, cx, cy, k1, k2, k3, k4", &kFisheyeLens<4>},
-    {"FULL_OPENCV", "fx, fy, cx, cy, k1, k2, p1, p2, k3, k4, k5, k6", &kFullOpenCvLens},
-    {"FOV", "fx, fy, cx, cy, omega", &kFovLens},
-    {"SIMPLE_RADIAL_FISHEYE", "f, cx, cy, k", &kFisheyeLens<1>},
-    {"RADIAL_FISHEYE", "f, cx, cy, k1, k2", &kFisheyeLens<2>},
-    {"THIN_PRISM_FISHEYE", "fx, fy, cx, cy, k1, k2, p1, p2, k3, k4, sx1, sy1", &kThinPrismFisheyeLens},
-    {"RAD_TAN_THIN_PRISM_FISHEYE", nullptr, nullptr},
-    {"SIMPLE_DIVISION", "f, cx, cy, k", &kDivisionLens},
-    {"DIVISION", "fx, fy, cx, cy, k", &kDivisionLens},
-    {"SIMPLE_FISHEYE", "f, cx, cy", &kFisheyeLens<0>},
-    {"FISHEYE", "fx, fy, cx, cy", &kFisheyeLens<0>},
-    {"EUCM", "fx, fy, cx, cy, alpha, beta", &kEucmLens},
-    {"EQUIRECTANGULAR", "w, h", &kEquirectangularLens},
+    {"SIMPLE_PINHOLE", "f, cx, cy", LensKind::kPinhole, {}},
+    {"PINHOLE", "fx, fy, cx, cy", LensKind::kPinhole, {}},
+    {"SIMPLE_RADIAL", "f, cx, cy, k", LensKind::kDistorted, {0}},
+    {"RADIAL", "f, cx, cy, k1, k2", LensKind::kDistorted, {0, 1}},
+    {"OPENCV", "fx, fy, cx, cy, k1, k2, p1, p2", LensKind::kDistorted, {0, 1, 7, 8}},
+    {"OPENCV_FISHEYE", "fx, fy, cx, cy, k1, k2, k3, k4", LensKind::kFisheye, {0, 1, 2, 3}},
+    {"FULL_OPENCV", "fx, fy, cx, cy, k1, k2, p1, p2, k3, k4, k5, k6", LensKind::kDistorted, {0, 1, 7, 8, 2, 4, 5, 6}},
+    {"FOV", "fx, fy, cx, cy, omega", LensKind::kFov, {0}},
+    {"SIMPLE_RADIAL_FISHEYE", "f, cx, cy, k", LensKind::kFisheye, {0}},
+    {"RADIAL_FISHEYE", "f, cx, cy, k1, k2", LensKind::kFisheye, {0, 1}},
+    {"THIN_PRISM_FISHEYE",
+     "fx, fy, cx, cy, k1, k2, p1, p2, k3, k4, sx1, sy1",
+     LensKind::kFisheye,
+     {0, 1, 7, 8, 2, 3, 9, 10}},
+    {"RAD_TAN_THIN_PRISM_FISHEYE", nullptr, LensKind::kFisheye, {}},
+    {"SIMPLE_DIVISION", "f, cx, cy, k", LensKind::kDivision, {0}},
+    {"DIVISION", "fx, fy, cx, cy, k", LensKind::kDivision, {0}},
+    {"SIMPLE_FISHEYE", "f, cx, cy", LensKind::kFisheye, {}},
+    {"FISHEYE", "fx, fy, cx, cy", LensKind::kFisheye, {}},
+    {"EUCM", "fx, fy, cx, cy, alpha, beta", LensKind::kEucm, {0, 1}},
+    {"EQUIRECTANGULAR", "w, h", LensKind::kEquirectangular, {}},
 }};
 static_assert(static_cast<int>(CameraModel::kThinPrismFisheye) == 10, "the table is in the order of the ids");
 
@@ -58,20 +62,20 @@ const CameraModelRow& row_of(CameraModel model) {
               "; run \"colmap image_undistorter\" and train on its output");
 }
 
-void check_intrinsics(const Lens& lens, const ColmapCamera& camera, const std::string& place) {
+void check_intrinsics(const Camera& camera, const std::string& place) {
   constexpr const char* kRemedy = "; reconstruct the scene again";
-  if (!(lens.fx > 0 && lens.fy > 0)) {
-    input_error(place, ": expected focal lengths above 0, found ", lens.fx, " and ", lens.fy, kRemedy);
+  if (!(camera.fx > 0 && camera.fy > 0)) {
+    input_error(place, ": expected focal lengths above 0, found ", camera.fx, " and ", camera.fy, kRemedy);
   }
-  const double side = static_cast<double>(std::max(camera.width, camera.height));
-  const auto [shorter, longer] = std::minmax(lens.fx, lens.fy);
+  const double side = std::max(camera.width, camera.height);
+  const auto [shorter, longer] = std::minmax(camera.fx, camera.fy);
   if (shorter < side / kMaxRatio || longer > side * kMaxRatio) {
-    input_error(place, ": impossible focal lengths ", lens.fx, " and ", lens.fy, " px for images of ", camera.width,
+    input_error(place, ": impossible focal lengths ", camera.fx, " and ", camera.fy, " px for images of ", camera.width,
                 " x ", camera.height, " px", kRemedy);
   }
-  if (std::max(std::abs(lens.cx), std::abs(lens.cy)) > side * kMaxRatio) {
-    input_error(place, ": impossible principal point at (", lens.cx, ", ", lens.cy, ") px for images of ", camera.width,
-                " x ", camera.height, " px", kRemedy);
+  if (std::max(std::abs(camera.cx), std::abs(camera.cy)) > side * kMaxRatio) {
+    input_error(place, ": impossible principal point at (", camera.cx, ", ", camera.cy, ") px for images of ",
+                camera.width, " x ", camera.height, " px", kRemedy);
   }
 }
 
@@ -93,7 +97,7 @@ int camera_model_param_count(CameraModel model) {
 std::vector<CameraModel> supported_camera_models() {
   std::vector<CameraModel> models;
   for (std::size_t id = 0; id < kCameraModels.size(); ++id) {
-    if (kCameraModels[id].lens) models.push_back(static_cast<CameraModel>(id));
+    if (kCameraModels[id].params) models.push_back(static_cast<CameraModel>(id));
   }
   return models;
 }
@@ -114,30 +118,29 @@ CameraModel camera_model_from_name(const std::string& name, const std::string& p
   input_error(place, ": unknown camera model \"", name, "\", expected a name such as PINHOLE or OPENCV");
 }
 
-Lens lens_of(const ColmapCamera& camera, const std::string& place) {
-  const CameraModelRow& row = row_of(camera.model);
-  const std::vector<double>& p = camera.params;
-  B3DGS_CHECK(p.size() == static_cast<std::size_t>(camera_model_param_count(camera.model)), place, ": ", p.size(),
+Camera camera_of(const ColmapCamera& named, const std::string& place) {
+  const CameraModelRow& row = row_of(named.model);
+  const std::vector<double>& p = named.params;
+  B3DGS_CHECK(p.size() == static_cast<std::size_t>(camera_model_param_count(named.model)), place, ": ", p.size(),
               " camera parameters");
-  if (!row.lens) refuse_camera_model(place, row.name);
-  if (row.lens == &kEquirectangularLens) {
-    const auto width = static_cast<int>(camera.width), height = static_cast<int>(camera.height);
+  const auto width = static_cast<int>(named.width), height = static_cast<int>(named.height);
+  if (row.kind == LensKind::kEquirectangular) {
     if (width != 2 * height || p[0] != width || p[1] != height) {
       input_error(place, ": expected a panorama of 360 x 180 degrees, twice as wide as high, found ", width, " x ",
                   height, " px and the parameters ", p[0], " x ", p[1], "; crop or scale it, and name its size");
     }
-    return equirectangular_lens({width, height});
+    return panorama_camera({width, height});
   }
-  const std::size_t n_focal_lengths = std::string(row.params).rfind("fx", 0) == 0 ? 2 : 1;
-  Lens lens;
-  lens.fx = p[0];
-  lens.fy = p[n_focal_lengths - 1];
-  lens.cx = p[n_focal_lengths];
-  lens.cy = p[n_focal_lengths + 1];
-  lens.model = row.lens;
-  lens.coefficients.assign(p.begin() + static_cast<std::ptrdiff_t>(n_focal_lengths) + 2, p.end());
-  check_intrinsics(lens, camera, place);
-  return lens;
+  const std::size_t n_focal_lengths = std::string(row.params).rfind("fx", 0) == 0 ? 2 : 1, first = n_focal_lengths + 2;
+  Camera camera{width, height, p[0], p[n_focal_lengths - 1], p[first - 2], p[first - 1], {}, {}};
+  bool is_distorted = row.kind == LensKind::kFisheye;  // without coefficients, it is the equidistant projection
+  for (std::size_t i = first; i < p.size(); ++i) {
+    camera.lens.k[row.places[i - first]] = p[i];
+    is_distorted = is_distorted || p[i] != 0;
+  }
+  if (is_distorted) camera.lens.kind = row.kind;
+  check_intrinsics(camera, place);
+  return camera;
 }
 
 ColmapCamera to_colmap_camera(const Camera& camera) {
@@ -158,7 +161,7 @@ ColmapCamera to_colmap_camera(const Camera& camera) {
   named.params = {camera.fx, camera.fy, camera.cx, camera.cy};
   const auto n_coefficients = static_cast<std::size_t>(camera_model_param_count(named.model)) - named.params.size();
   for (std::size_t i = 0; i < n_coefficients; ++i) {
-    named.params.push_back(camera.lens.k[row_of(named.model).lens->places[i]]);
+    named.params.push_back(camera.lens.k[row_of(named.model).places[i]]);
   }
   return named;
 }

@@ -9,7 +9,7 @@
 #include <string>
 #include <vector>
 
-#include "scene/cameras/lens.h"
+#include "scene/cameras/camera.h"
 
 namespace b3dgs {
 
@@ -78,9 +78,9 @@ std::vector<CameraModel> supported_camera_models();
 CameraModel camera_model_from_id(int id, const std::string& place);
 CameraModel camera_model_from_name(const std::string& name, const std::string& place);
 
-/// The camera's lens, in pixels of an image of the camera's size. @throws InputError, beginning with `place`, if its
-/// model is not supported, or for focal lengths and principal points that no camera has
-Lens lens_of(const ColmapCamera& camera, const std::string& place);
+/// The camera with its lens, without a pose and the lens's largest angle (native_camera()). @throws InputError,
+/// beginning with `place`, for focal lengths and principal points that no camera has
+Camera camera_of(const ColmapCamera& named, const std::string& place);
 
 /// The camera as COLMAP's files have it, with ID 0; parameters begin with two focal lengths if the model has any.
 ColmapCamera to_colmap_camera(const Camera& camera);

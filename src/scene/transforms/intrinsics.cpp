@@ -111,7 +111,7 @@ std::optional<ColmapCamera> camera_of_frame(const FrameValues& values,
   if (model == kPanorama) {
     camera.model = CameraModel::kEquirectangular;
     camera.params = {static_cast<double>(size->width), static_cast<double>(size->height)};
-    lens_of(camera, values.place());  // checks the size
+    camera_of(camera, values.place());  // checks the size
     return camera;
   }
   const bool is_fisheye_camera = is_fisheye(values, model);
@@ -140,7 +140,7 @@ std::optional<ColmapCamera> camera_of_frame(const FrameValues& values,
   } else {
     append(CameraModel::kPinhole, {});
   }
-  lens_of(camera, values.place());  // checks focal lengths and principal point
+  camera_of(camera, values.place());  // checks focal lengths and principal point
   return camera;
 }
 

@@ -11,9 +11,9 @@
 
 namespace b3dgs::test {
 
-/// The tiny scene seen through another lens from the same places, but nearer. Panoramas look away from the Gaussians,
+/// The tiny scene seen by another camera from the same places, but nearer. Panoramas look away from the Gaussians,
 /// so that the seam is among them. `truth_out` (may be null) receives these.
-inline Scene lens_scene(const Lens& lens, ImageSize size, GaussianTensors* truth_out = nullptr) {
+inline Scene lens_scene(const Camera& lens, GaussianTensors* truth_out = nullptr) {
   TinySceneOptions options;
   options.log_scale = -2.6f;
   GaussianTensors truth;
@@ -21,7 +21,7 @@ inline Scene lens_scene(const Lens& lens, ImageSize size, GaussianTensors* truth
   Rasterizer rasterizer(torch::kCPU);
   for (std::vector<View>* views : {&scene.train, &scene.test}) {
     for (View& view : *views) {
-      Camera camera = native_camera(lens, size, "");
+      Camera camera = native_camera(lens, "");
       camera.cam_from_world = view.camera.cam_from_world;
       Pose& pose = camera.cam_from_world;
       for (double& value : pose.translation) value *= 0.5;
@@ -41,13 +41,8 @@ inline Scene lens_scene(const Lens& lens, ImageSize size, GaussianTensors* truth
   return scene;
 }
 
-inline Lens wide_fisheye() {
-  Lens lens;
-  lens.model = &kFisheyeLens<4>;
-  lens.coefficients = {0.02, -0.004, 0.0005, -0.00002};
-  lens.fx = lens.fy = 14;
-  lens.cx = lens.cy = 24;
-  return lens;
+inline Camera wide_fisheye() {
+  return {48, 48, 14, 14, 24, 24, {}, {LensKind::kFisheye, {0.02, -0.004, 0.0005, -0.00002}, 0}};
 }
 
 inline TrainConfig lens_config() {
@@ -61,11 +56,11 @@ inline TrainConfig lens_config() {
 }
 
 inline Scene fisheye_scene() {
-  return lens_scene(wide_fisheye(), {48, 48});
+  return lens_scene(wide_fisheye());
 }
 
 inline Scene panorama_scene(GaussianTensors* truth_out = nullptr) {
-  return lens_scene(equirectangular_lens({80, 40}), {80, 40}, truth_out);
+  return lens_scene(panorama_camera({80, 40}), truth_out);
 }
 
 inline void expect_improvement(const Scene& scene, const TrainConfig& config) {
