@@ -29,7 +29,7 @@
 #include "core/text.h"
 #include "dist/communicator.h"
 #include "dist/launch/start_ranks.h"
-#include "multi/train_on_ranks.h"
+#include "multi/rank_stepper.h"
 #include "report/train_report.h"
 #include "scene/images/image_memory.h"
 #include "train/checkpoint/checkpoint.h"
@@ -198,7 +198,7 @@ int train(const CommandLine& line, const TrainCommandOptions& options, const std
   TrainHooks hooks;
   hooks.stop_signal = &stop_signal();
   hooks.on_loading = on_loading;
-  train_on_ranks(ranks, config, hooks);
+  use_rank_stepper(ranks, config, hooks);
   if (is_first) {
     hooks.on_progress = std::ref(progress);
     hooks.on_message = [&](const std::string& message) {

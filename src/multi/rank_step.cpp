@@ -47,15 +47,15 @@ struct RankStepper::Part {
 void RankStepper::take_step() {
   has_failed_together_ = false;
   const int last = step_end(config_.batch, config_.iterations, state_.iteration);
-  bool is_filter_due = begin_step(last);
+  begin_step(last);
   do {
     const std::vector<ViewOfStep> views = next_views_of_step(last);
-    learn_part(views, last, std::exchange(is_filter_due, false));
+    learn_part(views, last);
   } while (state_.iteration < last);
   finish_step(owners_.own());
 }
 
-void RankStepper::learn_part(const std::vector<ViewOfStep>& views, int last, bool is_filter_due) {
+void RankStepper::learn_part(const std::vector<ViewOfStep>& views, int last) {
   Part part;
   std::vector<std::int32_t> indices;
   for (const ViewOfStep& view : views) {
@@ -64,7 +64,7 @@ void RankStepper::learn_part(const std::vector<ViewOfStep>& views, int last, boo
   }
   part.renderers = render_plan_.renderers(indices);
   StepRecord record;
-  project_own_gaussians(part, is_filter_due, record);
+  project_own_gaussians(part, record);
   exchange_records(part, record, last);
   renderers_ = part.renderers;
   render_own_views(part);
@@ -75,10 +75,9 @@ void RankStepper::learn_part(const std::vector<ViewOfStep>& views, int last, boo
   learned_views_.insert(learned_views_.end(), views.begin(), views.end());
 }
 
-void RankStepper::project_own_gaussians(Part& part, bool is_filter_due, StepRecord& record) {
+void RankStepper::project_own_gaussians(Part& part, StepRecord& record) {
   std::vector<CameraView> cameras;
   std::vector<RenderSettings> settings;
-  update_filters(is_filter_due);
   record_errors(record, [&] {
     for (Part::View& view : part.views) {
       view.plan = training_.density->plan(view.id.iteration);
@@ -128,7 +127,7 @@ void RankStepper::exchange_records(Part& part, StepRecord record, int last) {
   record.stop = training_.is_stopped();
   record.write_checkpoint = training_.recorder.is_checkpoint_due();
   record.check_kernels = training_.kernels.is_due(training_.check_moment(last + 1));
-  training_.views.poses.finish_step();  // of the step before: the device has finished it by now
+  training_.views.poses.take_queued_steps();  // of the step before: the device has finished it by now
   record.rendered = take_rendered();
   const std::vector<StepRecord> records = ranks_.exchange_record("step", record);
   std::vector<RenderedRecord> rendered_before;
@@ -226,7 +225,7 @@ void RankStepper::keep_own_splats(Part& part) {
     if (!view.plan.statistics) continue;
     training_.timer.begin(Stage::kDensify);
     save_statistics();
-    DensityStep step{view.id.iteration, statistics, view.camera.width, view.camera.height};
+    DensityView step{view.id.iteration, statistics, view.camera.width, view.camera.height};
     if (view.plan.score) {
       step.add_scores = [&](const GaussianScores& to) { add_splat_scores(view.own, scores[v], to); };
     }

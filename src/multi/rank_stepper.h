@@ -56,6 +56,12 @@ struct RenderRequest {
   bool can_save = false;  // after a failure: whether the model is undamaged
 };
 
+/// The Trainer of these hooks trains together with those of the other ranks, all with the same options and scene.
+/// `ranks` must outlive it; with one rank, nothing changes. Ranks that share a GPU get equal parts of what is free
+/// there, unless --gpu_memory_gb is given. All ranks call this together. `splats_at_a_time`: see RankStepper.
+void use_rank_stepper(Communicator& ranks, const TrainConfig& config, TrainHooks& hooks,
+                      std::int64_t splats_at_a_time = 2000000);
+
 class RankStepper final : public Stepper {
  public:
   /// All must outlive this. `splats_at_a_time`: about how many splats each rank renders at a time. A step of more views
@@ -67,7 +73,7 @@ class RankStepper final : public Stepper {
         splats_(ranks),
         render_plan_(ranks.size()) {}
 
-  void read_losses() override;
+  void complete_last_step() override;
 
   // The model.
   torch::Device load_device() const override { return torch::kCPU; }  // no GPU has room for all of it
@@ -113,12 +119,12 @@ class RankStepper final : public Stepper {
   struct Part;  // of a step: the views that the ranks take at a time
   /// Up to the gradients of the splats of these views, which each rank keeps for its Gaussians.
   /// `last`: the step's last iteration.
-  void learn_part(const std::vector<ViewOfStep>& views, int last, bool is_filter_due);
+  void learn_part(const std::vector<ViewOfStep>& views, int last);
   /// Calls project(). Errors are left in the record: all ranks learn of them.
   void record_errors(StepRecord& record, const std::function<void()>& project);
   /// @throws InvalidGaussianError or OutOfMemoryError, on all ranks, if that is what a record says
   void check_projections(const std::vector<StepRecord>& records);
-  void project_own_gaussians(Part& part, bool is_filter_due, StepRecord& record);
+  void project_own_gaussians(Part& part, StepRecord& record);
   void exchange_records(Part& part, StepRecord record, int last);
   void render_own_views(Part& part);
   /// View `v` of the part. `own_next`: views that this rank renders after this one.

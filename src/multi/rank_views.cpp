@@ -71,8 +71,8 @@ RenderedRecord RankStepper::take_rendered() {
   return record;
 }
 
-void RankStepper::read_losses() {
-  training_.views.poses.finish_step();
+void RankStepper::complete_last_step() {
+  training_.views.poses.take_queued_steps();
   if (!unread_losses_.empty()) add_rendered(ranks_.exchange_record("rendered", take_rendered()));
 }
 

@@ -63,21 +63,20 @@ void Stepper::step() {
 
 void Stepper::take_step() {
   const int from = state_.iteration, last = step_end(config_.batch, config_.iterations, from);
-  bool is_filter_due = begin_step(last);
+  begin_step(last);
   for (int iteration = from + 1; iteration <= last; ++iteration) {
     training_.timer.begin(Stage::kUpload);
-    const std::vector<std::int32_t> next =
-        training_.views.upcoming(state_.view_order, 1 + training_.views.images.n_upcoming_wanted());
-    const TrainView view = training_.views.take(next.front(), iteration, {next.begin() + 1, next.end()});
-    training_.timer.end();
     state_.iteration = iteration;
-    state_.view_order.next(config_.seed, training_.views.size());
-    learn_view(view, std::exchange(is_filter_due, false));
+    const std::int32_t index = state_.view_order.next(config_.seed, training_.views.size());
+    const TrainView view = training_.views.take(
+        index, iteration, training_.views.upcoming(state_.view_order, training_.views.images.n_upcoming_wanted()));
+    training_.timer.end();
+    learn_view(view);
   }
   finish_step();
 }
 
-bool Stepper::begin_step(int last) {
+void Stepper::begin_step(int last) {
   const int from = state_.iteration;
   const auto has_multiple = [&](int interval, int phase) {  // a k in the step with k % interval == phase
     return (last - phase + interval) / interval > (from - phase + interval) / interval;
@@ -92,17 +91,16 @@ bool Stepper::begin_step(int last) {
   state_.sh_degree = std::min(
       state_.sh_degree + last / config_.sh_increase_interval - from / config_.sh_increase_interval, config_.sh_degree);
   learned_views_.clear();
-  return has_multiple(kInterval, kFilterPhase);
+  update_filters(has_multiple(kInterval, kFilterPhase));
 }
 
-void Stepper::learn_view(const TrainView& view, bool is_filter_due) {
+void Stepper::learn_view(const TrainView& view) {
   const int iteration = state_.iteration;
   const DensityPlan plan = training_.density->plan(iteration);
   RenderSettings settings = step_settings(iteration);
   settings.camera_gradient = training_.views.poses.refines(view.index, iteration);
   RenderedView rendered;
   try {
-    update_filters(is_filter_due);
     settings = optimizer_.begin_view(state_.gaussians, state_.adam, settings);
     rendered = training_.rasterizer.forward(state_.gaussians, view.camera, settings);
   } catch (const InvalidGaussianError&) {
@@ -116,7 +114,7 @@ void Stepper::learn_view(const TrainView& view, bool is_filter_due) {
   }
   note_view_size(iteration);
   note_visibility(view.index, training_.rasterizer.view_size().n_pairs == 0);
-  read_losses();  // of the view before: the device has finished it by now
+  complete_last_step();  // of the view before: the device has finished it by now
 
   if (training_.objective.appearance()) {
     training_.objective.appearance()->set_place(static_cast<int>(learned_views_.size()));
@@ -124,17 +122,18 @@ void Stepper::learn_view(const TrainView& view, bool is_filter_due) {
   const RenderedViewGrad grad = compare(view, iteration, rendered, plan.score);
   learned_views_.push_back({view.index, iteration});
   unread_losses_ = {learned_views_.back()};
-  if (training_.device.is_cpu()) read_losses();
+  if (training_.device.is_cpu()) complete_last_step();
 
   const ViewStatistics statistics =
-      keeps_gradients() ? optimizer_.keep_view(view.camera, settings, grad, state_.gaussians, regularization())
-                        : optimizer_.step(adam_rates(config_, training_.scene.extent, iteration), grad,
-                                          state_.gaussians, state_.adam, &training_.timer, regularization());
+      keeps_gradients()
+          ? optimizer_.backward_and_keep(view.camera, settings, grad, state_.gaussians, regularization())
+          : optimizer_.backward_and_step(adam_rates(config_, training_.scene.extent, iteration), grad, state_.gaussians,
+                                         state_.adam, &training_.timer, regularization());
   if (settings.camera_gradient) training_.views.poses.add_gradient(view.index, iteration, statistics.camera_grad);
   if (!plan.statistics) return;
   training_.timer.begin(Stage::kDensify);
   if (keeps_gradients()) save_statistics();
-  DensityStep step{iteration, statistics, view.camera.width, view.camera.height};
+  DensityView step{iteration, statistics, view.camera.width, view.camera.height};
   if (plan.score) {
     step.add_scores = [&](const GaussianScores& scores) {
       training_.rasterizer.score(training_.objective.errors(), scores);
@@ -150,8 +149,8 @@ void Stepper::finish_step(const torch::Tensor& model_rows) {
                           &training_.timer);
   }
   saved_statistics_.is_in_use = false;
-  training_.views.poses.begin_step();
-  if (training_.device.is_cpu()) training_.views.poses.finish_step();
+  training_.views.poses.queue_step();
+  if (training_.device.is_cpu()) training_.views.poses.take_queued_steps();
   // What is learned of each photograph takes a step for each view.
   if (AppearanceModel* const appearance = training_.objective.appearance()) {
     training_.timer.begin(Stage::kOptimizer);
@@ -199,8 +198,8 @@ RenderedViewGrad Stepper::compare(const TrainView& view, int iteration, const Re
   return grad;
 }
 
-void Stepper::read_losses() {
-  training_.views.poses.finish_step();
+void Stepper::complete_last_step() {
+  training_.views.poses.take_queued_steps();
   for (const ViewOfStep& view : std::exchange(unread_losses_, {})) add_loss(view, training_.objective.value());
 }
 
@@ -299,7 +298,7 @@ void Stepper::roll_back() {
 }
 
 void Stepper::remove_invalid_gaussians(const InvalidGaussianError& error) {
-  read_losses();  // throws if one is not finite, which would be the cause
+  complete_last_step();  // throws if one is not finite, which would be the cause
   flush();
   training_.is_consistent = false;
   const std::int64_t n = remove_invalid_rows(error.row());

@@ -50,8 +50,8 @@ class Stepper {
   /// Takes one step, and repeats it without Gaussians that cannot be rendered, or with more free memory. @throws what
   /// failed, with the state rolled back; LossError
   void step();
-  /// Waits for the losses of the last step and adds them to the average. @throws LossError
-  virtual void read_losses();
+  /// Waits for the losses of the last step, adds them to the average, and moves the poses. @throws LossError
+  virtual void complete_last_step();
   /// Warns if no Gaussian is visible in half of the training views, or in more than before.
   void warn_of_empty_views();
 
@@ -137,7 +137,7 @@ class Stepper {
   virtual void share_kernels() {}
   /// Calls work() where files are written; it may render the whole model.
   virtual void on_first(const std::function<void()>& work) {
-    read_losses();
+    complete_last_step();
     work();
   }
   /// Whether all files of the last iteration could be written.
@@ -156,11 +156,11 @@ class Stepper {
   virtual void take_step();
   /// What frees memory for a step that has run out of it, before the step is taken again.
   virtual std::vector<MemoryRemedy> remedies_of_step() { return training_.remedies(); }
-  /// Begins a step up to iteration `last`. Returns whether filters for anti-aliasing are due.
-  bool begin_step(int last);
+  /// Begins a step up to iteration `last`. All processes call it together.
+  void begin_step(int last);
   /// Renders the view of the current iteration and compares it with its photograph. Keeps the gradients of its splats,
   /// or takes the step along them, see keeps_gradients().
-  void learn_view(const TrainView& view, bool is_filter_due);
+  void learn_view(const TrainView& view);
   /// Takes the step along the gradients that were kept, and what belongs to it. Cannot fail, and allocates nothing.
   /// `model_rows`: see DensityStrategy::after_step().
   void finish_step(const torch::Tensor& model_rows = {});

@@ -39,7 +39,7 @@ struct TrainHooks : TrainListeners {
   // its time, which counts as output; whatever it does, the training stays the same. Not with several processes.
   std::function<bool()> wants_model;
   std::function<void(const ModelInTraining&)> on_model;
-  // Makes the stepper of a training on several processes (multi/train_on_ranks.h). Empty: this process trains alone.
+  // Makes the stepper of a training on several processes (multi/rank_stepper.h). Empty: this process trains alone.
   std::function<std::unique_ptr<Stepper>(Training&)> make_stepper;
   std::optional<double> gpu_memory_gb;  // overrides the option, for processes that share a GPU
 

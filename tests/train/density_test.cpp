@@ -300,7 +300,7 @@ TEST(DensityPlan, ActsAtTheIterationsOfTheOriginal) {
     const DensityPlan plan = density_plan(config, iteration);
     if (plan.densify) rounds.push_back(iteration);
     if (plan.lower_opacities) resets.push_back(iteration);
-    EXPECT_EQ(plan.after_step, iteration < 15000);
+    EXPECT_EQ(plan.statistics, iteration < 15000);
   }
   EXPECT_EQ(rounds.front(), 600);
   EXPECT_EQ(rounds.back(), 14900);

@@ -27,15 +27,15 @@ namespace b3dgs {
 
 /// What a strategy does in one iteration.
 struct DensityPlan {
-  bool after_step = false;  // after_view() or after_step() has work to do
+  bool after_step = false;  // after_step() has work to do
   bool statistics = false;  // after_view() collects statistics of the view
   bool densify = false;     // a round of densification and pruning
   bool lower_opacities = false;
-  bool score = false;  // after_view() needs DensityStep::add_scores
+  bool score = false;  // after_view() needs DensityView::add_scores
 };
 
 /// A view of a step, after its backward pass. Tensors are valid until the next view.
-struct DensityStep {
+struct DensityView {
   int iteration = 0;  // counted from 1
   const ViewStatistics& view;
   std::int32_t width = 0, height = 0;  // px, of the view
@@ -62,7 +62,7 @@ class DensityStrategy {
 
   /// Adds the view to the statistics. Must neither allocate nor fail: with one view a step, this comes after the first
   /// change, from where on a step is not rolled back.
-  virtual void after_view(const DensityStep& /*step*/, DensityStatistics& /*statistics*/) const {}
+  virtual void after_view(const DensityView& /*step*/, DensityStatistics& /*statistics*/) const {}
 
   /// May change parameters in place; called for each iteration of the step, with the same restrictions. `model_rows`:
   /// [N] int32, the row of the model that each of `gaussians` is; undefined if they are the model. What happens to a

@@ -117,9 +117,9 @@ RenderSettings GaussianOptimizer::begin_view([[maybe_unused]] GaussianTensors& g
   return settings;
 }
 
-ViewStatistics GaussianOptimizer::step(const AdamRates& rates, const RenderedViewGrad& view_grad,
-                                       GaussianTensors& gaussians, AdamState& state, StageRecorder* stages,
-                                       const RegularizationWeights& regularization) {
+ViewStatistics GaussianOptimizer::backward_and_step(const AdamRates& rates, const RenderedViewGrad& view_grad,
+                                                    GaussianTensors& gaussians, AdamState& state, StageRecorder* stages,
+                                                    const RegularizationWeights& regularization) {
   const RegularizationGrad regularization_grad =
       b3dgs::regularization_grad(regularization, rasterizer_.view_size().n_splats);
 #if B3DGS_TORCH_CUDA
@@ -154,9 +154,9 @@ void GaussianOptimizer::make_room(const GaussianTensors& gaussians, std::int64_t
   if (gaussians.means.is_cpu()) make_gradients(gaussians, grads_);
 }
 
-ViewStatistics GaussianOptimizer::keep_view(const CameraView& view, const RenderSettings& settings,
-                                            const RenderedViewGrad& view_grad, const GaussianTensors& gaussians,
-                                            const RegularizationWeights& regularization) {
+ViewStatistics GaussianOptimizer::backward_and_keep(const CameraView& view, const RenderSettings& settings,
+                                                    const RenderedViewGrad& view_grad, const GaussianTensors& gaussians,
+                                                    const RegularizationWeights& regularization) {
   const ViewStatistics statistics = rasterizer_.backward_to_splats(gaussians, view_grad, batch_.room());
   batch_.add(view, settings, b3dgs::regularization_grad(regularization, rasterizer_.view_size().n_splats));
   return statistics;

@@ -57,10 +57,10 @@ class ViewBatch {
 };
 
 /// Adam steps, along the gradients of one view or of several. Each view begins with begin_view(), and is rendered with
-/// Rasterizer::forward(). A step along one view is step(). For a step along several (--batch), make_room_for_view() and
-/// keep_view() follow each view; then step_views(). On a GPU, updates of SH coefficients
-/// beyond degree 0 are deferred until a view sees the Gaussian (deferred_sh.h): call flush() before these coefficients
-/// or their moments are read, and before any tensor is replaced.
+/// Rasterizer::forward(). A step along one view is backward_and_step(). For a step along several (--batch),
+/// make_room_for_view() and backward_and_keep() follow each view; then step_views(). On a GPU, updates of SH
+/// coefficients beyond degree 0 are deferred until a view sees the Gaussian (deferred_sh.h): call flush() before these
+/// coefficients or their moments are read, and before any tensor is replaced.
 class GaussianOptimizer {
  public:
   /// `rasterizer` must outlive this.
@@ -71,19 +71,21 @@ class GaussianOptimizer {
 
   /// Gradients of the view that was just rendered and of the regularisation, and one step along them. `stages` (may be
   /// null) records the optimizer stage, which on a GPU includes the projection's backward pass. Asynchronous on a GPU.
-  ViewStatistics step(const AdamRates& rates, const RenderedViewGrad& view_grad, GaussianTensors& gaussians,
-                      AdamState& state, StageRecorder* stages, const RegularizationWeights& regularization = {});
+  ViewStatistics backward_and_step(const AdamRates& rates, const RenderedViewGrad& view_grad,
+                                   GaussianTensors& gaussians, AdamState& state, StageRecorder* stages,
+                                   const RegularizationWeights& regularization = {});
 
-  /// Allocates what keep_view() needs for the view that was just rendered.
+  /// Allocates what backward_and_keep() needs for the view that was just rendered.
   void make_room_for_view(const GaussianTensors& gaussians);
   /// The backward pass of that view up to its splats, which are kept.
-  ViewStatistics keep_view(const CameraView& view, const RenderSettings& settings, const RenderedViewGrad& view_grad,
-                           const GaussianTensors& gaussians, const RegularizationWeights& regularization = {});
+  ViewStatistics backward_and_keep(const CameraView& view, const RenderSettings& settings,
+                                   const RenderedViewGrad& view_grad, const GaussianTensors& gaussians,
+                                   const RegularizationWeights& regularization = {});
 
   /// Of several ranks, each projects its Gaussians for every view of the step, another may render the view, and each
   /// keeps the sums of its splats: project_views() instead of Rasterizer::forward(), keep_splats() instead of
-  /// keep_view(). `n_splats`: of the view, on all ranks. keep_splats() allocates; project_views() throws as forward()
-  /// does.
+  /// backward_and_keep(). `n_splats`: of the view, on all ranks. keep_splats() allocates; project_views() throws as
+  /// forward() does.
   std::vector<ViewSplats> project_views(GaussianTensors& gaussians, AdamState& state,
                                         const std::vector<CameraView>& views,
                                         const std::vector<RenderSettings>& settings);

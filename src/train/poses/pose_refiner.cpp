@@ -47,7 +47,7 @@ bool PoseRefiner::refines(std::int32_t view, int iteration) const {
 CameraView PoseRefiner::camera(std::int32_t view, int iteration) {
   if (refines(view, iteration)) make_room();
   const auto is_of_view = [&](const Unfinished& step) { return step.view == view; };
-  if (std::any_of(unfinished_.begin(), unfinished_.end(), is_of_view)) finish_step();
+  if (std::any_of(unfinished_.begin(), unfinished_.end(), is_of_view)) take_queued_steps();
   Camera camera = scene_.train[static_cast<std::size_t>(view)].camera;
   if (state_.is_defined()) {
     camera.cam_from_world = corrected(camera.cam_from_world, state_.correction(static_cast<std::size_t>(view)));
@@ -65,7 +65,7 @@ void PoseRefiner::make_room() {
 }
 
 void PoseRefiner::add_gradient(std::int32_t view, int iteration, const torch::Tensor& camera_grad) {
-  B3DGS_CHECK(unfinished_.empty(), "add_gradient() before finish_step()");
+  B3DGS_CHECK(unfinished_.empty(), "add_gradient() before take_queued_steps()");
   B3DGS_CHECK(camera_grad.defined() && camera_grad.numel() == kCameraGradients,
               "no gradient with respect to the camera");
   const double* const values = camera_grad.data_ptr<double>();
@@ -75,12 +75,12 @@ void PoseRefiner::add_gradient(std::int32_t view, int iteration, const torch::Te
   std::copy_n(values, kCameraGradients, grads_.at(place).begin());
 }
 
-void PoseRefiner::begin_step() {
-  B3DGS_CHECK(unfinished_.empty(), "begin_step() before finish_step()");
+void PoseRefiner::queue_step() {
+  B3DGS_CHECK(unfinished_.empty(), "queue_step() before take_queued_steps()");
   unfinished_.swap(added_);
 }
 
-void PoseRefiner::finish_step() {
+void PoseRefiner::take_queued_steps() {
   for (std::size_t place = 0; place < unfinished_.size(); ++place) {
     const Unfinished& step = unfinished_[place];
     const bool is_on_gpu = kTorchHasCuda && !copies_.empty();

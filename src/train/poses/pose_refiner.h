@@ -37,14 +37,14 @@ class PoseRefiner {
   /// step must be finished. Asynchronous on a GPU.
   void add_gradient(std::int32_t view, int iteration, const torch::Tensor& camera_grad);
 
-  /// The step is taken: finish_step() is to follow the gradients added since the last one. Until then, drop_gradients()
-  /// forgets them.
-  void begin_step();
+  /// The step is taken: take_queued_steps() is to follow the gradients added since the last one. Until then,
+  /// drop_gradients() forgets them.
+  void queue_step();
   void drop_gradients() { added_.clear(); }
 
-  /// Takes the steps along the gradients of the last begin_step(), in their order, unless that has been done; waits for
+  /// Takes the steps along the gradients of the last queue_step(), in their order, unless that has been done; waits for
   /// the gradients. A gradient that is not finite is ignored.
-  void finish_step();
+  void take_queued_steps();
 
  private:
   struct Unfinished {
@@ -58,7 +58,7 @@ class PoseRefiner {
   const TrainConfig& config_;
   const Scene& scene_;
   PoseState& state_;
-  std::vector<Unfinished> added_, unfinished_;  // before and after begin_step()
+  std::vector<Unfinished> added_, unfinished_;  // before and after queue_step()
   // Of each of them:
   std::vector<CameraGrad> grads_;  // on the CPU
   std::vector<HostCopy> copies_;   // on a GPU

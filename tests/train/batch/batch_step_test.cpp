@@ -66,7 +66,7 @@ AdamState step_along(std::size_t n_views, GaussianTensors& gaussians, const Rend
   for (std::size_t v = 0; v < n_views; ++v) {
     rasterizer.forward(gaussians, views[v].view, optimizer.begin_view(gaussians, state, settings));
     optimizer.make_room_for_view(gaussians);
-    optimizer.keep_view(views[v].view, settings, {views[v].image_grad, {}, {}}, gaussians, weights);
+    optimizer.backward_and_keep(views[v].view, settings, {views[v].image_grad, {}, {}}, gaussians, weights);
   }
   EXPECT_EQ(optimizer.n_kept_views(), static_cast<int>(n_views));
   optimizer.step_views(kRates, gaussians, state, nullptr);
@@ -228,7 +228,7 @@ TEST(BatchStep, ForgetsViewsThatAreDropped) {
   const PinholeView view = some_views()[0].view;
   rasterizer.forward(gaussians, view, optimizer.begin_view(gaussians, state, settings_of(false)));
   optimizer.make_room_for_view(gaussians);
-  optimizer.keep_view(view, settings_of(false), {torch::ones({40, 50, 3}), {}, {}}, gaussians);
+  optimizer.backward_and_keep(view, settings_of(false), {torch::ones({40, 50, 3}), {}, {}}, gaussians);
   optimizer.drop_views();
   EXPECT_EQ(optimizer.n_kept_views(), 0);
   EXPECT_GT(optimizer.kept_bytes(), 0) << "memory is kept for the next step";

@@ -50,7 +50,7 @@ void step_along(const std::vector<CameraView>& views, const RenderSettings& sett
   for (const CameraView& view : views) {
     rasterizer.forward(gaussians, view, optimizer.begin_view(gaussians, state, settings));
     optimizer.make_room_for_view(gaussians);
-    optimizer.keep_view(view, settings, {image_grad, {}, {}}, gaussians, weights);
+    optimizer.backward_and_keep(view, settings, {image_grad, {}, {}}, gaussians, weights);
   }
   optimizer.step_views(kRates, gaussians, state, nullptr);
 }

@@ -88,7 +88,7 @@ TEST_P(GaussianStepOnGpu, EqualsGradientsFollowedByAdam) {
   const torch::Tensor color = image.color.clone();
   const RenderSettings begun = optimizer.begin_view(stepped, stepped_state, settings);
   EXPECT_TRUE(test::same(rasterizer.forward(stepped, view, begun).color, color));
-  statistics = optimizer.step(kRates, view_grad, stepped, stepped_state, nullptr);
+  statistics = optimizer.backward_and_step(kRates, view_grad, stepped, stepped_state, nullptr);
   optimizer.flush(stepped, stepped_state);
   EXPECT_EQ(stepped_state.steps, 42);
   EXPECT_TRUE(
@@ -133,8 +133,8 @@ TEST(RegularizationOnGpu, EqualsThatOnTheCpu) {
     GaussianOptimizer optimizer(rasterizer);
     const RenderedView image =
         rasterizer.forward(gaussians, view_from(0, -6), optimizer.begin_view(gaussians, state, settings_of(3)));
-    const ViewStatistics statistics = optimizer.step(kRates, {torch::zeros_like(image.color), {}, {}}, gaussians, state,
-                                                     nullptr, RegularizationWeights{0.4, 0.9});
+    const ViewStatistics statistics = optimizer.backward_and_step(
+        kRates, {torch::zeros_like(image.color), {}, {}}, gaussians, state, nullptr, RegularizationWeights{0.4, 0.9});
     optimizer.flush(gaussians, state);
     EXPECT_GT((statistics.radii == 0).sum().item<int>(), 150);
     return copy_to(state.m, torch::kCPU);
@@ -168,7 +168,7 @@ TEST(DeferredSh, UpdatesGiveTheSameBitsWheneverTheyAreFlushed) {
       rasterizer.forward(gaussians, view, optimizer.begin_view(gaussians, state, settings));
       if (k % 11 == 5 && &optimizer == &rarely_optimizer)
         optimizer.flush(gaussians, state);  // including Gaussians that a view has just seen
-      return optimizer.step(kRates, {image_grad, {}, {}}, gaussians, state, nullptr);
+      return optimizer.backward_and_step(kRates, {image_grad, {}, {}}, gaussians, state, nullptr);
     };
     step(late_optimizer, late, late_state);
     step(rarely_optimizer, rarely, rarely_state);
@@ -198,7 +198,7 @@ TEST(DeferredSh, RejectsOtherTensorsWhileUpdatesAreDeferred) {
   const torch::Tensor image_grad = torch::randn({70, 90, 3}).to(kGpu);
   const auto step = [&] {
     rasterizer.forward(gaussians, view_from(0, -6), optimizer.begin_view(gaussians, state, settings_of(2)));
-    optimizer.step(kRates, {image_grad, {}, {}}, gaussians, state, nullptr);
+    optimizer.backward_and_step(kRates, {image_grad, {}, {}}, gaussians, state, nullptr);
   };
   step();
   state.m.shN = state.m.shN.clone();

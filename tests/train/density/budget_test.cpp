@@ -290,7 +290,6 @@ TEST(BudgetStrategy, ScoresTheStepsBeforeEachRound) {
     const DensityPlan plan = budget_plan(config, i);
     if (plan.score) scored.push_back(i);
     EXPECT_EQ(plan.statistics, plan.score);
-    EXPECT_EQ(plan.after_step, plan.score);
     EXPECT_EQ(plan.densify, (i > 500 && i < 15000 && i % 100 == 0) || (i > 500 && i < 28000 && i % 3000 == 0)) << i;
     EXPECT_FALSE(plan.lower_opacities);
   }

@@ -58,7 +58,8 @@ GaussianTensors moments_after_step(const RegularizationWeights& weights, float i
   settings.sh_degree = 1;
   rasterizer.forward(gaussians, tiny_view(), optimizer.begin_view(gaussians, state, settings));
   const RenderedViewGrad grad{torch::full({30, 40, 3}, image_grad), {}, {}};
-  radii = optimizer.step({1e-3, 1e-3, 1e-3, 1e-3, 1e-3, 1e-3}, grad, gaussians, state, nullptr, weights).radii.clone();
+  radii = optimizer.backward_and_step({1e-3, 1e-3, 1e-3, 1e-3, 1e-3, 1e-3}, grad, gaussians, state, nullptr, weights)
+              .radii.clone();
   return state.m;
 }
 

@@ -16,9 +16,9 @@
 
 #include "core/check.h"
 #include "dist/communicator.h"
+#include "multi/rank_stepper.h"
 #include "multi/rows/row_owners.h"
 #include "multi/splats/splat_words.h"
-#include "multi/train_on_ranks.h"
 #include "support/rank_program.h"
 #include "support/same.h"
 #include "support/temp_dir.h"
@@ -53,7 +53,7 @@ constexpr std::int64_t kSplatsAtATime = 2000000;  // as by default
 /// Trains with `ranks`, or alone if it is null.
 Files train(const TrainConfig& config, const Scene& scene, const fs::path& folder, Communicator* ranks,
             const fs::path& resume = {}, TrainHooks hooks = {}, std::int64_t splats_at_a_time = kSplatsAtATime) {
-  if (ranks != nullptr) train_on_ranks(*ranks, config, hooks, splats_at_a_time);
+  if (ranks != nullptr) use_rank_stepper(*ranks, config, hooks, splats_at_a_time);
   Trainer trainer(config, scene, ModelFolder(folder), hooks);
   if (!resume.empty()) trainer.resume(resume);
   Files files;
@@ -239,7 +239,7 @@ void check_few(Communicator& ranks) {
   const auto memory = std::make_shared<test::ShortMemory>();
   memory->bytes = std::int64_t{1} << 40;
   hooks.memory = memory;
-  train_on_ranks(ranks, config, hooks);
+  use_rank_stepper(ranks, config, hooks);
   Trainer trainer(config, scene, ModelFolder(folder / "later"), hooks);
   trainer.resume(half);
   const std::int64_t n = trainer.n_gaussians();
@@ -288,7 +288,7 @@ void check_invalid(Communicator& ranks) {
   if (ranks.is_first()) expect(together.result.n_removed == 2, "two Gaussians are removed");
 
   TrainHooks hooks;
-  train_on_ranks(ranks, config, hooks);
+  use_rank_stepper(ranks, config, hooks);
   Trainer trainer(config, scene, ModelFolder(folder / "evaluated"), hooks);
   trainer.resume(damaged);
   trainer.run(3);
@@ -466,7 +466,7 @@ void check_evaluation(Communicator& ranks) {
   if (ranks.is_first()) expect_same_bytes(resumed.checkpoint, alone.checkpoint, "resumed");
 
   TrainHooks quiet;
-  train_on_ranks(ranks, config, quiet);
+  use_rank_stepper(ranks, config, quiet);
   Trainer trainer(config, scene, ModelFolder(folder / "goes on"), quiet);
   trainer.run(12);
   expect_failure(cause, others + cause, [&] {

@@ -78,7 +78,7 @@ class BudgetStrategy final : public DensityStrategy {
 
   DensityPlan plan(int iteration) const override { return budget_plan(config_, iteration); }
 
-  void after_view(const DensityStep& step, DensityStatistics& statistics) const override {
+  void after_view(const DensityView& step, DensityStatistics& statistics) const override {
     if (!plan(step.iteration).score) return;
     step.add_scores({column(statistics, BudgetColumn::kErrorSum), column(statistics, BudgetColumn::kMaxWeight),
                      column(statistics, BudgetColumn::kScoreViews), torch::Tensor()});
@@ -166,7 +166,7 @@ DensityPlan budget_plan(const TrainConfig& config, int iteration) {
   plan.score = window_end - iteration < config.score_views && window_end > config.densify_from_iter &&
                (is_growth_round(config, window_end) ||
                 is_weight_prune_round(config, next_multiple(iteration, config.opacity_reset_interval)));
-  plan.after_step = plan.statistics = plan.score;
+  plan.statistics = plan.score;
   return plan;
 }
 

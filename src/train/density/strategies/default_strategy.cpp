@@ -54,7 +54,7 @@ class DefaultStrategy final : public DensityStrategy {
 
   DensityPlan plan(int iteration) const override { return density_plan(config_, iteration); }
 
-  void after_view(const DensityStep& step, DensityStatistics& statistics) const override {
+  void after_view(const DensityView& step, DensityStatistics& statistics) const override {
     add_view(step.view, step.width, step.height, statistics);
   }
 
@@ -83,7 +83,7 @@ std::unique_ptr<DensityStrategy> make_default_strategy(const TrainConfig& config
 DensityPlan density_plan(const TrainConfig& config, int iteration) {
   DensityPlan plan;
   if (iteration >= config.densify_until_iter) return plan;
-  plan.after_step = plan.statistics = true;
+  plan.statistics = true;
   plan.densify = iteration > config.densify_from_iter && iteration % config.densification_interval == 0;
   plan.lower_opacities = iteration % config.opacity_reset_interval == 0 ||
                          (config.white_background && iteration == config.densify_from_iter);
