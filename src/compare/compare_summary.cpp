@@ -198,15 +198,11 @@ Json to_json(const Spread& spread) {
   return {{"mean", spread.mean}, {"min", spread.min}, {"max", spread.max}, {"n", spread.n}};
 }
 
-const char* finding_key(Finding finding) {
-  return finding == Finding::kDiffers ? "differs" : finding == Finding::kEqual ? "equal" : "unclear";
-}
-
 /// The mean's 95 % interval is null with one seed.
 Json to_json(const Effect& effect) {
   Json json = to_json(static_cast<const Spread&>(effect));
   json["interval"] = effect.margin ? Json::array({effect.low(), effect.high()}) : Json(nullptr);
-  json["finding"] = finding_key(effect.finding);
+  json["finding"] = finding_word(effect);
   return json;
 }
 
@@ -378,7 +374,7 @@ Json to_json(const ComparisonSummary& summary) {
                          {"ours", to_json(difference.ours)},
                          {"difference", difference.gained.mean},
                          {"interval", to_json(difference.gained)["interval"]},
-                         {"finding", finding_key(difference.gained.finding)},
+                         {"finding", finding_word(difference.gained)},
                          {"machine_spread", to_json(difference.noise)},
                          {"tolerance", difference.gained.limit},
                          {"equal", difference.gained.finding == Finding::kEqual}});

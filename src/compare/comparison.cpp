@@ -12,6 +12,7 @@
 #include "core/files/atomic_file.h"
 #include "core/options/command_line.h"
 #include "core/text.h"
+#include "model/model_folder.h"
 #include "report/page_data.h"
 
 namespace b3dgs {
@@ -22,10 +23,6 @@ using Json = nlohmann::ordered_json;
 
 fs::path plan_path(const fs::path& root) {
   return root / kComparisonFile;
-}
-
-void write_json(const fs::path& path, const Json& json) {
-  write_file(path, json.dump(1, ' ', false, Json::error_handler_t::replace) + "\n");
 }
 
 Json to_json(const ComparisonPlan& plan) {
@@ -161,7 +158,7 @@ double Comparison::output_s() const {
 }
 
 void write_plan(const ComparisonPlan& plan) {
-  write_json(plan_path(plan.root()), {{"plan", to_json(plan)}});
+  write_json_file(plan_path(plan.root()), {{"plan", to_json(plan)}}, 1);
 }
 
 bool holds_comparison(const fs::path& root) {
@@ -301,7 +298,7 @@ Json comparison_report_data(const Comparison& comparison) {
 }
 
 void write_comparison(const Comparison& comparison) {
-  write_json(plan_path(comparison.plan.root()), to_json(comparison));
+  write_json_file(plan_path(comparison.plan.root()), to_json(comparison), 1);
   write_file(comparison.plan.root() / kComparisonReport, report_page(comparison_report_data(comparison)));
 }
 

@@ -23,40 +23,21 @@ class Error : public std::runtime_error {
   [[noreturn]] virtual void rethrow_with(const std::string& more) const { throw Error(what() + more); }
 };
 
-/// A kind of error: class InputError : public ErrorOf<InputError>.
-template <class Self, class Base = Error>
+/// A kind of error.
+template <class Kind, class Base = Error>
 class ErrorOf : public Base {
  public:
   using Base::Base;
-  [[noreturn]] void rethrow_with(const std::string& more) const override { throw Self(this->what() + more); }
+  [[noreturn]] void rethrow_with(const std::string& more) const override { throw ErrorOf(this->what() + more); }
 };
 
 /// One line: "WHAT: WHERE (expected X, found Y); what to do", for example
 /// "scene folder not found: data/garden (expected images/ and sparse/0/)".
-class InputError : public ErrorOf<InputError> {
- public:
-  using ErrorOf::ErrorOf;
-};
-
-class IoError : public ErrorOf<IoError> {
- public:
-  using ErrorOf::ErrorOf;
-};
-
-class NumericError : public ErrorOf<NumericError> {
- public:
-  using ErrorOf::ErrorOf;
-};
-
-class OutOfMemoryError : public ErrorOf<OutOfMemoryError> {
- public:
-  using ErrorOf::ErrorOf;
-};
-
-class LogicError : public ErrorOf<LogicError> {
- public:
-  using ErrorOf::ErrorOf;
-};
+using InputError = ErrorOf<struct InputKind>;
+using IoError = ErrorOf<struct IoKind>;
+using NumericError = ErrorOf<struct NumericKind>;
+using OutOfMemoryError = ErrorOf<struct OutOfMemoryKind>;
+using LogicError = ErrorOf<struct LogicKind>;
 
 namespace detail {
 

@@ -75,13 +75,19 @@ void parallel_chunks(std::int64_t n, std::int64_t grain, Body&& body) {
   detail::on_threads(static_cast<int>(chunks.count), [&](int chunk) { body(chunks.begin(chunk), chunks.end(chunk)); });
 }
 
+/// Calls body(i) for each i in [0, n), chunk by chunk.
+template <class Body>
+void parallel_each(std::int64_t n, std::int64_t grain, Body&& body) {
+  parallel_chunks(n, grain, [&](std::int64_t begin, std::int64_t end) {
+    for (std::int64_t i = begin; i < end; ++i) body(i);
+  });
+}
+
 /// Calls row(args, i) for each i in [0, n).
 template <auto row, class Args>
 void for_rows(const Args& args, std::int64_t n) {
   constexpr std::int64_t kGrain = 1024;
-  parallel_chunks(n, kGrain, [&](std::int64_t begin, std::int64_t end) {
-    for (std::int64_t i = begin; i < end; ++i) row(args, i);
-  });
+  parallel_each(n, kGrain, [&](std::int64_t i) { row(args, i); });
 }
 
 }  // namespace b3dgs

@@ -57,6 +57,11 @@ inline std::string lower_case(std::string text) {
   return text;
 }
 
+/// Of an error's text: LibTorch appends a stack trace.
+inline std::string first_line(const std::string& text) {
+  return text.substr(0, text.find('\n'));
+}
+
 // Words of commands that are printed to be copied into a shell.
 
 /// The word as a POSIX shell reads it back: unchanged if it has only characters without a meaning there, else in single

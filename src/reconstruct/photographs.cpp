@@ -15,6 +15,7 @@
 #include <utility>
 
 #include "core/check.h"
+#include "core/descriptor.h"
 #include "core/files/atomic_file.h"
 #include "core/files/file_reader.h"
 #include "core/files/own_files.h"
@@ -74,11 +75,8 @@ bool is_placed(const fs::path& from, const fs::path& to) {
 
 /// Lets `to` share the blocks of `from` until one of them is changed. False where the file system cannot.
 bool clone_file(const fs::path& from, const fs::path& to) {
-  const int source = ::open(from.c_str(), O_RDONLY | O_CLOEXEC), target = ::open(to.c_str(), O_WRONLY | O_CLOEXEC);
-  const bool is_done = source >= 0 && target >= 0 && ::ioctl(target, FICLONE, source) == 0;
-  if (source >= 0) ::close(source);
-  if (target >= 0) ::close(target);
-  return is_done;
+  const Descriptor source(::open(from.c_str(), O_RDONLY | O_CLOEXEC)), target(::open(to.c_str(), O_WRONLY | O_CLOEXEC));
+  return source && target && ::ioctl(target.fd(), FICLONE, source.fd()) == 0;
 }
 
 /// @return whether it was turned

@@ -186,8 +186,7 @@ fs::path report_folder(const ModelFolder& folder) {
 }
 
 void write_run_info(const RunInfo& info, const ModelFolder& folder) {
-  write_file(report_folder(folder) / "run.json",
-             to_json(info).dump(2, ' ', false, Json::error_handler_t::replace) + "\n");
+  write_json_file(report_folder(folder) / "run.json", to_json(info));
 }
 
 RunInfo read_run_info(const ModelFolder& folder) {

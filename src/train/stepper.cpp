@@ -14,6 +14,7 @@
 #include "config/batch_steps.h"
 #include "config/coarse_schedule.h"
 #include "core/random.h"
+#include "core/text.h"
 #include "raster/torch/tensors.h"
 #include "train/evaluate.h"
 #include "train/optimizer/adam.h"

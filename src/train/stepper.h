@@ -34,10 +34,7 @@
 namespace b3dgs {
 
 /// The loss is not finite, or no valid Gaussian is left: the model may be damaged, and no checkpoint is written.
-class LossError final : public ErrorOf<LossError, NumericError> {
- public:
-  using ErrorOf::ErrorOf;
-};
+using LossError = ErrorOf<struct LossKind, NumericError>;
 
 class Stepper {
  public:

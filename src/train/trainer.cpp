@@ -9,6 +9,7 @@
 
 #include "config/output_plan.h"
 #include "config/train_options.h"
+#include "core/text.h"
 #include "train/checkpoint/checkpoint.h"
 #include "train/density_control.h"
 #include "train/device.h"

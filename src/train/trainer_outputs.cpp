@@ -1,6 +1,7 @@
 #include <cmath>
 
 #include "config/output_plan.h"
+#include "core/text.h"
 #include "model/model_folder.h"
 #include "train/appearance/appearance_model.h"
 #include "train/checkpoint/checkpoint.h"

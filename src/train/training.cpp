@@ -4,7 +4,6 @@
 
 #include <algorithm>
 #include <chrono>
-#include <cstring>
 #include <utility>
 
 #include "core/text.h"
@@ -90,10 +89,6 @@ MemoryRemedy Training::release_photographs() {
     recorder.say("fewer photographs stay on the GPU: memory is short");
     return true;
   };
-}
-
-std::string first_line(const char* text) {
-  return {text, std::strcspn(text, "\n")};
 }
 
 nlohmann::ordered_json scene_identity(const Training& training) {

@@ -66,9 +66,6 @@ struct Training {
   bool is_consistent = true;           // `state`; false while, or after, a change to it was interrupted halfway
 };
 
-/// Of an error; LibTorch appends a stack trace.
-std::string first_line(const char* text);
-
 /// What a checkpoint says about the scene.
 nlohmann::ordered_json scene_identity(const Training& training);
 

@@ -5,7 +5,6 @@
 #include <microhttpd.h>
 #include <netdb.h>
 #include <poll.h>
-#include <sys/eventfd.h>
 #include <sys/socket.h>
 #include <unistd.h>
 
@@ -20,6 +19,7 @@
 #include <thread>
 
 #include "core/check.h"
+#include "core/descriptor.h"
 #include "core/text.h"
 
 namespace b3dgs {
@@ -35,27 +35,6 @@ struct Peer {
   Clock::time_point deadline;  // at which it is cut
   bool is_allowed = false;     // a request of it was
   bool is_cut = false;
-};
-
-/// A file that can be waited for with others.
-class Waker {
- public:
-  Waker() : file_(eventfd(0, EFD_CLOEXEC | EFD_NONBLOCK)) {
-    if (file_ < 0) io_error("no event file from the system (", std::strerror(errno), ")");
-  }
-  ~Waker() { close(file_); }
-  Waker(const Waker&) = delete;
-  Waker& operator=(const Waker&) = delete;
-
-  int get() const { return file_; }
-  void set() { eventfd_write(file_, 1); }
-  void clear() {
-    eventfd_t count = 0;
-    eventfd_read(file_, &count);
-  }
-
- private:
-  int file_;
 };
 
 /// A request on its way through the server.
@@ -125,7 +104,7 @@ struct HttpServer::Impl {
   ~Impl() {
     if (daemon == nullptr) return;
     is_ending = true;
-    waker.set();
+    waker.wake();
     loop.join();
     {
       const std::lock_guard<std::mutex> lock(mutex);
@@ -157,9 +136,9 @@ struct HttpServer::Impl {
     }
     MHD_UNSIGNED_LONG_LONG library_wait = 0;
     if (MHD_get_timeout(daemon, &library_wait) == MHD_YES && library_wait == 0) wait = milliseconds(0);
-    pollfd files[] = {{events, POLLIN, 0}, {waker.get(), POLLIN, 0}};
+    pollfd files[] = {{events, POLLIN, 0}, {waker.fd(), POLLIN, 0}};
     poll(files, 2, std::max(0, static_cast<int>(wait.count())));
-    if (files[1].revents != 0) waker.clear();
+    if (files[1].revents != 0) waker.reset();
   }
 
   /// Ends a connection, whatever it is doing: the loop finds it closed. The socket itself stays the library's.
@@ -277,7 +256,7 @@ struct HttpServer::Impl {
       exchange->response =
           is_ending ? text_response(503, "the program is about to end") : handler.answer(exchange->request);
       MHD_resume_connection(connection);
-      waker.set();  // the library ends no wait when a connection is resumed
+      waker.wake();  // the library ends no wait when a connection is resumed
       lock.lock();
     }
   }

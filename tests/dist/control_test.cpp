@@ -161,13 +161,13 @@ TEST(Control, CallsBackOnFailure) {
 
 TEST(Control, NamesARankThatVanishes) {
   const Job job(2);
-  std::optional<Socket> vanishing = job.join_without_link(1);
+  Socket vanishing = job.join_without_link(1);
   const auto link = job.join(0);
   std::future<void> rank0 = std::async(std::launch::async, [&] {
     EXPECT_TRUE(
         fails_with<PeerError>({"rank 1 of 2 stopped: its process ended"}, [&] { link->exchange("step", {""}); }));
   });
-  vanishing.reset();
+  vanishing.close();
   rank0.get();
 }
 

@@ -17,6 +17,7 @@
 #include <utility>
 
 #include "core/check.h"
+#include "core/descriptor.h"
 #include "core/process/ending_signals.h"
 
 namespace b3dgs {
@@ -29,31 +30,6 @@ constexpr int kPollMs = 20;                // how long an end of the child or a 
 constexpr std::size_t kReadBytes = 1 << 16;
 constexpr int kLastReads = 64;  // what a pipe may hold; children that an ended program left behind may write for ever
 
-/// A file descriptor that is closed at the end of the scope.
-class Descriptor {
- public:
-  explicit Descriptor(int file = -1) : file_(file) {}
-  ~Descriptor() { close(); }
-  Descriptor(const Descriptor&) = delete;
-  Descriptor& operator=(const Descriptor&) = delete;
-  Descriptor(Descriptor&& other) noexcept : file_(std::exchange(other.file_, -1)) {}
-  Descriptor& operator=(Descriptor&& other) noexcept {
-    close();
-    file_ = std::exchange(other.file_, -1);
-    return *this;
-  }
-
-  int get() const { return file_; }
-  bool is_open() const { return file_ >= 0; }
-  void close() {
-    if (file_ >= 0) ::close(file_);
-    file_ = -1;
-  }
-
- private:
-  int file_;
-};
-
 struct Pipe {
   Descriptor read_end, write_end;
 };
@@ -65,7 +41,7 @@ Pipe open_pipe() {
 }
 
 void never_wait(const Descriptor& descriptor) {
-  fcntl(descriptor.get(), F_SETFL, fcntl(descriptor.get(), F_GETFL) | O_NONBLOCK);
+  fcntl(descriptor.fd(), F_SETFL, fcntl(descriptor.fd(), F_GETFL) | O_NONBLOCK);
 }
 
 /// Writes without SIGPIPE, which would end this process. The signal is sent to the thread that writes.
@@ -192,14 +168,13 @@ class Child {
     if (has_input) input = open_pipe();
     if (on_bytes_) data = open_pipe();
     const Descriptor& output = on_bytes_ ? data.write_end : text.write_end;
-    const int error =
-        SpawnSettings(input.read_end.get(), output.get(), text.write_end.get()).spawn(program, argv, pid_);
+    const int error = SpawnSettings(input.read_end.fd(), output.fd(), text.write_end.fd()).spawn(program, argv, pid_);
     if (error != 0) io_error("cannot start ", program, ": ", std::strerror(error));
     text_ = std::move(text.read_end);
     data_ = std::move(data.read_end);
     input_ = std::move(input.write_end);
     for (const Descriptor* own : {&text_, &data_, &input_}) {
-      if (own->is_open()) never_wait(*own);
+      if (*own) never_wait(*own);
     }
   }
 
@@ -214,10 +189,10 @@ class Child {
   bool write(const char* data, std::size_t bytes) {
     while (bytes > 0) {
       end_if_asked();
-      if (is_ending_ || has_ended() || !input_.is_open()) return false;
+      if (is_ending_ || has_ended() || !input_) return false;
       wait_for_io(/*wants_to_write=*/true);
       read_output();
-      const ssize_t written = write_without_sigpipe(input_.get(), data, bytes);
+      const ssize_t written = write_without_sigpipe(input_.fd(), data, bytes);
       if (written < 0 && errno != EAGAIN && errno != EINTR) {
         input_.close();
         return false;
@@ -265,9 +240,9 @@ class Child {
 
   void wait_for_io(bool wants_to_write) {
     std::array<pollfd, 3> files{};
-    files[0] = {text_.get(), POLLIN, 0};  // poll() passes over closed ones, which are negative
-    files[1] = {data_.get(), POLLIN, 0};
-    files[2] = {wants_to_write ? input_.get() : -1, POLLOUT, 0};
+    files[0] = {text_.fd(), POLLIN, 0};  // poll() passes over closed ones, which are negative
+    files[1] = {data_.fd(), POLLIN, 0};
+    files[2] = {wants_to_write ? input_.fd() : -1, POLLOUT, 0};
     poll(files.data(), files.size(), kPollMs);
   }
 
@@ -279,9 +254,9 @@ class Child {
 
   template <class Take>
   static bool read_some(Descriptor& from, const Take& take) {
-    if (!from.is_open()) return false;
+    if (!from) return false;
     std::array<char, kReadBytes> buffer;
-    const ssize_t bytes = ::read(from.get(), buffer.data(), buffer.size());
+    const ssize_t bytes = ::read(from.fd(), buffer.data(), buffer.size());
     if (bytes > 0) take(buffer.data(), static_cast<std::size_t>(bytes));
     if (bytes == 0) from.close();
     return bytes > 0;

@@ -7,15 +7,13 @@
 #include <array>
 #include <utility>
 
+#include "core/text.h"
+
 namespace b3dgs {
 namespace {
 
 using Clock = std::chrono::steady_clock;
 constexpr std::chrono::milliseconds kFarewell{5000};
-
-std::string first_line(const std::string& text) {
-  return text.substr(0, std::min<std::size_t>(text.find('\n'), 2000));
-}
 
 Socket connect_until(const std::string& address, int port, Clock::time_point end) {
   std::chrono::milliseconds pause{20};
@@ -132,7 +130,7 @@ void RankLink::leave(MessageKind kind, const std::string& cause) noexcept {
       is_closed_ = is_acknowledged_ = true;
       on_failure_ = nullptr;
     }
-    request(kind, {first_line(cause)}, kFarewell);
+    request(kind, {first_line(cause).substr(0, 2000)}, kFarewell);
   } catch (const std::exception&) {  // another rank has failed before, or rank 0 does not answer
   }
 }

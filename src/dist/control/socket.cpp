@@ -5,9 +5,7 @@
 #include <netinet/in.h>
 #include <netinet/tcp.h>
 #include <poll.h>
-#include <sys/eventfd.h>
 #include <sys/socket.h>
-#include <unistd.h>
 
 #include <array>
 #include <cerrno>
@@ -46,21 +44,6 @@ std::pair<std::string, int> own_end(const Socket& socket) {
 }
 
 }  // namespace
-
-Socket::~Socket() {
-  if (fd_ >= 0) close(fd_);
-}
-
-Waker::Waker() : event_(eventfd(0, EFD_CLOEXEC | EFD_NONBLOCK)) {}
-
-void Waker::wake() const {
-  eventfd_write(event_.fd(), 1);
-}
-
-void Waker::reset() const {
-  eventfd_t count = 0;
-  eventfd_read(event_.fd(), &count);
-}
 
 Socket listen_at(const std::string& address, int port) {
   const Addresses addresses = look_up(address, port);

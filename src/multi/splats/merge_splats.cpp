@@ -45,11 +45,9 @@ MergedSplats merge_splats(const torch::Tensor& words, const std::vector<RowRange
     cuda::merge_splats(args, n, torch_stream());
     return merged;
   }
-  parallel_chunks(n, kGrain, [&](std::int64_t begin, std::int64_t end) {
-    for (std::int64_t i = begin; i < end; ++i) {
-      const MergedPlace at = merged_place(args, i);
-      for (std::int64_t column = 0; column < kRowWords; ++column) merge_word(args, at, column);
-    }
+  parallel_each(n, kGrain, [&](std::int64_t i) {
+    const MergedPlace at = merged_place(args, i);
+    for (std::int64_t column = 0; column < kRowWords; ++column) merge_word(args, at, column);
   });
   return merged;
 }

@@ -69,12 +69,10 @@ std::int32_t splat_of(std::uint64_t key) {
 BinnedSplats bin(const BinArgs& args, BinBuffers& buffers, const PairLimit& limit) {
   const std::int64_t n = args.n_splats, n_tiles = args.grid.n_tiles();
   std::uint64_t* keys = buffers.keys.resize(n);
-  parallel_chunks(n, kGrain, [&](std::int64_t begin, std::int64_t end) {
-    for (std::int64_t m = begin; m < end; ++m) {
-      std::uint32_t depth_bits;  // positive floats compare like their bit patterns
-      std::memcpy(&depth_bits, &args.splats[m].depth, sizeof depth_bits);
-      keys[m] = std::uint64_t{depth_bits} << 32 | static_cast<std::uint64_t>(m);
-    }
+  parallel_each(n, kGrain, [&](std::int64_t m) {
+    std::uint32_t depth_bits;  // positive floats compare like their bit patterns
+    std::memcpy(&depth_bits, &args.splats[m].depth, sizeof depth_bits);
+    keys[m] = std::uint64_t{depth_bits} << 32 | static_cast<std::uint64_t>(m);
   });
   keys = sort_by_depth(keys, buffers.keys_swap.resize(n), n);
 

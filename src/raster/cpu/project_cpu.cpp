@@ -178,11 +178,9 @@ void camera_gradient(const ProjectBackwardArgs& args, double* out) {
 
 void camera_parts(const CameraPartsArgs& args) {
   const ViewTransform<float> transform = make_view_transform<float>(args.of.view);
-  parallel_chunks(args.n_splats, kGrain, [&](std::int64_t begin, std::int64_t end) {
-    for (std::int64_t m = begin; m < end; ++m) {
-      const Part part = part_of(args.of, transform, args.splats[m], args.sums[m].sum);
-      std::copy(part.begin(), part.end(), args.out + m * kCameraGradients);
-    }
+  parallel_each(args.n_splats, kGrain, [&](std::int64_t m) {
+    const Part part = part_of(args.of, transform, args.splats[m], args.sums[m].sum);
+    std::copy(part.begin(), part.end(), args.out + m * kCameraGradients);
   });
 }
 
@@ -208,21 +206,17 @@ void write_unseen(const SplatRecordArrays& out, std::int64_t n_gaussians) {
 
 void keep_splat_records(const SplatRecordArgs& args) {
   write_unseen(args.out, args.n_gaussians);
-  parallel_chunks(args.n_splats, kGrain, [&](std::int64_t begin, std::int64_t end) {
-    for (std::int64_t m = begin; m < end; ++m) {
-      if (is_across_the_seam(args.splats, m)) continue;
-      const SplatGrad sum = sum_of_gaussian(args.splats, args.n_splats, args.slot_offsets, args.pair_grads, m);
-      keep_splat(args.out, m, args.splats[m].gaussian, sum, args.splats[m].clamped);
-    }
+  parallel_each(args.n_splats, kGrain, [&](std::int64_t m) {
+    if (is_across_the_seam(args.splats, m)) return;
+    const SplatGrad sum = sum_of_gaussian(args.splats, args.n_splats, args.slot_offsets, args.pair_grads, m);
+    keep_splat(args.out, m, args.splats[m].gaussian, sum, args.splats[m].clamped);
   });
 }
 
 void sum_splat_grads(const SumSplatGradsArgs& args) {
-  parallel_chunks(args.n_splats, kGrain, [&](std::int64_t begin, std::int64_t end) {
-    for (std::int64_t m = begin; m < end; ++m) {
-      const SplatGrad* const pairs = args.pair_grads;
-      args.out[m] = {sum_slots(pairs + args.slot_offsets[m], pairs + args.slot_offsets[m + 1]), {0, 0}};
-    }
+  parallel_each(args.n_splats, kGrain, [&](std::int64_t m) {
+    const SplatGrad* const pairs = args.pair_grads;
+    args.out[m] = {sum_slots(pairs + args.slot_offsets[m], pairs + args.slot_offsets[m + 1]), {0, 0}};
   });
 }
 
@@ -230,9 +224,7 @@ void keep_splats(const KeepSplatsArgs& args) {
   write_unseen(args.out, args.n_gaussians);
   parallel_chunks(args.n_gaussians, kGrain,
                   [&](std::int64_t begin, std::int64_t end) { std::fill(args.radii + begin, args.radii + end, 0); });
-  parallel_chunks(args.rows.n_splats, kGrain, [&](std::int64_t begin, std::int64_t end) {
-    for (std::int64_t m = begin; m < end; ++m) keep_splat(args, m);
-  });
+  parallel_each(args.rows.n_splats, kGrain, [&](std::int64_t m) { keep_splat(args, m); });
 }
 
 }  // namespace b3dgs::cpu

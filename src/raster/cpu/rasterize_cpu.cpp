@@ -29,19 +29,15 @@ namespace {
 constexpr std::int64_t kGrain = 4096;
 
 void invert_depths(Splat* splats, std::int64_t n_splats) {
-  parallel_chunks(n_splats, kGrain, [&](std::int64_t begin, std::int64_t end) {
-    for (std::int64_t m = begin; m < end; ++m) invert_depth(splats[m]);
-  });
+  parallel_each(n_splats, kGrain, [&](std::int64_t m) { invert_depth(splats[m]); });
 }
 
 /// Of every pair of each splat.
 void invert_depth_gradients(const Splat* splats, std::int64_t n_splats, const std::int64_t* slot_offsets,
                             SplatGrad* pair_grads) {
-  parallel_chunks(n_splats, kGrain, [&](std::int64_t begin, std::int64_t end) {
-    for (std::int64_t m = begin; m < end; ++m) {
-      for (std::int64_t slot = slot_offsets[m]; slot < slot_offsets[m + 1]; ++slot) {
-        pair_grads[slot].depth = depth_gradient(splats[m], pair_grads[slot].depth);
-      }
+  parallel_each(n_splats, kGrain, [&](std::int64_t m) {
+    for (std::int64_t slot = slot_offsets[m]; slot < slot_offsets[m + 1]; ++slot) {
+      pair_grads[slot].depth = depth_gradient(splats[m], pair_grads[slot].depth);
     }
   });
 }
@@ -179,10 +175,8 @@ class CpuBackend final : public RasterizerBackend {
   /// those of the first.
   const std::int64_t* find_row_slots(std::int64_t n_rows) {
     std::int64_t* const row_slots = row_slot_room_.resize(n_rows + 1);
-    parallel_chunks(state_.n_splats, kGrain, [&](std::int64_t begin, std::int64_t end) {
-      for (std::int64_t m = begin; m < end; ++m) {
-        if (!is_across_the_seam(splats_.data(), m)) row_slots[splats_.data()[m].gaussian] = bins_.slot_offsets[m];
-      }
+    parallel_each(state_.n_splats, kGrain, [&](std::int64_t m) {
+      if (!is_across_the_seam(splats_.data(), m)) row_slots[splats_.data()[m].gaussian] = bins_.slot_offsets[m];
     });
     row_slots[n_rows] = bins_.n_pairs;
     return row_slots;

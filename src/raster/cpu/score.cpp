@@ -136,16 +136,14 @@ ScoreSums sum_slots(const ScoreSums* first, const ScoreSums* last) {
 }  // namespace
 
 void add_scores(const AddScoresArgs& args) {
-  parallel_chunks(args.n_splats, kGrain, [&](std::int64_t begin, std::int64_t end) {
-    for (std::int64_t m = begin; m < end; ++m) {
-      if (is_across_the_seam(args.splats, m)) continue;
-      const bool has_second = m + 1 < args.n_splats && is_across_the_seam(args.splats, m + 1);
-      const std::int64_t last = has_second ? m + 2 : m + 1;
-      const ScoreSums whole = args.slot_offsets == nullptr
-                                  ? args.sums[m]
-                                  : sum_slots(args.sums + args.slot_offsets[m], args.sums + args.slot_offsets[last]);
-      b3dgs::add_scores(whole, args.out, args.splats[m].gaussian);
-    }
+  parallel_each(args.n_splats, kGrain, [&](std::int64_t m) {
+    if (is_across_the_seam(args.splats, m)) return;
+    const bool has_second = m + 1 < args.n_splats && is_across_the_seam(args.splats, m + 1);
+    const std::int64_t last = has_second ? m + 2 : m + 1;
+    const ScoreSums whole = args.slot_offsets == nullptr
+                                ? args.sums[m]
+                                : sum_slots(args.sums + args.slot_offsets[m], args.sums + args.slot_offsets[last]);
+    b3dgs::add_scores(whole, args.out, args.splats[m].gaussian);
   });
 }
 

@@ -34,13 +34,11 @@ void add_regularization(const RegularizationGrad& grad, const GaussianTensors& g
   const auto* const log_scales = gaussians.log_scales.data_ptr<float>();
   auto* const grad_logit_opacities = grads.logit_opacities.data_ptr<float>();
   auto* const grad_log_scales = grads.log_scales.data_ptr<float>();
-  parallel_chunks(gaussians.size(), kGrain, [&](std::int64_t begin, std::int64_t end) {
-    for (std::int64_t i = begin; i < end; ++i) {
-      if (radii[i] <= 0) continue;
-      Vec3f grad_row = load3(grad_log_scales, i);
-      b3dgs::add_regularization(grad, logit_opacities[i], load3(log_scales, i), grad_logit_opacities[i], grad_row);
-      store3(grad_log_scales, i, grad_row);
-    }
+  parallel_each(gaussians.size(), kGrain, [&](std::int64_t i) {
+    if (radii[i] <= 0) return;
+    Vec3f grad_row = load3(grad_log_scales, i);
+    b3dgs::add_regularization(grad, logit_opacities[i], load3(log_scales, i), grad_logit_opacities[i], grad_row);
+    store3(grad_log_scales, i, grad_row);
   });
 }
 

@@ -4,9 +4,9 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstring>
 
 #include "core/check.h"
+#include "core/text.h"
 #include "train/loss/loss.h"
 
 namespace b3dgs {
@@ -67,11 +67,6 @@ torch::Tensor host_copy(const torch::Tensor& tensor) {
 
 namespace {
 
-/// The first line of LibTorch's text: a stack trace follows.
-std::string first_line(const std::exception& error) {
-  return {error.what(), std::strcspn(error.what(), "\n")};
-}
-
 /// [1, 3, H, W] float in [0, 1].
 torch::Tensor to_planes(const Image8& image, const Image8* valid, torch::Device device) {
   torch::Tensor pixels =
@@ -95,7 +90,7 @@ LpipsNetwork::LpipsNetwork(const std::filesystem::path& file, torch::Device devi
     module_ = std::make_shared<torch::jit::Module>(torch::jit::load(file.string(), device));
     module_->eval();
   } catch (const std::exception& error) {
-    input_error(file.string(), ": expected a TorchScript network (--lpips): ", first_line(error));
+    input_error(file.string(), ": expected a TorchScript network (--lpips): ", first_line(error.what()));
   }
 }
 
@@ -114,7 +109,7 @@ double LpipsNetwork::distance(const torch::Tensor& rendered, const Image8& truth
   } catch (const InputError&) {
     throw;
   } catch (const std::exception& error) {
-    input_error(name_, ": ", promise, "; LibTorch: ", first_line(error));
+    input_error(name_, ": ", promise, "; LibTorch: ", first_line(error.what()));
   }
 }
 

@@ -225,9 +225,7 @@ HWY_EXPORT(run_staged);
 namespace cpu {
 
 void blend_forward_naive(const BlendForwardArgs& args) {
-  parallel_chunks(args.grid.n_tiles(), 1, [&](std::int64_t begin, std::int64_t end) {
-    for (std::int64_t tile = begin; tile < end; ++tile) HWY_DYNAMIC_DISPATCH(run_pixel_wise)(args, tile);
-  });
+  parallel_each(args.grid.n_tiles(), 1, [&](std::int64_t tile) { HWY_DYNAMIC_DISPATCH(run_pixel_wise)(args, tile); });
 }
 
 void blend_forward_dynamic(const BlendForwardArgs& args) {
