@@ -23,14 +23,14 @@ struct ViewState {
   bool camera_gradient = false, has_camera_gradient = false;
   bool inverse_depth = false;
   TileGrid grid{};
-  std::int64_t n_gaussians = -1;  // -1: no view, or of forward_splats()
-  std::int64_t n_rows = -1;       // of forward_splats(); -1: no view, or of forward()
+  std::int64_t n_gaussians = -1;   // -1: no view, or of forward_splats()
+  std::int64_t n_given_rows = -1;  // to forward_splats(); -1: no view, or of forward()
   std::int64_t n_splats = 0;
   Vec3f background{};
   ImageArrays rendered{};
   StageRecorder* stages = nullptr;
 
-  void forget_view() { n_gaussians = n_rows = -1; }
+  void forget_view() { n_gaussians = n_given_rows = -1; }
   /// Before projection. Until all passes have succeeded, there is no view.
   void begin_view(const CameraView& next_view, const TileGrid& next_grid, const RenderSettings& settings) {
     forget_view();
@@ -51,10 +51,10 @@ struct ViewState {
 
   // @throws LogicError if there was no such forward pass
   void check_view(const char* call) const {
-    B3DGS_CHECK(n_gaussians >= 0 || n_rows >= 0, call, " before any forward()");
+    B3DGS_CHECK(n_gaussians >= 0 || n_given_rows >= 0, call, " before any forward()");
   }
   void check_gaussians(const char* call) const { B3DGS_CHECK(n_gaussians >= 0, call, " before any forward()"); }
-  void check_rows(const char* call) const { B3DGS_CHECK(n_rows >= 0, call, " before any forward_splats()"); }
+  void check_rows(const char* call) const { B3DGS_CHECK(n_given_rows >= 0, call, " before any forward_splats()"); }
   void check_same(const GaussianArrays& gaussians) const {
     B3DGS_CHECK(n_gaussians == gaussians.n_gaussians, "backward() with ", gaussians.n_gaussians,
                 " Gaussians after a forward() with ", n_gaussians, " (-1: none)");

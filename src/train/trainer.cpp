@@ -96,7 +96,8 @@ int Trainer::sh_degree() const {
   return training_->state.sh_degree;
 }
 
-void Trainer::initialize_model() {
+void Trainer::ensure_model() {
+  if (training_->state.n_gaussians() > 0) return;
   const TrainConfig& config = training_->config;
   const Scene& scene = training_->scene;
   TrainState& state = training_->state;
@@ -195,7 +196,7 @@ TrainResult Trainer::run(std::optional<int> until) {
 }
 
 void Trainer::step() {
-  if (training_->state.n_gaussians() == 0) initialize_model();
+  ensure_model();
   {
     const TimeAccount::TrainTime counted(training_->time);
     check_kernels();
@@ -324,7 +325,7 @@ std::string Trainer::describe_images() const {
 std::optional<MemoryForecast> Trainer::forecast_memory() {
   const std::optional<std::int64_t> limit = training_->memory->limit();
   if (!limit) return std::nullopt;
-  if (training_->state.n_gaussians() == 0) initialize_model();
+  ensure_model();
   const GaussianMemory each = stepper_->memory_of_gaussian();
   const auto n = static_cast<double>(training_->state.gaussians.size());
   MemoryForecast forecast;

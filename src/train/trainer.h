@@ -91,12 +91,13 @@ class Trainer {
   std::int64_t n_gaussians() const;
   int sh_degree() const;  // currently optimised
 
-  /// GPU memory that training is going to use; nothing on a CPU.
+  /// GPU memory that training is going to use; nothing on a CPU. Makes the initial Gaussians unless there are some.
   std::optional<MemoryForecast> forecast_memory();
 
  private:
   // trainer.cpp
-  void initialize_model();
+  /// Makes the initial Gaussians unless there are some.
+  void ensure_model();
   /// One step and everything that is due after it.
   void run_iteration();
   /// Times the blending kernels before the next step, if that is due. Does not change the Gaussians.

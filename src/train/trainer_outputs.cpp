@@ -57,7 +57,7 @@ void Trainer::begin() {
   TrainRecorder& recorder = training_->recorder;
   if (training_->fingerprint.is_null()) training_->fingerprint = scene_identity(*training_);
   stepper_->check_same_scene(training_->fingerprint);
-  if (state.n_gaussians() == 0) initialize_model();
+  ensure_model();
   claim_folder();
   if (config.pose_opt && training_->scene.train.size() < 3) {
     recorder.warn("--pose_opt has no effect: only the first and the last training view exist, whose poses are fixed");

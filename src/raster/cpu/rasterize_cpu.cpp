@@ -102,14 +102,14 @@ class CpuBackend final : public RasterizerBackend {
     draw(settings, out, limit);
     row_slots_ = bins_.slot_offsets;
     if (splats_per_gaussian(view.lens) == 2) row_slots_ = find_row_slots(n);
-    state_.n_rows = n;
+    state_.n_given_rows = n;
   }
 
   void backward_splats(const ImageGradArrays& grad, SplatGradSum* out) override {
     state_.check_rows("backward_splats()");
     blend_backward(grad);
     begin_stage(state_.stages, Stage::kProjectBackward);
-    sum_splat_grads({state_.n_rows, row_slots_, pair_grads_.data(), out});
+    sum_splat_grads({state_.n_given_rows, row_slots_, pair_grads_.data(), out});
     end_stage(state_.stages);
   }
 
@@ -120,7 +120,7 @@ class CpuBackend final : public RasterizerBackend {
 
   void score_splats(const float* error, ScoreSums* out) override {
     state_.check_rows("score_splats()");
-    sum_scores({state_.n_rows, row_slots_, score_pairs(error), out});
+    sum_scores({state_.n_given_rows, row_slots_, score_pairs(error), out});
   }
 
   void reblend(ForwardKernel kernel) override {

@@ -148,7 +148,7 @@ class CudaBackend final : public RasterizerBackend {
     }
     bin_view(projected, settings, "the Gaussian of splat", context);
     draw(projected, settings, out, context);
-    state_.n_rows = n;
+    state_.n_given_rows = n;
   }
 
   void backward_splats(const ImageGradArrays& grad, SplatGradSum* out) override {

@@ -229,7 +229,7 @@ torch::Tensor Rasterizer::backward_splats(const RenderedViewGrad& grad) {
   view.check_rows("backward_splats()");
   const ImageGradArrays image = impl_->image_grad(grad);
   constexpr std::int64_t kColumns = sizeof(SplatGradSum) / sizeof(float);
-  const torch::Tensor sums = torch::empty({view.n_rows, kColumns}, impl_->rendered.color.options());
+  const torch::Tensor sums = torch::empty({view.n_given_rows, kColumns}, impl_->rendered.color.options());
   impl_->backend().backward_splats(image, rows_at<SplatGradSum>("sums", sums));
   return sums;
 }
@@ -240,7 +240,7 @@ torch::Tensor Rasterizer::score_splats(const torch::Tensor& error) {
   const float* const image = impl_->error_image(error);
   constexpr std::int64_t kColumns = sizeof(ScoreSums) / sizeof(std::int32_t);
   const torch::Tensor sums =
-      torch::empty({view.n_rows, kColumns}, impl_->rendered.color.options().dtype(torch::kInt32));
+      torch::empty({view.n_given_rows, kColumns}, impl_->rendered.color.options().dtype(torch::kInt32));
   impl_->backend().score_splats(image, rows_at<ScoreSums>("sums", sums));
   return sums;
 }

@@ -35,7 +35,7 @@ __device__ __forceinline__ void apply_step(const ApplyUpdatesArgs& args, int ste
 }
 __device__ __forceinline__ void apply_step(const ApplyRuledUpdatesArgs& args, int step, float grad, float& param,
                                            float& m, float& v) {
-  step_one(args.steps.sizes[step], args.rules[step], grad, param, m, v);
+  step_one(args.steps.sizes[step], grad, param, m, v, args.rules[step]);
 }
 
 /// The rows of a block with work to do, compacted; in shared memory.
