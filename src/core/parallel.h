@@ -75,7 +75,7 @@ void parallel_chunks(std::int64_t n, std::int64_t grain, Body&& body) {
   detail::on_threads(static_cast<int>(chunks.count), [&](int chunk) { body(chunks.begin(chunk), chunks.end(chunk)); });
 }
 
-/// Calls body(i) for each i in [0, n), chunk by chunk.
+/// Calls body(i) for each i in [0, n), a chunk per thread.
 template <class Body>
 void parallel_each(std::int64_t n, std::int64_t grain, Body&& body) {
   parallel_chunks(n, grain, [&](std::int64_t begin, std::int64_t end) {

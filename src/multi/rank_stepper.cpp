@@ -24,7 +24,7 @@ void use_rank_stepper(Communicator& ranks, const TrainConfig& config, TrainHooks
 void RankStepper::on_first(const std::function<void()>& work) {
   if (renders_on_first_) return work();
   has_failed_together_ = false;
-  complete_last_step();
+  complete_pending();
   update_filters(/*is_due=*/false);  // all ranks together
   if (!ranks_.is_first()) return serve_renders();
   renders_on_first_ = true;

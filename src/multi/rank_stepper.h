@@ -73,7 +73,7 @@ class RankStepper final : public Stepper {
         splats_(ranks),
         render_plan_(ranks.size()) {}
 
-  void complete_last_step() override;
+  void complete_pending() override;
 
   // The model.
   torch::Device load_device() const override { return torch::kCPU; }  // no GPU has room for all of it

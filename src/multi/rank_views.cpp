@@ -71,7 +71,7 @@ RenderedRecord RankStepper::take_rendered() {
   return record;
 }
 
-void RankStepper::complete_last_step() {
+void RankStepper::complete_pending() {
   training_.views.poses.take_queued_steps();
   if (!unread_losses_.empty()) add_rendered(ranks_.exchange_record("rendered", take_rendered()));
 }

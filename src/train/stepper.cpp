@@ -115,7 +115,7 @@ void Stepper::learn_view(const TrainView& view) {
   }
   note_view_size(iteration);
   note_visibility(view.index, training_.rasterizer.view_size().n_pairs == 0);
-  complete_last_step();  // of the view before: the device has finished it by now
+  complete_pending();  // of the view before: the device has finished it by now
 
   if (training_.objective.appearance()) {
     training_.objective.appearance()->set_place(static_cast<int>(learned_views_.size()));
@@ -123,7 +123,7 @@ void Stepper::learn_view(const TrainView& view) {
   const RenderedViewGrad grad = compare(view, iteration, rendered, plan.score);
   learned_views_.push_back({view.index, iteration});
   unread_losses_ = {learned_views_.back()};
-  if (training_.device.is_cpu()) complete_last_step();
+  if (training_.device.is_cpu()) complete_pending();
 
   const ViewStatistics statistics =
       keeps_gradients()
@@ -134,13 +134,13 @@ void Stepper::learn_view(const TrainView& view) {
   if (!plan.statistics) return;
   training_.timer.begin(Stage::kDensify);
   if (keeps_gradients()) save_statistics();
-  DensityView step{iteration, statistics, view.camera.width, view.camera.height};
+  DensityView seen{iteration, statistics, view.camera.width, view.camera.height};
   if (plan.score) {
-    step.add_scores = [&](const GaussianScores& scores) {
+    seen.add_scores = [&](const GaussianScores& scores) {
       training_.rasterizer.score(training_.objective.errors(), scores);
     };
   }
-  training_.density->after_view(step, state_.statistics);
+  training_.density->after_view(seen, state_.statistics);
   training_.timer.end();
 }
 
@@ -199,7 +199,7 @@ RenderedViewGrad Stepper::compare(const TrainView& view, int iteration, const Re
   return grad;
 }
 
-void Stepper::complete_last_step() {
+void Stepper::complete_pending() {
   training_.views.poses.take_queued_steps();
   for (const ViewOfStep& view : std::exchange(unread_losses_, {})) add_loss(view, training_.objective.value());
 }
@@ -299,7 +299,7 @@ void Stepper::roll_back() {
 }
 
 void Stepper::remove_invalid_gaussians(const InvalidGaussianError& error) {
-  complete_last_step();  // throws if one is not finite, which would be the cause
+  complete_pending();  // throws if one is not finite, which would be the cause
   flush();
   training_.is_consistent = false;
   const std::int64_t n = remove_invalid_rows(error.row());

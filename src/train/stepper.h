@@ -47,8 +47,8 @@ class Stepper {
   /// Takes one step, and repeats it without Gaussians that cannot be rendered, or with more free memory. @throws what
   /// failed, with the state rolled back; LossError
   void step();
-  /// Waits for the losses of the last step, adds them to the average, and moves the poses. @throws LossError
-  virtual void complete_last_step();
+  /// Waits for the losses not yet read, adds them to the average, and moves the poses. @throws LossError
+  virtual void complete_pending();
   /// Warns if no Gaussian is visible in half of the training views, or in more than before.
   void warn_of_empty_views();
 
@@ -134,7 +134,7 @@ class Stepper {
   virtual void share_kernels() {}
   /// Calls work() where files are written; it may render the whole model.
   virtual void on_first(const std::function<void()>& work) {
-    complete_last_step();
+    complete_pending();
     work();
   }
   /// Whether all files of the last iteration could be written.

@@ -207,7 +207,7 @@ void Trainer::step() {
 }
 
 void Trainer::wait() {
-  stepper_->complete_last_step();
+  stepper_->complete_pending();
   training_->recorder.wait_for_stage_times();
 }
 
@@ -227,7 +227,7 @@ void Trainer::run_iteration() {
   const bool uses_device = plan.statistics || plan.kernel_times || plan.evaluate || plan.save;
   // Reading the loss waits for most of the step on a GPU.
   const bool ends = stepper_->must_stop();
-  if (plan.log || uses_device || plan.checkpoint || ends) time.train([&] { stepper_->complete_last_step(); });
+  if (plan.log || uses_device || plan.checkpoint || ends) time.train([&] { stepper_->complete_pending(); });
   if (uses_device || plan.checkpoint || ends) time.train([&] { stepper_->flush(); });
   if (uses_device) {
     time.output([&] { write_outputs(plan); });
@@ -273,7 +273,7 @@ void Trainer::check_kernels() {
 
 void Trainer::show_model() {
   training_->time.train([&] {
-    stepper_->complete_last_step();
+    stepper_->complete_pending();
     stepper_->flush();
   });
   training_->time.output([&] {
@@ -344,7 +344,7 @@ std::string Trainer::save_last_state() {
   const int iteration = training_->state.iteration;
   if (!stepper_->can_save()) return stepper_->last_checkpoint();
   if (iteration == 0) return "";
-  stepper_->complete_last_step();
+  stepper_->complete_pending();
   if (!training_->is_consistent) return stepper_->last_checkpoint();
   training_->free_scratch()();
   training_->recorder.set_ending(true);

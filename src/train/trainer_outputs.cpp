@@ -210,7 +210,7 @@ void Trainer::write_poses() {
 
 void Trainer::write_state() {
   training_->recorder.report_progress("checkpoint");
-  stepper_->complete_last_step();
+  stepper_->complete_pending();
   training_->state.elapsed_s = training_->recorder.elapsed_s();
   stepper_->write_checkpoint(training_->fingerprint);
 }

@@ -4,8 +4,8 @@
 //   1. number_lists   one block: a prefix sum of it gives the length of each list, others where each list begins and
 //                     its buckets are numbered; tiles are ordered by length
 //   2. emit_entries   a thread per row of tiles that a splat of its block touches: writes depth and id, a key of 64
-//                     bits, to the next free entry of each tile's list, in any order. If a list is long, blocks
-//                     reserve most of their entries together
+//                     bits, to the next free entry of each tile's list, in any order. If a list is long, each
+//                     block reserves its entries in a list at once
 //   3. sort_lists     sorts each list (sort_lists.cu)
 //
 // With `keep_slots`, find_slots_kernel then looks up the slot of each entry: the first slot of its splat (a scan over
@@ -165,7 +165,8 @@ __global__ void __launch_bounds__(kNumberThreads) number_lists_kernel(const Numb
 
 // ---- 2. emit_entries
 
-/// If a list has more entries, blocks reserve theirs together (BlockCounters).
+/// If a list has more entries, each block reserves its own in a list at once, except of tiles without a slot in
+/// BlockCounters.
 constexpr std::int64_t kManyInOneList = 8192;
 
 struct EmitArgs {
@@ -178,7 +179,7 @@ struct EmitArgs {
   std::int32_t n_pairs;
 };
 
-/// Reserves the entries that the block has counted. Its counters then have the first of each list.
+/// Reserves the entries that the block has counted: each count becomes the index of the first.
 __device__ __forceinline__ void reserve_entries(BlockCounters& counters, std::int32_t* next_entries) {
   constexpr int kOfThread = BlockCounters::kSlots / kThreads;  // atomics in flight
   static_assert(BlockCounters::kSlots % kThreads == 0);
@@ -194,8 +195,8 @@ __device__ __forceinline__ void reserve_entries(BlockCounters& counters, std::in
   for (int k = 0; k < kOfThread; ++k) counters.count[threadIdx.x + k * kThreads] = entry[k];
 }
 
-/// kReservesTogether: see BlockCounters.
-template <bool kReservesTogether>
+/// kReservesAtOnce: see kManyInOneList.
+template <bool kReservesAtOnce>
 __global__ void __launch_bounds__(kThreads) emit_entries_kernel(const EmitArgs args) {
   constexpr int kAtOnce = 4;  // atomics in flight
   __shared__ SpanTasks<kThreads> tasks;
@@ -209,11 +210,11 @@ __global__ void __launch_bounds__(kThreads) emit_entries_kernel(const EmitArgs a
     rows = tile_rows(with_constant_tiles(args.grid), args.culling, splat, args.projected.extents[i], radius);
     keys[threadIdx.x] = EntryKey{__float_as_uint(splat.depth)} << 32 | static_cast<std::uint32_t>(i);
   }
-  if (kReservesTogether) counters.reset(kThreads);
+  if (kReservesAtOnce) counters.reset(kThreads);
   const int n_tasks = share_spans(tasks, rows);  // its barriers: the keys are written, the counters reset
   // The projection counted the tiles with the same arithmetic and the same bits (tiling.h), so all entries of a list
   // are written, and none beyond the last.
-  if constexpr (kReservesTogether) {
+  if constexpr (kReservesAtOnce) {
     visit_spans(tasks, args.grid, n_tasks, [&](int, std::int32_t row, TileSpan span) {
       for (std::int32_t column = span.begin; column < span.end; ++column) {
         if (std::int32_t* const count = counters.take(row * args.grid.columns + column)) atomicAdd(count, 1);
@@ -232,7 +233,7 @@ __global__ void __launch_bounds__(kThreads) emit_entries_kernel(const EmitArgs a
       for (int k = 0; k < kAtOnce; ++k) {
         const std::int32_t tile = first + column + k;
         std::int32_t* next = args.next_entries + kCounterStride * tile;
-        if (kReservesTogether && column + k < span.end) {
+        if (kReservesAtOnce && column + k < span.end) {
           if (std::int32_t* const of_block = counters.find(tile)) next = of_block;
         }
         entry[k] = column + k < span.end ? atomicAdd(next, 1) : args.n_pairs;

@@ -36,8 +36,7 @@ double radial_factor(const LensParams<double>& lens, double r) {
       return (r > 1e-12 ? std::atan(r * slope) / r : slope) / k[0];
     }
     case LensKind::kDivision:
-      // The distorted radius s satisfies r = s / (1 + k s^2) (Fitzgibbon 2001). Not a number where no s does, for k >
-      // 0.
+      // The distorted radius s satisfies r = s / (1 + k s^2) (Fitzgibbon 2001). NaN where no s does, for k > 0.
       return 2 / (1 + std::sqrt(1 - 4 * k[0] * r * r));
     case LensKind::kEucm:  // r / (alpha sqrt(beta r^2 + 1) + 1 - alpha): Khomutenko et al. 2016
       return 1 / (k[0] * std::sqrt(k[1] * r * r + 1) + 1 - k[0]);

@@ -1,5 +1,5 @@
 // The formulas of lenses on the plane z = 1 in front of the camera, for undistortion; raster/math/lens.h has them for
-// rendering, on the sphere and with derivatives.
+// rendering, of 3D points, with derivatives.
 #pragma once
 
 #include <array>

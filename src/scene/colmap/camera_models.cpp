@@ -1,4 +1,4 @@
-// COLMAP's camera models as a table. The reader, the writer and undistortion take from it what they need of a model.
+// COLMAP's camera models as a table, and cameras to and from them.
 #include <algorithm>
 #include <cmath>
 

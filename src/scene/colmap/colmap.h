@@ -79,7 +79,7 @@ CameraModel camera_model_from_id(int id, const std::string& place);
 CameraModel camera_model_from_name(const std::string& name, const std::string& place);
 
 /// The camera with its lens, without a pose and the lens's largest angle (native_camera()). @throws InputError,
-/// beginning with `place`, for focal lengths and principal points that no camera has
+/// beginning with `place`, for intrinsics or panorama sizes that no camera has
 Camera camera_of(const ColmapCamera& named, const std::string& place);
 
 /// The camera as COLMAP's files have it, with ID 0; parameters begin with two focal lengths if the model has any.

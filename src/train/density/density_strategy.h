@@ -62,7 +62,7 @@ class DensityStrategy {
 
   /// Adds the view to the statistics. Must neither allocate nor fail: with one view a step, this comes after the first
   /// change, from where on a step is not rolled back.
-  virtual void after_view(const DensityView& /*step*/, DensityStatistics& /*statistics*/) const {}
+  virtual void after_view(const DensityView& /*seen*/, DensityStatistics& /*statistics*/) const {}
 
   /// May change parameters in place; called for each iteration of the step, with the same restrictions. `model_rows`:
   /// [N] int32, the row of the model that each of `gaussians` is; undefined if they are the model. What happens to a

@@ -37,8 +37,8 @@ class PoseRefiner {
   /// step must be finished. Asynchronous on a GPU.
   void add_gradient(std::int32_t view, int iteration, const torch::Tensor& camera_grad);
 
-  /// The step is taken: take_queued_steps() is to follow the gradients added since the last one. Until then,
-  /// drop_gradients() forgets them.
+  /// Queues the gradients added since the last call for take_queued_steps(). Before that, drop_gradients() forgets
+  /// them.
   void queue_step();
   void drop_gradients() { added_.clear(); }
 

@@ -78,9 +78,9 @@ class BudgetStrategy final : public DensityStrategy {
 
   DensityPlan plan(int iteration) const override { return budget_plan(config_, iteration); }
 
-  void after_view(const DensityView& step, DensityStatistics& statistics) const override {
-    if (!plan(step.iteration).score) return;
-    step.add_scores({column(statistics, BudgetColumn::kErrorSum), column(statistics, BudgetColumn::kMaxWeight),
+  void after_view(const DensityView& seen, DensityStatistics& statistics) const override {
+    if (!plan(seen.iteration).score) return;
+    seen.add_scores({column(statistics, BudgetColumn::kErrorSum), column(statistics, BudgetColumn::kMaxWeight),
                      column(statistics, BudgetColumn::kScoreViews), torch::Tensor()});
   }
 

@@ -54,8 +54,8 @@ class DefaultStrategy final : public DensityStrategy {
 
   DensityPlan plan(int iteration) const override { return density_plan(config_, iteration); }
 
-  void after_view(const DensityView& step, DensityStatistics& statistics) const override {
-    add_view(step.view, step.width, step.height, statistics);
+  void after_view(const DensityView& seen, DensityStatistics& statistics) const override {
+    add_view(seen.view, seen.width, seen.height, statistics);
   }
 
   DensityRound plan_round(const GaussianTensors& gaussians, const DensityStatistics& statistics, int iteration,
