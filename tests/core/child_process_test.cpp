@@ -203,6 +203,8 @@ TEST(ChildProcess, AnExceptionKillsTheProgram) {
   EXPECT_EQ(kill(child, 0), -1);
 }
 
+constexpr std::size_t kMoreThanAPipeHolds = 4 << 20;
+
 TEST(ChildInput, PassesBytesOnAndReadsWhatTheProgramSays) {
   Lines lines;
   ChildInput child({"sh", "-c", "wc -c; echo end >&2"}, [&](const std::string& line) { lines.push_back(line); });
@@ -224,7 +226,7 @@ TEST(ChildInput, DoesNotBlockIfTheProgramWritesAsMuchAsItReads) {
 
 TEST(ChildInput, AProgramThatEndsEarlyIsToldAndDoesNotEndThisOne) {
   ChildInput child({"sh", "-c", "head -c 10 > /dev/null; echo disk full; exit 4"});
-  const std::string bytes(1 << 20, 'x');
+  const std::string bytes(kMoreThanAPipeHolds, 'x');
   bool is_taken = true;
   for (int i = 0; i < 100 && is_taken; ++i) is_taken = child.write(bytes.data(), bytes.size());
   EXPECT_FALSE(is_taken);
@@ -233,7 +235,7 @@ TEST(ChildInput, AProgramThatEndsEarlyIsToldAndDoesNotEndThisOne) {
 
 TEST(ChildInput, AProgramThatClosesItsInputIsWaitedFor) {
   ChildInput child({"sh", "-c", "exec 0<&-; sleep 0.2; exit 5"});
-  const std::string bytes(1 << 20, 'x');
+  const std::string bytes(kMoreThanAPipeHolds, 'x');
   EXPECT_FALSE(child.write(bytes.data(), bytes.size()));
   EXPECT_FALSE(child.write(bytes.data(), bytes.size()));
   EXPECT_EQ(child.finish().exit_code, 5);
@@ -243,7 +245,7 @@ TEST(ChildInput, StopEndsAWriteThatWaits) {
   std::atomic<int> stop{0};
   ChildInput child(
       {"sh", "-c", "echo ready; exec sleep 600"}, [&](const std::string&) { stop = 1; }, &stop);
-  const std::string bytes(1 << 20, 'x');
+  const std::string bytes(kMoreThanAPipeHolds, 'x');
   EXPECT_FALSE(child.write(bytes.data(), bytes.size()));
   EXPECT_EQ(child.finish().signal, SIGTERM);
 }
