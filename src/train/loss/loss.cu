@@ -1,6 +1,9 @@
 // L1 + D-SSIM on the GPU: one kernel computes the SSIM map, its partial derivatives and the value, a second one the
 // gradient. A block owns one channel of 32 x 32 pixels and filters rows, then columns, in shared memory. Shared-memory
 // loads are the bottleneck: a thread filters four adjacent outputs at once, which needs 14 values for 44 products.
+//
+//   1st kernel   rendered, truth  ->  four maps, filtered  ->  SSIM, three partial derivatives
+//   2nd kernel   partial derivatives  ->  filtered  ->  gradient of the rendered image
 
 #include "core/cuda_check.h"
 #include "train/loss/loss_args.h"

@@ -2,6 +2,11 @@
 // or for all Gaussians (flush). A block owns a range of Gaussians and lists those with work to do. One thread per
 // listed Gaussian writes its gradients to a row of shared memory; then the block processes all floats of these rows,
 // coalesced, and leaves the coefficients in place of the gradients; then one thread per Gaussian computes its colour.
+//
+//   Gaussians of a block   0  1  2  3  4  5
+//   seen by the view          x     x  x
+//   list                   1  3  4              a thread each: gradients to shared memory
+//   coefficients           111... 333... 444... a thread each: the steps that it missed
 
 #include "train/optimizer/deferred_sh.h"
 
