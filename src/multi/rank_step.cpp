@@ -34,7 +34,7 @@ struct RankStepper::Part {
   std::vector<std::vector<std::int64_t>> counts;  // by rank: its splats of each view
 
   // Of the views that this rank renders, in their order.
-  std::vector<torch::Tensor> sums, scores, shared;
+  std::vector<torch::Tensor> splat_grads, scores, shared;
 
   bool has_scores() const {
     return std::any_of(views.begin(), views.end(), [](const View& view) { return view.plan.score; });
@@ -184,7 +184,7 @@ void RankStepper::render_view(Part& part, std::size_t v, const ViewSplats& splat
   AppearanceModel* const appearance = training_.objective.appearance();
   if (appearance != nullptr) appearance->set_place(static_cast<int>(learned_views_.size() + v));
   Rasterizer& rasterizer = training_.rasterizer;
-  torch::Tensor entries, sums, shared, scores;
+  torch::Tensor entries, splat_grads, shared, scores;
   with_remedies(training_.remedies(), [&] {
     RenderedView rendered;
     try {
@@ -194,7 +194,7 @@ void RankStepper::render_view(Part& part, std::size_t v, const ViewSplats& splat
     }
     read_own_loss();  // of the view before: the next loss takes its place
     entries = queue_row_entries();
-    sums = rasterizer.backward_splats(compare(view, iteration, rendered, part_view.plan.score));
+    splat_grads = rasterizer.backward_splats(compare(view, iteration, rendered, part_view.plan.score));
     if (n_shared_columns() > 0) shared = shared_gradients();
     if (part.has_scores()) {
       scores = rasterizer.score_splats(part_view.plan.score ? training_.objective.errors()
@@ -203,24 +203,24 @@ void RankStepper::render_view(Part& part, std::size_t v, const ViewSplats& splat
   });
   note_view_size(iteration);
   own_views_.push_back({v, std::nullopt, entries});
-  part.sums.push_back(sums);
+  part.splat_grads.push_back(splat_grads);
   if (shared.defined()) part.shared.push_back(shared);
   if (scores.defined()) part.scores.push_back(scores);
 }
 
 void RankStepper::keep_own_splats(Part& part) {
-  constexpr std::int64_t kSums = sizeof(SplatGradSum) / sizeof(float);
+  constexpr std::int64_t kGradFloats = sizeof(SplatGradSum) / sizeof(float);
   constexpr std::int64_t kScores = sizeof(ScoreSums) / sizeof(std::int32_t);
-  std::vector<torch::Tensor>& sums = part.sums;
-  sums = splats_.to_owners(sums, kSums, torch::kFloat32);
+  std::vector<torch::Tensor>& splat_grads = part.splat_grads;
+  splat_grads = splats_.to_owners(splat_grads, kGradFloats, torch::kFloat32);
   std::vector<torch::Tensor> scores;
   if (part.has_scores()) scores = splats_.to_owners(part.scores, kScores, torch::kInt32);
   for (std::size_t v = 0; v < part.views.size(); ++v) {
     const Part::View& view = part.views[v];
     const ViewStatistics statistics = with_remedies(training_.remedies(), [&] {
       if (view.plan.statistics) make_room_for_statistics();
-      return optimizer_.keep_splats(view.own, sums[v], view.camera, view.settings, state_.gaussians, view.n_splats,
-                                    regularization());
+      return optimizer_.keep_splats(view.own, splat_grads[v], view.camera, view.settings, state_.gaussians,
+                                    view.n_splats, regularization());
     });
     if (!view.plan.statistics) continue;
     training_.timer.begin(Stage::kDensify);
@@ -239,7 +239,7 @@ void RankStepper::gather_pose_gradients(Part& part) {
   std::vector<torch::Tensor> columns;
   for (std::size_t v = 0; v < part.views.size(); ++v) {
     const Part::View& view = part.views[v];
-    columns.push_back(camera_parts(state_.gaussians, view.own, part.sums[v], view.camera, view.settings));
+    columns.push_back(camera_parts(state_.gaussians, view.own, part.splat_grads[v], view.camera, view.settings));
   }
   columns = splats_.columns_to_renderers(columns);
   for (std::size_t i = 0; i < columns.size(); ++i) {

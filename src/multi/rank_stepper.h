@@ -129,7 +129,7 @@ class RankStepper final : public Stepper {
   void render_own_views(Part& part);
   /// View `v` of the part. `own_next`: views that this rank renders after this one.
   void render_view(Part& part, std::size_t v, const ViewSplats& splats, const std::vector<std::int32_t>& own_next);
-  /// Sends the sums back; `sums` are then those of the own splats of each view, whose gradients are kept.
+  /// Sends the sums back; `splat_grads` are then those of the own splats of each view, whose gradients are kept.
   void keep_own_splats(Part& part);
   void gather_pose_gradients(Part& part);
   /// What is learned of photographs with the Gaussians: gradients of a view that this rank has rendered, as a row of

@@ -70,19 +70,19 @@ struct CameraPartsView {
 /// What each splat adds to the gradient with respect to the camera's pose (math/gaussian_grad.h).
 struct CameraPartsArgs {
   CameraPartsView of{};
-  std::int64_t n_splats = 0;           // M
-  const Splat* splats = nullptr;       // [M] as projected
-  const SplatGradSum* sums = nullptr;  // [M]
-  float* out = nullptr;                // [M, kCameraGradients] out
+  std::int64_t n_splats = 0;                  // M
+  const Splat* splats = nullptr;              // [M] as projected
+  const SplatGradSum* splat_grads = nullptr;  // [M]
+  float* out = nullptr;                       // [M, kCameraGradients] out
 };
 
 /// Keeps the sums of splats that were drawn elsewhere, for a later backward projection.
 struct KeepSplatsArgs {
-  std::int64_t n_gaussians = 0;        // N
-  SplatRows rows{};                    // as projected: Splat::gaussian < N, each at most once
-  const SplatGradSum* sums = nullptr;  // [M]
-  SplatRecordArrays out{};             // record m is that of row m
-  std::int32_t* radii = nullptr;       // [N] out: 0 if not seen
+  std::int64_t n_gaussians = 0;               // N
+  SplatRows rows{};                           // as projected: Splat::gaussian < N, each at most once
+  const SplatGradSum* splat_grads = nullptr;  // [M]
+  SplatRecordArrays out{};                    // record m is that of row m
+  std::int32_t* radii = nullptr;              // [N] out: 0 if not seen
 };
 
 }  // namespace b3dgs

@@ -232,7 +232,7 @@ TEST(SplitView, RefusesTensorsThatDoNotFit) {
   const auto keep = [&](const torch::Tensor& some_sums, const SplatRecordTensors& some_room) {
     return [=, &owner, &good] { owner.keep(good, some_sums, n, some_room); };
   };
-  EXPECT_TRUE(fails_with<LogicError>({"sums"}, keep(sums.slice(0, 1), room)));
+  EXPECT_TRUE(fails_with<LogicError>({"splat_grads"}, keep(sums.slice(0, 1), room)));
   EXPECT_TRUE(fails_with<LogicError>({"room for"}, keep(sums, {room.records.slice(0, 1), room.record_of_gaussian})));
   EXPECT_TRUE(fails_with<LogicError>({"record_of_gaussian"}, keep(sums, {room.records, torch::zeros({n})})));
   EXPECT_TRUE(fails_with<LogicError>({"scores"}, [&] { add_splat_scores(good, scores.slice(0, 1), make_scores(n)); }));

@@ -179,7 +179,7 @@ void camera_gradient(const ProjectBackwardArgs& args, double* out) {
 void camera_parts(const CameraPartsArgs& args) {
   const ViewTransform<float> transform = make_view_transform<float>(args.of.view);
   parallel_each(args.n_splats, kGrain, [&](std::int64_t m) {
-    const Part part = part_of(args.of, transform, args.splats[m], args.sums[m].sum);
+    const Part part = part_of(args.of, transform, args.splats[m], args.splat_grads[m].sum);
     std::copy(part.begin(), part.end(), args.out + m * kCameraGradients);
   });
 }

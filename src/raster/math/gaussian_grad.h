@@ -84,7 +84,7 @@ B3DGS_HD void keep_splat(const SplatRecordArrays& out, std::int64_t m, std::int3
 /// Writes all of row m, whose sums are complete. Rows of Gaussians without a splat are written elsewhere.
 B3DGS_HD void keep_splat(const KeepSplatsArgs& args, std::int64_t m) {
   const std::int32_t i = args.rows.splats[m].gaussian;
-  keep_splat(args.out, m, i, args.sums[m].sum, args.rows.splats[m].clamped);
+  keep_splat(args.out, m, i, args.splat_grads[m].sum, args.rows.splats[m].clamped);
   args.radii[i] = args.rows.radii[m];
 }
 

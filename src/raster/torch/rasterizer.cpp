@@ -229,9 +229,9 @@ torch::Tensor Rasterizer::backward_splats(const RenderedViewGrad& grad) {
   view.check_rows("backward_splats()");
   const ImageGradArrays image = impl_->image_grad(grad);
   constexpr std::int64_t kColumns = sizeof(SplatGradSum) / sizeof(float);
-  const torch::Tensor sums = torch::empty({view.n_given_rows, kColumns}, impl_->rendered.color.options());
-  impl_->backend().backward_splats(image, rows_at<SplatGradSum>("sums", sums));
-  return sums;
+  const torch::Tensor splat_grads = torch::empty({view.n_given_rows, kColumns}, impl_->rendered.color.options());
+  impl_->backend().backward_splats(image, rows_at<SplatGradSum>("splat_grads", splat_grads));
+  return splat_grads;
 }
 
 torch::Tensor Rasterizer::score_splats(const torch::Tensor& error) {

@@ -10,21 +10,21 @@
 
 namespace b3dgs {
 
-ViewStatistics SplatOwner::keep(const ViewSplats& splats, const torch::Tensor& sums, std::int64_t n_gaussians,
+ViewStatistics SplatOwner::keep(const ViewSplats& splats, const torch::Tensor& splat_grads, std::int64_t n_gaussians,
                                 const SplatRecordTensors& out) {
   B3DGS_CHECK(splats.splats.defined(), "splats is undefined");
   const torch::Device device = splats.splats.device();
   TensorCheck check(device);
   const SplatRows rows = rows_of(splats, check);
   constexpr int kColumns = sizeof(SplatGradSum) / sizeof(float);
-  check.dims("sums", sums, {"M", kColumns});
+  check.dims("splat_grads", splat_grads, {"M", kColumns});
   check.bind("N", n_gaussians);
 
   const torch::TensorOptions options = splats.splats.options();
   constexpr std::int64_t kSpare = 4;
   place_tensor(statistics_.means2d_grad, means2d_storage_, {n_gaussians, 2}, options, kSpare);
   place_tensor(statistics_.radii, radii_storage_, {n_gaussians}, options.dtype(torch::kInt32), kSpare);
-  const KeepSplatsArgs args{n_gaussians, rows, rows_at<SplatGradSum>("sums", sums),
+  const KeepSplatsArgs args{n_gaussians, rows, rows_at<SplatGradSum>("splat_grads", splat_grads),
                             arrays_of(out, rows.n_splats, check, statistics_.means2d_grad),
                             statistics_.radii.data_ptr<std::int32_t>()};
   if (device.is_cpu()) cpu::keep_splats(args);
@@ -50,20 +50,20 @@ void add_splat_scores(const ViewSplats& splats, const torch::Tensor& scores, con
 #endif
 }
 
-torch::Tensor camera_parts(const GaussianTensors& gaussians, const ViewSplats& splats, const torch::Tensor& sums,
+torch::Tensor camera_parts(const GaussianTensors& gaussians, const ViewSplats& splats, const torch::Tensor& splat_grads,
                            const CameraView& view, const RenderSettings& settings) {
   B3DGS_CHECK(splats.splats.defined(), "splats is undefined");
   const torch::Device device = splats.splats.device();
   TensorCheck check(device);
   const SplatRows rows = rows_of(splats, check);
   constexpr int kColumns = sizeof(SplatGradSum) / sizeof(float);
-  check.dims("sums", sums, {"M", kColumns});
+  check.dims("splat_grads", splat_grads, {"M", kColumns});
   const torch::TensorOptions options = splats.splats.options();
   const torch::Tensor parts = torch::empty({rows.n_splats, kCameraGradients}, options);
   const CameraPartsArgs args{{arrays_of(gaussians, device), view, settings.sh_degree, settings.antialiasing},
                              rows.n_splats,
                              rows.splats,
-                             rows_at<SplatGradSum>("sums", sums),
+                             rows_at<SplatGradSum>("splat_grads", splat_grads),
                              parts.data_ptr<float>()};
   if (device.is_cpu()) cpu::camera_parts(args);
 #if B3DGS_TORCH_CUDA
@@ -73,7 +73,7 @@ torch::Tensor camera_parts(const GaussianTensors& gaussians, const ViewSplats& s
     backward.view = view;
     backward.sh_degree = settings.sh_degree;
     backward.splats = args.splats;
-    backward.splat_grads = args.sums;
+    backward.splat_grads = args.splat_grads;
     backward.antialiasing = settings.antialiasing;
     const torch::Tensor scratch =
         torch::empty({cuda::kCameraGradientParts + 1, kCameraGradients}, options.dtype(torch::kFloat64));

@@ -10,9 +10,9 @@ class SplatOwner {
  public:
   /// Writes to `out` what backward_to_splats() would write, except that record m is that of row m; `out` must have room
   /// for all splats. Returns the statistics, whose tensors the next call overwrites. `splats` is from
-  /// Rasterizer::project() of `n_gaussians` Gaussians, `sums` [M, 12] from Rasterizer::backward_splats(), rows in the
-  /// same order. Nothing waits for a GPU. @throws LogicError naming a tensor that does not fit
-  ViewStatistics keep(const ViewSplats& splats, const torch::Tensor& sums, std::int64_t n_gaussians,
+  /// Rasterizer::project() of `n_gaussians` Gaussians, `splat_grads` [M, 12] from Rasterizer::backward_splats(), rows
+  /// in the same order. Nothing waits for a GPU. @throws LogicError naming a tensor that does not fit
+  ViewStatistics keep(const ViewSplats& splats, const torch::Tensor& splat_grads, std::int64_t n_gaussians,
                       const SplatRecordTensors& out);
 
  private:
@@ -25,9 +25,9 @@ class SplatOwner {
 void add_splat_scores(const ViewSplats& splats, const torch::Tensor& scores, const GaussianScores& out);
 
 /// What each splat adds to the gradient with respect to the camera's pose (ViewStatistics::camera_grad), a new tensor
-/// [M, 6]. `splats` is from Rasterizer::project() of these Gaussians, view and settings, `sums` [M, 12] from
+/// [M, 6]. `splats` is from Rasterizer::project() of these Gaussians, view and settings, `splat_grads` [M, 12] from
 /// Rasterizer::backward_splats(), rows in the same order. @throws LogicError naming a tensor that does not fit
-torch::Tensor camera_parts(const GaussianTensors& gaussians, const ViewSplats& splats, const torch::Tensor& sums,
+torch::Tensor camera_parts(const GaussianTensors& gaussians, const ViewSplats& splats, const torch::Tensor& splat_grads,
                            const CameraView& view, const RenderSettings& settings);
 
 /// Their sum over all splats of a view, a new tensor [6] double: exactly what Rasterizer::backward() would have

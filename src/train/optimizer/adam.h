@@ -27,7 +27,7 @@ struct AdamState {
 };
 
 /// One learning rate per parameter group, in the order of GaussianTensors.
-using AdamRates = std::array<double, std::tuple_size_v<AdamGroups>>;
+using AdamRates = std::array<double, kGroups>;
 
 /// Zero moments for these parameters.
 AdamState make_adam_state(const GaussianTensors& gaussians);

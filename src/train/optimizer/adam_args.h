@@ -53,8 +53,9 @@ struct AdamArgs {
   AdamStepSize size{};
 };
 
-/// Means, log scales, quaternions, opacities, SH coefficients of degree 0, and those of higher degrees.
-using AdamGroups = std::array<AdamArgs, 6>;
+/// Index of a Gaussian's parameters, in the order of GaussianTensors; kShGroup: SH degrees above 0.
+enum GroupIndex : std::size_t { kMeanGroup, kScaleGroup, kQuatGroup, kOpacityGroup, kSh0Group, kShGroup, kGroups };
+using AdamGroups = std::array<AdamArgs, kGroups>;
 
 // Regularisation of opacity and scale, which makes Gaussians that the image does not need transparent and small:
 //   loss += opacity_reg mean(o) + scale_reg mean(s)

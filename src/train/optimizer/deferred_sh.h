@@ -17,7 +17,6 @@
 #include "raster/cuda/device_buffer.h"
 #include "raster/cuda/passes.h"
 #include "train/optimizer/adam_args.h"
-#include "train/optimizer/batch_grad.h"
 
 namespace b3dgs::cuda {
 
@@ -85,36 +84,5 @@ class DeferredSh final : public ColorPass {
   bool has_rules_ = false;
   DeviceBuffer<DeferredUpdate> updates_;  // all 0 while no step is deferred
 };
-
-// Optimizer steps, without torch.
-
-/// The projection's backward pass and an Adam step along its gradients; updates of SH coefficients beyond degree 0 are
-/// deferred.
-struct GaussianStepArgs {
-  ProjectBackwardCudaArgs backward{};  // of `grad` only means2d is written: [N, 2], for the projected centre
-  AdamGroups adam{};                   // arrays of backward.gaussians, without the last group; gradients are not used
-  DeferredUpdate* updates = nullptr;   // [N] written for Gaussians that the view sees
-  std::int32_t n_deferred = 0;         // steps deferred before this one
-  RegularizationGrad regularization{};
-};
-
-/// One kernel for both: a Gaussian's gradient stays in registers and is never stored. Arrays are aligned to 16 bytes.
-/// Asynchronous.
-void step_gaussians(const GaussianStepArgs& args, const LaunchContext& context);
-
-/// Gradients of the mean over the views, and an Adam step along them.
-struct BatchStepArgs {
-  BatchGradArgs grad{};
-  AdamGroups adam{};  // arrays of grad.gaussians; gradients are not used
-  AdamRule rule{};
-  std::int32_t n_deferred = 0;        // steps deferred before this one
-  DeferredUpdate* updates = nullptr;  // [N] written for Gaussians that any view sees
-};
-static_assert(sizeof(BatchStepArgs) <= 4096, "a kernel's arguments");
-
-/// SH coefficients beyond degree 0 are stepped too, for Gaussians that any view sees: their deferred updates must have
-/// been applied, which the views' forward passes do. For the others, this step is to be deferred. Arrays are aligned to
-/// 16 bytes. Asynchronous.
-void step_batch(const BatchStepArgs& args, const LaunchContext& context);
 
 }  // namespace b3dgs::cuda

@@ -11,7 +11,7 @@
 
 #if B3DGS_TORCH_CUDA
 #include "raster/torch/torch_cuda.h"
-#include "train/optimizer/deferred_sh.h"
+#include "train/optimizer/gaussian_step.h"
 #endif
 
 namespace b3dgs {
@@ -130,7 +130,7 @@ ViewStatistics GaussianOptimizer::backward_and_step(const AdamRates& rates, cons
     args.n_deferred = deferred_sh_->n_deferred();
     args.regularization = regularization_grad;
     cuda::step_gaussians(args, torch_launch_context());
-    deferred_sh_->defer_step(args.adam.back().size);
+    deferred_sh_->defer_step(args.adam[kShGroup].size);
     end_stage(stages);
     return statistics;
   }
@@ -168,11 +168,12 @@ std::vector<ViewSplats> GaussianOptimizer::project_views(GaussianTensors& gaussi
   return rasterizer_.project_views(gaussians, views, begun);
 }
 
-ViewStatistics GaussianOptimizer::keep_splats(const ViewSplats& own, const torch::Tensor& sums, const CameraView& view,
-                                              const RenderSettings& settings, const GaussianTensors& gaussians,
-                                              std::int64_t n_splats, const RegularizationWeights& regularization) {
+ViewStatistics GaussianOptimizer::keep_splats(const ViewSplats& own, const torch::Tensor& splat_grads,
+                                              const CameraView& view, const RenderSettings& settings,
+                                              const GaussianTensors& gaussians, std::int64_t n_splats,
+                                              const RegularizationWeights& regularization) {
   make_room(gaussians, own.size());
-  const ViewStatistics statistics = owner_.keep(own, sums, gaussians.size(), batch_.room());
+  const ViewStatistics statistics = owner_.keep(own, splat_grads, gaussians.size(), batch_.room());
   batch_.add(view, settings, b3dgs::regularization_grad(regularization, n_splats));
   return statistics;
 }
@@ -201,7 +202,7 @@ void GaussianOptimizer::step_views(const AdamRates& rates, GaussianTensors& gaus
     args.updates = deferred_sh_->updates();
     args.n_deferred = deferred_sh_->n_deferred();
     cuda::step_batch(args, torch_launch_context());
-    deferred_sh_->defer_step(args.adam.back().size, args.rule);
+    deferred_sh_->defer_step(args.adam[kShGroup].size, args.rule);
   }
 #endif
   if (gaussians.means.is_cpu()) {

@@ -89,7 +89,7 @@ class GaussianOptimizer {
   std::vector<ViewSplats> project_views(GaussianTensors& gaussians, AdamState& state,
                                         const std::vector<CameraView>& views,
                                         const std::vector<RenderSettings>& settings);
-  ViewStatistics keep_splats(const ViewSplats& own, const torch::Tensor& sums, const CameraView& view,
+  ViewStatistics keep_splats(const ViewSplats& own, const torch::Tensor& splat_grads, const CameraView& view,
                              const RenderSettings& settings, const GaussianTensors& gaussians, std::int64_t n_splats,
                              const RegularizationWeights& regularization = {});
 

@@ -6,10 +6,11 @@
 // through shared memory, so that a warp writes whole memory sectors. Barriers: one, after which parameters may be
 // written.
 
+#include "train/optimizer/gaussian_step.h"
+
 #include "raster/cuda/launch.cuh"
 #include "raster/cuda/project.cuh"
 #include "train/optimizer/adam_step.cuh"
-#include "train/optimizer/deferred_sh.h"
 
 namespace b3dgs::cuda {
 namespace {
@@ -78,12 +79,12 @@ __global__ void __launch_bounds__(kThreads) step_gaussians_kernel(const __grid_c
   __syncthreads();  // gradients are complete, and parameters have been read
   if (i < n) {
     reinterpret_cast<float2*>(args.backward.grad.means2d)[i] = make_float2(grad.mean2d.x, grad.mean2d.y);
-    step_four(args.adam[2], i, grad.quat);
-    step_row<1>(args.adam[3], i, {grad.logit_opacity});
+    step_four(args.adam[kQuatGroup], i, grad.quat);
+    step_row<1>(args.adam[kOpacityGroup], i, {grad.logit_opacity});
   }
-  step_threes(args.adam[0], first_row, n, mean_grads);
-  step_threes(args.adam[1], first_row, n, scale_grads);
-  step_threes(args.adam[4], first_row, n, sh0_grads);
+  step_threes(args.adam[kMeanGroup], first_row, n, mean_grads);
+  step_threes(args.adam[kScaleGroup], first_row, n, scale_grads);
+  step_threes(args.adam[kSh0Group], first_row, n, sh0_grads);
 }
 
 // The same for steps of several views (--batch).
@@ -99,7 +100,7 @@ __device__ __forceinline__ void step_rests(const BatchStepArgs& args, std::int64
                                            const float* rests, const bool* is_seen) {
   constexpr int kTogether = kActive % 9 == 0 ? 9 : 8;
   static_assert(kActive % kTogether == 0, "each thread steps kActive coefficients");
-  const AdamArgs& adam = args.adam[5];
+  const AdamArgs& adam = args.adam[kShGroup];
   const int n_rest = rest_floats(args.grad.gaussians.sh_degree_max);
   for (int first = 0; first < kActive; first += kTogether) {
     std::int64_t at[kTogether];
@@ -141,11 +142,11 @@ __global__ void __launch_bounds__(kThreads) step_batch_kernel(const __grid_const
     if (kActive > 0 && grad.is_seen) {
       reinterpret_cast<float4*>(args.updates + i)[0] = make_float4(0, 0, 0, __int_as_float(args.n_deferred + 1));
     }
-    step_row<3>(args.adam[0], i, {grad.mean.x, grad.mean.y, grad.mean.z}, args.rule);
-    step_row<3>(args.adam[1], i, {grad.log_scales.x, grad.log_scales.y, grad.log_scales.z}, args.rule);
-    step_row<4>(args.adam[2], i, {grad.quat.x, grad.quat.y, grad.quat.z, grad.quat.w}, args.rule);
-    step_row<1>(args.adam[3], i, {grad.logit_opacity}, args.rule);
-    step_row<3>(args.adam[4], i, {grad.sh0.x, grad.sh0.y, grad.sh0.z}, args.rule);
+    step_row<3>(args.adam[kMeanGroup], i, {grad.mean.x, grad.mean.y, grad.mean.z}, args.rule);
+    step_row<3>(args.adam[kScaleGroup], i, {grad.log_scales.x, grad.log_scales.y, grad.log_scales.z}, args.rule);
+    step_row<4>(args.adam[kQuatGroup], i, {grad.quat.x, grad.quat.y, grad.quat.z, grad.quat.w}, args.rule);
+    step_row<1>(args.adam[kOpacityGroup], i, {grad.logit_opacity}, args.rule);
+    step_row<3>(args.adam[kSh0Group], i, {grad.sh0.x, grad.sh0.y, grad.sh0.z}, args.rule);
   }
   if constexpr (kActive > 0) {
     __syncthreads();  // gradients of the block are complete, and the coefficients have been read
