@@ -18,35 +18,22 @@ struct ProjectBackwardCudaArgs;  // cuda/passes.h
 /// What a backend knows of the view of its last forward pass.
 struct ViewState {
   CameraView view{};
-  int sh_degree = 0;
-  bool antialiasing = false;
-  bool camera_gradient = false, has_camera_gradient = false;
-  bool inverse_depth = false;
+  RenderSettings settings{};
   TileGrid grid{};
   std::int64_t n_gaussians = -1;   // -1: no view, or of forward_splats()
   std::int64_t n_given_rows = -1;  // to forward_splats(); -1: no view, or of forward()
   std::int64_t n_splats = 0;
-  Vec3f background{};
+  bool has_camera_gradient = false;
   ImageArrays rendered{};
-  StageRecorder* stages = nullptr;
 
   void forget_view() { n_gaussians = n_given_rows = -1; }
   /// Before projection. Until all passes have succeeded, there is no view.
-  void begin_view(const CameraView& next_view, const TileGrid& next_grid, const RenderSettings& settings) {
+  void begin_view(const CameraView& next_view, const TileGrid& next_grid, const RenderSettings& next_settings) {
     forget_view();
     view = next_view;
     grid = next_grid;
-    sh_degree = settings.sh_degree;
-    antialiasing = settings.antialiasing;
-    stages = settings.stages;
+    settings = next_settings;
     has_camera_gradient = false;
-  }
-  /// Before binning.
-  void begin_drawing(const RenderSettings& settings, const ImageArrays& out) {
-    background = settings.background;
-    rendered = out;
-    camera_gradient = settings.camera_gradient;
-    inverse_depth = settings.inverse_depth;
   }
 
   // @throws LogicError if there was no such forward pass

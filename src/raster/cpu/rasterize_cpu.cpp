@@ -61,22 +61,22 @@ class CpuBackend final : public RasterizerBackend {
   void backward(const GaussianArrays& gaussians, const ImageGradArrays& grad, const GaussianGradArrays& out) override {
     state_.check_same(gaussians);
     blend_backward(grad);
-    begin_stage(state_.stages, Stage::kProjectBackward);
+    begin_stage(state_.settings.stages, Stage::kProjectBackward);
     const ProjectBackwardArgs args = project_args(gaussians, out);
     project_backward(args);
     project_camera_gradient(args);
-    end_stage(state_.stages);
+    end_stage(state_.settings.stages);
   }
 
   void backward_to_splats(const GaussianArrays& gaussians, const ImageGradArrays& grad,
                           const SplatRecordArrays& out) override {
     state_.check_same(gaussians);
     blend_backward(grad);
-    begin_stage(state_.stages, Stage::kProjectBackward);
+    begin_stage(state_.settings.stages, Stage::kProjectBackward);
     keep_splat_records(
         {state_.n_gaussians, state_.n_splats, splats_.data(), bins_.slot_offsets, pair_grads_.data(), out});
     project_camera_gradient(project_args(gaussians, {}));
-    end_stage(state_.stages);
+    end_stage(state_.settings.stages);
   }
 
   std::int64_t project(const GaussianArrays& gaussians, const CameraView& view, const RenderSettings& settings,
@@ -88,7 +88,7 @@ class CpuBackend final : public RasterizerBackend {
       std::copy(extents_.data() + begin, extents_.data() + end, out.extents + begin);
       for (std::int64_t m = begin; m < end; ++m) out.radii[m] = radii_.data()[out.splats[m].gaussian];
     });
-    end_stage(state_.stages);
+    end_stage(state_.settings.stages);
     return counts.n_second;
   }
 
@@ -108,9 +108,9 @@ class CpuBackend final : public RasterizerBackend {
   void backward_splats(const ImageGradArrays& grad, SplatGradSum* out) override {
     state_.check_rows("backward_splats()");
     blend_backward(grad);
-    begin_stage(state_.stages, Stage::kProjectBackward);
+    begin_stage(state_.settings.stages, Stage::kProjectBackward);
     sum_splat_grads({state_.n_given_rows, row_slots_, pair_grads_.data(), out});
-    end_stage(state_.stages);
+    end_stage(state_.settings.stages);
   }
 
   void score(const float* error, const ScoreArrays& out) override {
@@ -147,7 +147,7 @@ class CpuBackend final : public RasterizerBackend {
   /// Returns the arguments of a projection of n Gaussians, without these.
   ProjectArgs begin(std::int64_t n, const CameraView& view, const RenderSettings& settings, bool is_drawn) {
     state_.begin_view(view, checked_grid(view, settings.tile), settings);
-    begin_stage(state_.stages, Stage::kProject);
+    begin_stage(state_.settings.stages, Stage::kProject);
     const std::int64_t n_most = is_drawn ? splats_per_gaussian(view.lens) * n : n;
     return {{},
             view,
@@ -184,41 +184,49 @@ class CpuBackend final : public RasterizerBackend {
 
   /// From the splats to the images.
   void draw(const RenderSettings& settings, const ImageArrays& out, const PairLimit& limit = {}) {
-    state_.begin_drawing(settings, out);
-    begin_stage(state_.stages, Stage::kBin);
+    state_.rendered = out;
+    begin_stage(state_.settings.stages, Stage::kBin);
     bins_ = bin({splats_.data(), extents_.data(), radii_.data(), state_.n_splats, state_.grid, settings.culling},
                 bin_buffers_, limit);
-    if (state_.inverse_depth) invert_depths(splats_.data(), state_.n_splats);
-    begin_stage(state_.stages, Stage::kBlendForward);
+    if (state_.settings.inverse_depth) invert_depths(splats_.data(), state_.n_splats);
+    begin_stage(state_.settings.stages, Stage::kBlendForward);
     const std::int64_t n_pixels = std::int64_t{state_.view.width} * state_.view.height;
     transmittance_.resize(n_pixels);
     last_ids_.resize(n_pixels);
     blend_forward(settings.kernel, blend_args());
-    end_stage(state_.stages);
+    end_stage(state_.settings.stages);
   }
 
   BlendForwardArgs blend_args() const {
-    return {splats_.data(),  extents_.data(),       bins_,           state_.grid, state_.background,
+    return {splats_.data(),  extents_.data(),       bins_,           state_.grid, state_.settings.background,
             state_.rendered, transmittance_.data(), last_ids_.data()};
   }
 
   /// The gradients of the pairs.
   void blend_backward(const ImageGradArrays& grad) {
-    begin_stage(state_.stages, Stage::kBlendBackward);
+    begin_stage(state_.settings.stages, Stage::kBlendBackward);
     SplatGrad* const pairs = pair_grads_.resize(bins_.n_pairs);
-    cpu::blend_backward({splats_.data(), extents_.data(), bins_, state_.grid, state_.background, state_.rendered,
-                         transmittance_.data(), last_ids_.data(), grad, pairs});
-    if (state_.inverse_depth) invert_depth_gradients(splats_.data(), state_.n_splats, bins_.slot_offsets, pairs);
+    cpu::blend_backward({splats_.data(), extents_.data(), bins_, state_.grid, state_.settings.background,
+                         state_.rendered, transmittance_.data(), last_ids_.data(), grad, pairs});
+    if (state_.settings.inverse_depth)
+      invert_depth_gradients(splats_.data(), state_.n_splats, bins_.slot_offsets, pairs);
   }
 
   ProjectBackwardArgs project_args(const GaussianArrays& gaussians, const GaussianGradArrays& out) const {
-    return {gaussians,          state_.view, state_.sh_degree,   splats_.data(), state_.n_splats, bins_.slot_offsets,
-            pair_grads_.data(), out,         state_.antialiasing};
+    return {gaussians,
+            state_.view,
+            state_.settings.sh_degree,
+            splats_.data(),
+            state_.n_splats,
+            bins_.slot_offsets,
+            pair_grads_.data(),
+            out,
+            state_.settings.antialiasing};
   }
 
   void project_camera_gradient(const ProjectBackwardArgs& args) {
-    if (state_.camera_gradient) cpu::camera_gradient(args, camera_gradients_.data());
-    state_.has_camera_gradient = state_.camera_gradient;
+    if (state_.settings.camera_gradient) cpu::camera_gradient(args, camera_gradients_.data());
+    state_.has_camera_gradient = state_.settings.camera_gradient;
   }
 
   /// The scores of the pairs, in memory of the gradients.

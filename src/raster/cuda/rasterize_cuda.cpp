@@ -66,9 +66,9 @@ class CudaBackend final : public RasterizerBackend {
     const LaunchContext context = context_();
     ProjectBackwardCudaArgs args = blend_and_prepare(gaussians, grad, context);
     args.grad = out;
-    begin_stage(state_.stages, Stage::kProjectBackward);
+    begin_stage(state_.settings.stages, Stage::kProjectBackward);
     project_backward(args, context);
-    end_stage(state_.stages);
+    end_stage(state_.settings.stages);
   }
 
   void backward_blend(const GaussianArrays& gaussians, const ImageGradArrays& grad, float* means2d,
@@ -81,11 +81,11 @@ class CudaBackend final : public RasterizerBackend {
                           const SplatRecordArrays& out) override {
     const LaunchContext context = context_();
     const ProjectBackwardCudaArgs args = blend_and_prepare(gaussians, grad, context);
-    begin_stage(state_.stages, Stage::kProjectBackward);
+    begin_stage(state_.settings.stages, Stage::kProjectBackward);
     std::int32_t* const n_records = sums_.n_records.resize(1, context);
     B3DGS_CUDA_CHECK(cudaMemsetAsync(n_records, 0, sizeof(std::int32_t), context.stream));
     keep_splat_records({gaussians.n_gaussians, args.radii, args.splats, args.splat_grads, n_records, out}, context);
-    end_stage(state_.stages);
+    end_stage(state_.settings.stages);
   }
 
   std::int64_t project(const GaussianArrays& gaussians, const CameraView& view, const RenderSettings& settings,
@@ -97,7 +97,7 @@ class CudaBackend final : public RasterizerBackend {
     list_seen(projected, n_first_rows_, bin_buffers_, context);
     const ViewCounts counts = counts_reader_.wait();
     copy_seen({projected, bin_buffers_.seen.data(), counts.n_splats, allocate(counts.n_splats)}, context);
-    end_stage(state_.stages);
+    end_stage(state_.settings.stages);
     return counts.n_second;
   }
 
@@ -113,7 +113,7 @@ class CudaBackend final : public RasterizerBackend {
     queue_.copied.record(context.stream);
     list_seen(projected, n_first_rows_, bin_buffers_, context);
     copy_seen({projected, bin_buffers_.seen.data(), capacity, out, projected.counts}, context);
-    end_stage(state_.stages);
+    end_stage(state_.settings.stages);
   }
 
   std::vector<SplatCounts> wait_for_projections() override {
@@ -154,9 +154,10 @@ class CudaBackend final : public RasterizerBackend {
   void backward_splats(const ImageGradArrays& grad, SplatGradSum* out) override {
     state_.check_rows("backward_splats()");
     const LaunchContext context = context_();
-    begin_stage(state_.stages, Stage::kBlendBackward);
-    sum_rows(out, context, [&](SplatGradSum* sums) { blend_backward(backward_kernel_, grad, sums, context); });
-    end_stage(state_.stages);
+    begin_stage(state_.settings.stages, Stage::kBlendBackward);
+    sum_rows(out, context,
+             [&](SplatGradSum* sums) { blend_backward(state_.settings.backward_kernel, grad, sums, context); });
+    end_stage(state_.settings.stages);
   }
 
   void score(const float* error, const ScoreArrays& out) override {
@@ -221,7 +222,7 @@ class CudaBackend final : public RasterizerBackend {
     n_first_rows_ = n;
     n_rows_ = n * splats_per_gaussian(view.lens);
     state_.begin_view(view, make_tile_grid(view.width, view.height, settings.tile), settings);
-    begin_stage(state_.stages, Stage::kProject);
+    begin_stage(state_.settings.stages, Stage::kProject);
     return {rows_.splats.resize(n_rows_, context),
             rows_.extents.resize(n_rows_, context),
             rows_.radii.resize(n_rows_, context),
@@ -268,7 +269,7 @@ class CudaBackend final : public RasterizerBackend {
     number_lists(projected, state_.grid.n_tiles(), bin_buffers_, counts_reader_.begin(), context);
     counts_reader_.mark(context);
     meanwhile();
-    begin_stage(state_.stages, Stage::kBin);
+    begin_stage(state_.settings.stages, Stage::kBin);
     const ViewCounts counts = counts_reader_.poll();
     if (has_too_many_pairs(counts.n_pairs)) {
       throw NumericError(too_many_pairs(counts.n_pairs,
@@ -285,13 +286,11 @@ class CudaBackend final : public RasterizerBackend {
   /// From the lists to the images.
   void draw(const ProjectOutputs& projected, const RenderSettings& settings, const ImageArrays& out,
             const LaunchContext& context) {
-    state_.begin_drawing(settings, out);
-    if (state_.inverse_depth) invert_depths({n_rows_, projected.radii, projected.splats, nullptr}, context);
+    state_.rendered = out;
+    if (state_.settings.inverse_depth) invert_depths({n_rows_, projected.radii, projected.splats, nullptr}, context);
 
-    begin_stage(state_.stages, Stage::kBlendForward);
+    begin_stage(state_.settings.stages, Stage::kBlendForward);
     parts_ = {};
-    backward_kernel_ = settings.backward_kernel;
-    deterministic_ = settings.deterministic;
     if (settings.keep_for_backward) {
       parts_.color = blended_.part_color.resize(n_bucket_pixels(), context);
       if (settings.depth_gradient) parts_.depth = blended_.part_depth.resize(n_bucket_pixels(), context);
@@ -301,14 +300,14 @@ class CudaBackend final : public RasterizerBackend {
     blended_.transmittance.resize(n_pixels, context);
     blended_.last_ids.resize(n_pixels, context);
     blend_forward(settings.kernel, context);
-    end_stage(state_.stages);
+    end_stage(state_.settings.stages);
   }
 
   /// Takes the memory that the backward pass needs while this pass can still be repeated.
   void reserve_for_backward(const LaunchContext& context) {
     sums_.splats.resize(n_rows_, context);
-    if (deterministic_) sums_.pairs.resize(binned_.bins.n_pairs, context);
-    if (state_.camera_gradient) {
+    if (state_.settings.deterministic) sums_.pairs.resize(binned_.bins.n_pairs, context);
+    if (state_.settings.camera_gradient) {
       sums_.camera_parts.resize(kCameraGradientParts * kCameraGradients, context);
       sums_.camera.resize(kCameraGradients, context);
     }
@@ -319,7 +318,7 @@ class CudaBackend final : public RasterizerBackend {
                                  rows_.extents.data(),
                                  binned_.bins,
                                  state_.grid,
-                                 state_.background,
+                                 state_.settings.background,
                                  state_.rendered,
                                  blended_.transmittance.data(),
                                  blended_.last_ids.data()};
@@ -340,7 +339,7 @@ class CudaBackend final : public RasterizerBackend {
                   rows_.extents.data(),
                   binned_.bins,
                   state_.grid,
-                  state_.background,
+                  state_.settings.background,
                   state_.rendered,
                   blended_.transmittance.data(),
                   blended_.last_ids.data(),
@@ -350,7 +349,7 @@ class CudaBackend final : public RasterizerBackend {
     args.parts = stored_parts_;
     args.splat_grads = sums;
     if (sums != sums_.splats.data() || !std::exchange(sums_.are_zero, false)) zero(sums, n_rows_, context);
-    if (deterministic_ && binned_.bins.n_pairs > 0) {
+    if (state_.settings.deterministic && binned_.bins.n_pairs > 0) {
       args.pair_grads = sums_.pairs.resize(binned_.bins.n_pairs, context);
       zero(args.pair_grads, binned_.bins.n_pairs, context);
     }
@@ -364,7 +363,7 @@ class CudaBackend final : public RasterizerBackend {
     if (args.pair_grads != nullptr) {
       sum_splat_grads({n_rows_, binned_.bins.slot_offsets, args.pair_grads, sums}, context);
     }
-    if (state_.inverse_depth && grad.depth != nullptr) {
+    if (state_.settings.inverse_depth && grad.depth != nullptr) {
       invert_depth_gradients({n_rows_, rows_.radii.data(), rows_.splats.data(), sums}, context);
     }
   }
@@ -393,19 +392,19 @@ class CudaBackend final : public RasterizerBackend {
   ProjectBackwardCudaArgs blend_and_prepare(const GaussianArrays& gaussians, const ImageGradArrays& grad,
                                             const LaunchContext& context) {
     state_.check_same(gaussians);
-    begin_stage(state_.stages, Stage::kBlendBackward);
-    blend_backward(backward_kernel_, grad, sums_.splats.data(), context);
+    begin_stage(state_.settings.stages, Stage::kBlendBackward);
+    blend_backward(state_.settings.backward_kernel, grad, sums_.splats.data(), context);
     join_second_splats(sums_.splats.data(), context);
-    end_stage(state_.stages);
-    ProjectBackwardCudaArgs args{gaussians,          state_.view,         state_.sh_degree,
+    end_stage(state_.settings.stages);
+    ProjectBackwardCudaArgs args{gaussians,          state_.view,         state_.settings.sh_degree,
                                  rows_.radii.data(), rows_.splats.data(), sums_.splats.data()};
-    args.antialiasing = state_.antialiasing;
-    state_.has_camera_gradient = state_.camera_gradient;
-    if (state_.camera_gradient) {
-      begin_stage(state_.stages, Stage::kProjectBackward);
+    args.antialiasing = state_.settings.antialiasing;
+    state_.has_camera_gradient = state_.settings.camera_gradient;
+    if (state_.settings.camera_gradient) {
+      begin_stage(state_.settings.stages, Stage::kProjectBackward);
       cuda::camera_gradient(
           {args, bin_buffers_.seen.data(), state_.n_splats, sums_.camera_parts.data(), sums_.camera.data()}, context);
-      end_stage(state_.stages);
+      end_stage(state_.settings.stages);
     }
     return args;
   }
@@ -470,8 +469,6 @@ class CudaBackend final : public RasterizerBackend {
 
   std::int64_t n_rows_ = 0, n_first_rows_ = 0;  // of the last projection: all, and without second splats
   // Of the last forward pass:
-  BackwardKernel backward_kernel_{};
-  bool deterministic_ = false;
   ListCut cut_{};
   BinnedView binned_{};
   BucketParts parts_{};         // memory for the bucket parts
