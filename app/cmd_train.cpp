@@ -170,6 +170,7 @@ int train(const CommandLine& line, const TrainCommandOptions& options, const std
   StatusLine status = is_first ? StatusLine::for_stderr(options.quiet) : StatusLine::silent();
   TrainPlan plan;
   const torch::Device device = choose_device(device_name_of_all);
+  if (has_peers) check_same_options(ranks, line.given());
   if (is_first) plan = make_plan(line, status, options, ranks.size(), device_name(device));
   const std::unique_ptr<FolderLock> lock = is_first ? claim_folder(plan, status) : nullptr;
   if (has_peers) share_plan(ranks, plan);

@@ -12,6 +12,7 @@
 #include "config/train_options.h"
 #include "core/check.h"
 #include "core/files/own_files.h"
+#include "core/json_text.h"
 #include "core/text.h"
 #include "model/checkpoint/checkpoint_header.h"
 #include "train/checkpoint/checkpoint.h"
@@ -234,6 +235,21 @@ void check_checkpoint(const fs::path& checkpoint, const TrainConfig& config) {
   options.load_images = false;
   options.frame = checkpoint_frame(header, checkpoint.string());
   check_scene(header, load_scene(options), checkpoint.string());
+}
+
+void check_same_options(Communicator& ranks, const GivenOptions& given) {
+  const auto first = nlohmann::ordered_json::parse(ranks.exchange("options", given.dump()).front());
+  const auto text = [](const nlohmann::ordered_json& options, const std::string& name) {
+    return options.contains(name) ? json_excerpt(options.at(name)) : "not given";
+  };
+  nlohmann::ordered_json all = first;
+  all.update(given);
+  for (const auto& [name, value] : all.items()) {
+    const std::string own = text(given, name), expected = text(first, name);
+    if (own == expected) continue;
+    input_error("--", name, ": rank ", ranks.rank(), " was started with other options than rank 0 (expected ", expected,
+                ", found ", own, "); start all ranks with the same command, or this training alone with --ranks 1");
+  }
 }
 
 void share_plan(Communicator& ranks, TrainPlan& plan) {

@@ -70,6 +70,9 @@ bool guard_model(const ModelFolder& folder, const TrainPlan& plan);
 /// at this image size. @throws InputError
 void check_checkpoint(const std::filesystem::path& checkpoint, const TrainConfig& config);
 
+/// @throws InputError naming an option that this rank was given otherwise than rank 0
+void check_same_options(Communicator& ranks, const GivenOptions& given);
+
 /// Rank 0 tells the others what it has decided; they do not look at the model folder.
 void share_plan(Communicator& ranks, TrainPlan& plan);
 

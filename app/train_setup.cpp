@@ -98,8 +98,10 @@ bool is_finished(const ModelFolder& folder) {
   }
 }
 
+constexpr const char* kReplaced = "replaced";
+
 fs::path replaced_folder(const ModelFolder& folder) {
-  return folder.root() / "replaced";
+  return folder.root() / kReplaced;
 }
 
 }  // namespace
@@ -132,11 +134,17 @@ fs::path remove_model(const ModelFolder& folder) {
 fs::path put_model_aside(const ModelFolder& folder) {
   if (!is_finished(folder) && fs::exists(replaced_folder(folder))) return remove_model(folder);
   drop_replaced_model(folder);
+  put_aside(folder.root(), parts_of(folder));
   OwnFiles own(folder.root());
-  for (const fs::path& part : parts_of(folder)) {
-    if (fs::exists(part)) move_own(part, replaced_folder(folder) / part.filename(), own);
-  }
   return move_remains(folder, own);
+}
+
+void put_aside(const fs::path& folder, const std::vector<fs::path>& parts) {
+  OwnFiles own(folder);
+  for (const fs::path& part : parts) {
+    const fs::path to = folder / kReplaced / part.filename();
+    if (fs::exists(part) && !fs::exists(to)) move_own(part, to, own);
+  }
 }
 
 void drop_replaced_model(const ModelFolder& folder) {

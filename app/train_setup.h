@@ -31,7 +31,10 @@ std::filesystem::path remove_model(const ModelFolder& folder);
 /// a training that was stopped before it had a model of its own, stays instead of an unfinished one.
 std::filesystem::path put_model_aside(const ModelFolder& folder);
 
-/// Removes what put_model_aside() has kept, once the new model is complete.
+/// Moves the program's own files among `parts` of a folder to replaced/ in it, but keeps what is there already.
+void put_aside(const std::filesystem::path& folder, const std::vector<std::filesystem::path>& parts);
+
+/// Removes what these have kept, once the new model is complete.
 void drop_replaced_model(const ModelFolder& folder);
 
 }  // namespace b3dgs

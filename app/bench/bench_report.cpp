@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
+#include <filesystem>
 #include <numeric>
 
 #include "adaptive/load_statistics.h"
@@ -70,6 +71,12 @@ double relative_difference(const std::vector<float>& values, const std::vector<f
   for (const float value : reference) magnitude = std::max(magnitude, std::fabs(double{value}));
   const double difference = largest_difference(values, reference);
   return difference > 0 ? difference / magnitude : 0.0;
+}
+
+void check_new_json(const std::string& path) {
+  if (!path.empty() && std::filesystem::exists(path)) {
+    input_error("--json: ", path, " exists; name another file, or remove it");
+  }
 }
 
 void BenchFile::set(const std::string& key, nlohmann::ordered_json value) {

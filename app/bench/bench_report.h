@@ -35,11 +35,14 @@ double largest_difference(const std::vector<float>& a, const std::vector<float>&
 /// no difference.
 double relative_difference(const std::vector<float>& values, const std::vector<float>& reference, double size = 0);
 
-/// Results so far as a JSON file, which is rewritten with every result: a benchmark that is interrupted keeps them.
+/// @throws InputError if there is something at `path`, which --json names and may be empty
+void check_new_json(const std::string& path);
+
+/// Results so far as a new JSON file, which is rewritten with every result: a benchmark that is interrupted keeps them.
 /// Does nothing without a path.
 class BenchFile {
  public:
-  explicit BenchFile(std::string path) : path_(std::move(path)) {}
+  explicit BenchFile(std::string path) : path_(std::move(path)) { check_new_json(path_); }
 
   /// @throws IoError
   void set(const std::string& key, nlohmann::ordered_json value);

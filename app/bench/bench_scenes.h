@@ -30,7 +30,7 @@ void visit_fields(BenchRun& c, Visitor&& field) {
   field(Option{"repeat"}, c.repeat, InRange{1, 1000}, "timed repetitions after one warm-up; the median is shown");
   field(Option{"device"}, c.device, OneOf{{"auto", "cpu", "cuda"}}, "what to time; auto: a GPU if there is one");
   field(Option{"threads"}, c.threads, AtLeast{0}, "CPU threads (0 = all cores)");
-  field(Option{"json"}, c.json, Any{}, "also write all numbers to this file");
+  field(Option{"json"}, c.json, Any{}, "also write all numbers to this new file");
 }
 
 /// Replaces --device auto by the device that it selects. Call this before using it.

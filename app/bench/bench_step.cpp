@@ -40,7 +40,7 @@ void visit_fields(BenchStepOptions& c, Visitor&& field) {
   field(Option{"warmup"}, c.warmup, InRange{0, 100000}, "number of steps before them that are not timed");
   field(Option{"checkpoint"}, c.checkpoint, Any{},
         "start from this checkpoint, with its options, instead of the scene's points");
-  field(Option{"json"}, c.json, Any{}, "also write all numbers to this file");
+  field(Option{"json"}, c.json, Any{}, "also write all numbers to this new file");
 }
 
 /// After the warm-up.
@@ -146,6 +146,7 @@ int run_bench_step(const std::vector<std::string>& words) {
   line.add(resolve_options().config, "Training", {"source_path"},
            {"model_path", "iterations", "max_epochs", "test_iterations", "save_iterations", "checkpoint_iterations"});
   if (!line.parse(words)) return 0;
+  check_new_json(options.json);
   StatusLine status = StatusLine::for_stderr(false);
   for (const std::string& former : describe_former_names(line.given())) status.warn(former);
   const TrainConfig config = make_config(line, options);

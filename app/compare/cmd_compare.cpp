@@ -192,7 +192,30 @@ bool is_trained(const ComparisonPlan& plan, std::int64_t seed) {
   });
 }
 
-/// Deletes the runs of `replaced` and trains all runs that are not finished. Returns false if a signal stopped it.
+/// Moves the runs of earlier comparisons, and what the last one has found, to replaced/ in their folders.
+void put_comparison_aside(const std::vector<ComparisonPlan>& replaced, StatusLine& status) {
+  for (const ComparisonPlan& old : replaced) {
+    for (const ModelFolder& folder : model_folders(old)) {
+      const fs::path aside = put_model_aside(folder);
+      if (!aside.empty()) status.warn("files that b3dgs has not written, or that were changed: " + aside.string());
+    }
+  }
+  const fs::path root = replaced.front().root();
+  put_aside(root, {root / kComparisonFile, root / kComparisonReport});
+}
+
+/// Removes what put_comparison_aside() has kept, also of configurations that are compared no longer.
+void drop_replaced_comparison(const fs::path& root) {
+  drop_replaced_model(ModelFolder(root));
+  for (const fs::directory_entry& configuration : fs::directory_iterator(root)) {
+    if (!configuration.is_directory() || configuration.is_symlink()) continue;
+    for (const fs::directory_entry& seed : fs::directory_iterator(configuration)) {
+      if (seed.is_directory() && !seed.is_symlink()) drop_replaced_model(ModelFolder(seed.path()));
+    }
+  }
+}
+
+/// Puts the runs of `replaced` aside and trains all runs that are not finished. Returns false if a signal stopped it.
 bool train_all(ComparisonPlan& plan, const std::vector<ComparisonPlan>& replaced, const torch::Device& device,
                const CompareOptions& options, StatusLine& status) {
   const auto is_open = [&](std::int64_t seed) { return !is_trained(plan, seed); };
@@ -216,13 +239,9 @@ bool train_all(ComparisonPlan& plan, const std::vector<ComparisonPlan>& replaced
     for (const std::string& text : scene.summary) std::cout << text << "\n";
     std::cout << describe_device(device) << std::endl;
   }
-  // Only after the scene has been read, so that an unreadable scene does not delete existing models.
-  for (const ComparisonPlan& old : replaced) {
-    for (const ModelFolder& folder : model_folders(old)) {
-      const fs::path aside = remove_model(folder);
-      if (!aside.empty()) status.warn("files that b3dgs has not written, or that were changed: " + aside.string());
-    }
-  }
+  // Only after the scene has been read and all folders are there, so that nothing is moved if one of them fails.
+  for (const ModelFolder& folder : model_folders(plan)) create_folder(folder.root());
+  if (!replaced.empty()) put_comparison_aside(replaced, status);
   write_plan(plan);
   const nlohmann::ordered_json machine = describe_machine(device);
   const double loading_ms = warm_up(plan, scene);
@@ -268,14 +287,23 @@ int run_compare(const std::vector<std::string>& words) {
   set_compute_threads(plan.base.threads);
   std::vector<ComparisonPlan> replaced;
   if (options.overwrite) replaced.push_back(plan);  // its folders may hold models of no comparison
-  if (options.overwrite && holds_comparison(plan.root())) replaced.push_back(read_plan(plan.root()));
+  if (options.overwrite && holds_comparison(plan.root())) {
+    try {
+      replaced.push_back(read_plan(plan.root()));
+    } catch (const InputError&) {
+      // Not a comparison, or a damaged one: the file is moved aside when another takes its place.
+    }
+  }
 
   const bool is_complete = train_all(plan, replaced, device, options, status);
   const Comparison comparison = load_comparison(plan);
   write_comparison(comparison);
   std::cout << describe_comparison(comparison);
   std::cout << "written: " << (plan.root() / "report.html").string() << ", compare.json" << std::endl;
-  if (is_complete) return 0;
+  if (is_complete) {
+    drop_replaced_comparison(plan.root());
+    return 0;
+  }
   std::cout << "stopped by a signal; resume with: " << resume_command(plan) << "\n";
   return 128 + stop_signal();
 }

@@ -170,11 +170,12 @@ double warm_up(const ComparisonPlan& plan, const Scene& scene) {
     const WorkFolder folder(plan.root());
     TrainConfig config = run_config(configuration, ModelFolder(folder.path()), 0);
     if (n > 0) config.init_ply.clear();  // the part has fewer points; without points, the PLY is needed
-    config.iterations = 5;
+    constexpr int kIterations = 5;
+    config.iterations = kIterations + 1;  // at its end, a training writes its outputs
     config.densify_from_iter = 0;
     config.densification_interval = 2;
     config.kernel_check_interval = 2;  // the kernel choice `published` has no check before that
-    Trainer(config, part, ModelFolder(folder.path()), hooks).run();
+    Trainer(config, part, ModelFolder(folder.path()), hooks).run(kIterations);
     double loading_ms = 0;
     for (const KernelCheckEvent& check : read_train_log(ModelFolder(folder.path()).log()).checks) {
       loading_ms += check.warm_up_ms.value_or(0);

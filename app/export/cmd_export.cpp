@@ -97,7 +97,8 @@ void reduce(LoadedModel& model, const ExportOptions& options, const torch::Devic
   const auto report = [&](std::int64_t removed, const std::string& what) {
     if (removed == 0) return;
     print_line("removed", "%s Gaussians %s", format_count(removed).c_str(), what.c_str());
-    if (splats.size() == 0) input_error("no Gaussian is left: all ", format_count(removed), " were removed ", what);
+    if (splats.size() == 0)
+      input_error("no Gaussian is left: all ", format_count(removed), " ", what, " would be removed");
   };
   if (!options.crop.empty()) report(crop(options.crop, splats), "outside of --crop " + options.crop);
   if (options.min_opacity > 0) {

@@ -8,6 +8,7 @@
 #include "core/check.h"
 #include "core/files/own_files.h"
 #include "core/options/command_line.h"
+#include "report/train_log_reader.h"
 #include "report/train_report.h"
 
 namespace b3dgs {
@@ -34,7 +35,13 @@ int run_report(const std::vector<std::string>& words) {
       input_error("neither a model folder nor a comparison: ", folder.string(),
                   " (expected config.json or compare.json); pass the folder that was given with -m");
     }
-    std::cout << "written: " << write_train_report(ModelFolder(folder)).string() << "\n";
+    const std::filesystem::path log = ModelFolder(folder).log();
+    if (read_train_log(log).points.empty()) {
+      input_error(log.string(), ": not found, or without iterations (expected the log of a training); no report was ",
+                  "written");
+    }
+    const std::filesystem::path written = write_train_report(ModelFolder(folder));
+    std::cout << "written: " << written.string() << "\n";
   }
   return 0;
 }

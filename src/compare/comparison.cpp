@@ -168,7 +168,7 @@ bool holds_comparison(const fs::path& root) {
 ComparisonPlan read_plan(const fs::path& root) {
   const fs::path path = plan_path(root);
   if (!holds_comparison(root)) input_error(root.string(), ": no comparison to resume (compare.json not found)");
-  const Json json = read_json_file(path.string());
+  const Json json = read_json_file(path.string(), "a file of b3dgs compare");
   ComparisonPlan plan;
   try {
     const Json& own = json.at("plan");
@@ -186,7 +186,9 @@ ComparisonPlan read_plan(const fs::path& root) {
     plan.photographs = own.value("photographs", std::size_t{0});
     plan.photographs.overlap = own.value("overlap", plan.photographs.overlap);
   } catch (const nlohmann::json::exception& error) {
-    input_error(path.string(), ": not a file of b3dgs compare: ", error.what());
+    input_error(path.string(), ": not a file of b3dgs compare, or damaged (",
+                first_line(error.what()).substr(std::string(error.what()).find("] ") + 2),
+                "); begin the comparison again with --overwrite, which keeps this file, or in another folder (-m)");
   }
   plan.base.model_path = root.string();     // the folder may have been moved
   plan.base.device = TrainConfig{}.device;  // chosen again on this machine

@@ -121,9 +121,14 @@ template <class Body>
 auto run_as_rank(Communicator& communicator, Body&& body) {
   try {
     return body();
-  } catch (const PeerError&) {
-    communicator.barrier("the end of a rank that failed");
-    throw;
+  } catch (const PeerError& error) {
+    try {
+      communicator.barrier("the end of a rank that failed");
+    } catch (const PeerError& last) {
+      const bool says_more = std::string(error.what()).rfind(last.what(), 0) == 0;
+      if (!says_more) throw;
+    }
+    throw PeerError(error);
   } catch (const std::exception& error) {
     communicator.throw_if_failed();
     communicator.stop_others(error.what());

@@ -109,6 +109,18 @@ void check_name(const fs::path& folder, const std::string& name) {
 
 }  // namespace
 
+namespace {
+
+/// Whether a folder is a link to one that it lies in.
+bool leads_back(const fs::directory_entry& folder) {
+  std::error_code error;
+  if (!folder.is_symlink(error)) return false;
+  const fs::path target = real_path(folder.path()), parent = real_path(folder.path().parent_path());
+  return std::mismatch(target.begin(), target.end(), parent.begin(), parent.end()).first == target.end();
+}
+
+}  // namespace
+
 PhotographList list_photographs(const fs::path& folder, const std::vector<fs::path>& except) {
   PhotographList list;
   std::vector<Photograph>& photographs = list.photographs;
@@ -120,10 +132,10 @@ PhotographList list_photographs(const fs::path& folder, const std::vector<fs::pa
     const fs::path& path = entries->path();
     std::error_code ignored;
     const bool is_folder = entries->is_directory(ignored);
-    const bool is_left_out =
-        is_hidden(path) || (is_folder && std::any_of(except.begin(), except.end(), [&](const fs::path& other) {
-                              return fs::equivalent(path, other, ignored);
-                            }));
+    const bool is_left_out = is_hidden(path) || (is_folder && leads_back(*entries)) ||
+                             (is_folder && std::any_of(except.begin(), except.end(), [&](const fs::path& other) {
+                                return fs::equivalent(path, other, ignored);
+                              }));
     if (is_left_out) {
       if (is_folder) entries.disable_recursion_pending();
       continue;

@@ -63,6 +63,9 @@ ReconstructInput check_input(const ReconstructOptions& options, const ScenePlace
     input_error("photographs not found: ", options.input, " (expected a folder or a video)");
   }
   input.is_video = !fs::is_directory(input.source);
+  if (input.is_video && !fs::is_regular_file(input.source)) {
+    input_error(options.input, ": neither a folder nor a file (expected photographs or a video)");
+  }
   if (input.is_video && has_image_extension(input.source)) {
     input_error(options.input, ": only one photograph (expected a folder of photographs, or a video)");
   }

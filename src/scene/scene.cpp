@@ -215,6 +215,7 @@ void change_frame_of_views(const CoordinateFrame& to, Scene& scene) {
 }
 
 std::string scene_name(const std::string& source_path) {
+  if (source_path.empty()) return "";
   const fs::path scene = fs::absolute(source_path).lexically_normal();
   return (scene.has_filename() ? scene : scene.parent_path()).filename().string();
 }

@@ -106,7 +106,8 @@ std::optional<HttpResponse> ViewServer::refuse(const HttpRequest& request) {
   const bool is_page = request.path == "/";
   std::optional<HttpResponse> refused;
   if (request.headers.count("host") != 1 || !is_own_host(host, address_)) {
-    refused = text_response(403, "the address of the page: expected 127.0.0.1 or another numeric address, not a name");
+    refused = text_response(
+        403, "the address of the page: expected localhost, 127.0.0.1 or, with --view ADDRESS:PORT, a numeric address");
   } else if (!is_own_origin(request.header("origin"), host)) {
     refused = text_response(403, "a request from another site");
   } else if (!equal_in_constant_time(is_page ? request.parameter("token") : request.header("x-token"), token_)) {

@@ -273,7 +273,9 @@ class BenchProgram : public ::testing::Test {
     words.insert(words.end(), {"--repeat", "1", "--device", "cpu", "--json", path("report.json")});
     const Outcome outcome = run_b3dgs(words);
     EXPECT_EQ(outcome.exit_code, 0) << outcome.err;
-    return json::parse(test::read_bytes(path("report.json")));
+    const json report = json::parse(test::read_bytes(path("report.json")));
+    std::filesystem::remove(path("report.json"));  // no benchmark replaces it
+    return report;
   }
 
   test::TempDir folder_;
@@ -298,6 +300,19 @@ TEST_F(BenchProgram, SweepTimesEveryNumberAndSkew) {
   const Outcome empty = run_b3dgs({"bench", "sweep", "--skew"});
   EXPECT_EQ(empty.exit_code, 2);
   EXPECT_NE(empty.err.find("--skew needs at least one value"), std::string::npos) << empty.err;
+}
+
+TEST_F(BenchProgram, ReplacesNoFile) {
+  std::ofstream(path("mine.json")) << "mine";
+  for (const std::vector<std::string>& words : std::vector<std::vector<std::string>>{
+           {"bench", "spread"}, {"bench", "sweep"}, {"bench", "step", path("scene")}}) {
+    std::vector<std::string> with_json = words;
+    with_json.insert(with_json.end(), {"--device", "cpu", "--json", path("mine.json")});
+    const Outcome outcome = run_b3dgs(with_json);
+    EXPECT_EQ(outcome.exit_code, 2) << words.back();
+    EXPECT_NE(outcome.err.find(path("mine.json") + " exists; name another file"), std::string::npos) << outcome.err;
+  }
+  EXPECT_EQ(test::read_bytes(path("mine.json")), "mine");
 }
 
 TEST_F(BenchProgram, AnInterruptedSweepKeepsItsResults) {

@@ -287,6 +287,50 @@ TEST_F(Compare, OverwriteDeletesOldRunsOnlyAfterReadingTheScene) {
   EXPECT_TRUE(fs::exists(output() / "shared-memory/seed_0/point_cloud/iteration_5/point_cloud.ply"));
 }
 
+TEST_F(Compare, IsKeptUntilItsSuccessorIsComplete) {
+  ASSERT_EQ(compare({"--iterations", "5", "--quiet", "--configs", "naive,combined"}).exit_code, 0);
+  const fs::path of_naive = output() / "naive/seed_0/replaced", of_combined = output() / "combined/seed_0/replaced";
+  const std::string ply = "point_cloud/iteration_5/point_cloud.ply";
+  const std::string before = read_bytes(of_naive.parent_path() / ply);
+  const std::string result_before = read_bytes(output() / "compare.json");
+  test::RunOptions options;
+  options.signal = SIGTERM;
+  options.signal_when = [&] { return fs::exists(output() / "shared-memory/seed_0/train.jsonl"); };  // new
+  const Outcome stopped = compare({"--iterations", "50000", "--overwrite", "--quiet"}, "out", options);
+  ASSERT_EQ(stopped.exit_code, 143) << stopped.out << stopped.err;
+  EXPECT_TRUE(test::same(read_bytes(of_naive / ply), before));
+  EXPECT_TRUE(fs::exists(of_combined / ply));
+  EXPECT_TRUE(test::same(read_bytes(output() / "replaced/compare.json"), result_before));
+
+  ASSERT_EQ(compare({"--iterations", "6", "--overwrite", "--quiet"}).exit_code, 0);
+  for (const fs::path& folder : {of_naive, of_combined, output() / "replaced"}) EXPECT_FALSE(fs::exists(folder));
+}
+
+TEST_F(Compare, OverwriteMovesNothingIfAFolderCannotBeMade) {
+  const fs::path ply = output() / "naive/seed_0/point_cloud/iteration_5/point_cloud.ply";
+  fs::create_directories(ply.parent_path());
+  std::ofstream(ply) << "mine";
+  std::ofstream(output() / "shared-memory") << "mine";
+  EXPECT_EQ(compare({"--iterations", "5", "--overwrite", "--quiet"}).exit_code, 2);
+  EXPECT_EQ(read_bytes(ply), "mine");
+  EXPECT_FALSE(fs::exists(output() / "compare.json"));
+}
+
+TEST_F(Compare, OverwriteKeepsAFileThatIsNoComparison) {
+  for (const std::string text : {"{}", "[1]", "mine"}) {
+    const std::string name = "out" + std::to_string(text.size());
+    fs::create_directories(output(name));
+    std::ofstream(output(name) / "compare.json") << text;
+    const Outcome resumed = run_b3dgs({"compare", "--resume", "-m", output(name).string()});
+    EXPECT_EQ(resumed.exit_code, 2);
+    EXPECT_NE(resumed.err.find("a file of b3dgs compare"), std::string::npos) << resumed.err;
+    EXPECT_EQ(resumed.err.find("json.exception"), std::string::npos) << resumed.err;
+    ASSERT_EQ(compare({"--iterations", "5", "--overwrite", "--quiet"}, name).exit_code, 0);
+    EXPECT_EQ(read_bytes(output(name) / "compare.json.previous"), text);
+    EXPECT_EQ(result(name)["summary"]["done"], 5);
+  }
+}
+
 TEST_F(Compare, InitPlyReplacesMissingPointsOfTheScene) {
   ASSERT_EQ(run_b3dgs({"train", "-s", scene(), "-m", output("model").string(), "--iterations", "2", "--device", "cpu",
                        "--quiet"})
@@ -356,6 +400,11 @@ TEST_F(Compare, ReportRewritesThePagesFromTheFolder) {
   fs::remove(model / "report.html");
   EXPECT_EQ(run_b3dgs({"report", model.string()}).exit_code, 0);
   EXPECT_TRUE(test::same(read_bytes(model / "report.html"), of_model));
+  fs::remove(model / "train.jsonl");
+  const Outcome empty = run_b3dgs({"report", model.string()});
+  EXPECT_EQ(empty.exit_code, 2);
+  EXPECT_NE(empty.err.find("train.jsonl: not found"), std::string::npos) << empty.err;
+  EXPECT_TRUE(test::same(read_bytes(model / "report.html"), of_model)) << "a report without curves replaces none";
   EXPECT_EQ(run_b3dgs({"report", scene()}).exit_code, 2);
   EXPECT_EQ(run_b3dgs({"report", "/nonexistent"}).exit_code, 2);
 }

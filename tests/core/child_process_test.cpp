@@ -261,5 +261,23 @@ TEST(ChildInput, WithoutFinishTheProgramIsKilled) {
   EXPECT_EQ(kill(pid, 0), -1);
 }
 
+TEST(ChildInput, TheProgramEndsIfThisOneIsKilled) {
+  const test::TempDir folder;
+  const std::string fifo = (folder / "fifo").string();
+  ASSERT_EQ(mkfifo(fifo.c_str(), 0600), 0);
+  const pid_t killed = fork();
+  if (killed == 0) {
+    const ChildInput child({"sh", "-c", "exec sleep 600 > " + fifo}, [](const std::string&) {});
+    for (;;) pause();
+  }
+  const int file = open(fifo.c_str(), O_RDONLY);  // once the program has opened it
+  ASSERT_GE(file, 0);
+  kill(killed, SIGKILL);
+  EXPECT_EQ(waitpid(killed, nullptr, 0), killed);
+  char byte = 0;
+  EXPECT_EQ(read(file, &byte, 1), 0) << "at the end of the program";
+  close(file);
+}
+
 }  // namespace
 }  // namespace b3dgs

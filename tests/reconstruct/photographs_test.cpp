@@ -43,6 +43,16 @@ TEST(Photographs, AreListedWithSubFoldersAndWithoutHiddenOnes) {
   EXPECT_EQ(list.photographs[0].bytes, 1u);
 }
 
+TEST(Photographs, LinksToFoldersAreFollowedUnlessTheyLeadBack) {
+  const TempDir folder, elsewhere;
+  for (const char* name : {"a.jpg", "left/b.jpg"}) write_bytes(folder / name, "x");
+  write_bytes(elsewhere / "c.jpg", "x");
+  fs::create_directory_symlink("..", folder / "left/up");
+  fs::create_directory_symlink(".", folder / "self");
+  fs::create_directory_symlink(elsewhere.path(), folder / "other");
+  EXPECT_EQ(names_of(list_photographs(folder.path(), {})), (Names{"a.jpg", "left/b.jpg", "other/c.jpg"}));
+}
+
 TEST(Photographs, RawFilesWithoutAJpegBesideThemAreNamed) {
   const TempDir folder;
   for (const char* name : {"a.jpg", "a.CR2", "b.jpg", "c.HEIC", "left/b.dng"}) write_bytes(folder / name, "x");

@@ -235,11 +235,10 @@ void CommandLine::reject(const std::string& word) const {
               nearest.empty() ? "; see b3dgs " + name_ + " --help-all" : "; did you mean --" + nearest + "?");
 }
 
-nlohmann::ordered_json read_json_file(const std::string& path) {
+nlohmann::ordered_json read_json_file(const std::string& path, const char* expected) {
   std::ifstream file(path, std::ios::binary);
   file.peek();  // fails for a folder, which can be opened
-  if (file.bad() || !file.is_open())
-    input_error("cannot open config file: ", path, " (expected a JSON file with option names as keys)");
+  if (file.bad() || !file.is_open()) input_error("cannot open file: ", path, " (expected ", expected, ")");
   const std::string text{std::istreambuf_iterator<char>(file), {}};
   nlohmann::ordered_json json = parse_json(text, /*ignore_comments=*/true);
   if (!json.is_discarded()) return json;
@@ -249,7 +248,7 @@ nlohmann::ordered_json read_json_file(const std::string& path) {
     std::string reason = error.what();
     std::replace(reason.begin(), reason.end(), '\n', ' ');
     reason.erase(0, reason.rfind("[json.exception", 0) == 0 ? reason.find("] ") + 2 : 0);  // the library's number
-    input_error("not valid JSON: ", path, " (expected option names as keys; ", reason, ")");
+    input_error("not valid JSON: ", path, " (expected ", expected, "; ", reason, ")");
   }
   input_error("JSON nested too deeply: ", path, " (at most ", kMaxJsonDepth, " levels)");
 }

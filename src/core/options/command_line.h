@@ -112,8 +112,10 @@ class CommandLine {
   nlohmann::ordered_json given_ = nlohmann::ordered_json::object();
 };
 
-/// Reads a --config file: a JSON object with option names as keys; // comments are allowed. @throws InputError
-nlohmann::ordered_json read_json_file(const std::string& path);
+/// Reads a --config file, or another that a user may have written: // comments are allowed. `expected`: what it should
+/// be, in errors. @throws InputError
+nlohmann::ordered_json read_json_file(const std::string& path,
+                                      const char* expected = "a JSON file with option names as keys");
 
 namespace detail {
 

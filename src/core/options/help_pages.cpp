@@ -62,7 +62,7 @@ std::string description(const OptionSpec& spec, HelpDetail detail) {
   if (detail == HelpDetail::kAll && !spec.aliases.empty()) notes.push_back("also " + alias_list(spec));
   if (notes.empty()) return spec.help;
   // A note at the end of the help text, "(0 = never)", and these share one pair of parentheses.
-  const bool has_note = !spec.help.empty() && spec.help.back() == ')';
+  const bool has_note = !spec.help.empty() && spec.help.back() == ')' && spec.help.find(" (") != std::string::npos;
   std::string text = has_note ? spec.help.substr(0, spec.help.size() - 1) + "; " : spec.help + " (";
   for (std::size_t i = 0; i < notes.size(); ++i) text += (i == 0 ? "" : "; ") + notes[i];
   return text + ")";

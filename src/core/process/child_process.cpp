@@ -141,8 +141,14 @@ class SpawnSettings {
   SpawnSettings(const SpawnSettings&) = delete;
   SpawnSettings& operator=(const SpawnSettings&) = delete;
 
-  /// @return the error number, or 0
-  int spawn(const std::string& program, std::vector<std::string> words, pid_t& pid) const {
+  /// If this process is killed, the program ends, too, where util-linux is installed: otherwise COLMAP, for example,
+  /// would go on alone, and keep its database locked. @return the error number, or 0
+  int spawn(std::string program, std::vector<std::string> words, pid_t& pid) const {
+    words.front() = program;
+    if (const std::string setpriv = find_program("setpriv"); !setpriv.empty()) {
+      words.insert(words.begin(), {setpriv, "--pdeathsig", "TERM", "--"});
+      program = setpriv;
+    }
     std::vector<char*> pointers;
     pointers.reserve(words.size() + 1);
     for (std::string& word : words) pointers.push_back(word.data());

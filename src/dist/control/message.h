@@ -29,10 +29,15 @@ class PeerError : public Error {
   PeerError(int rank, int size, const std::string& cause)
       : Error(detail::one_line(detail::concat("rank ", rank, " of ", size, " stopped: ", cause))), rank_(rank) {}
   int rank() const { return rank_; }
-  /// Without that text: the rank that failed says how to go on.
-  [[noreturn]] void rethrow_with(const std::string& /*more*/) const override { throw PeerError(*this); }
+  /// Unless the text has it: the rank that failed may have said the same; one that was killed has not.
+  [[noreturn]] void rethrow_with(const std::string& more) const override {
+    const std::string text = what();
+    throw PeerError(rank_, text.find(more) == std::string::npos ? text + more : text);
+  }
 
  private:
+  PeerError(int rank, const std::string& text) : Error(text), rank_(rank) {}
+
   int rank_;
 };
 

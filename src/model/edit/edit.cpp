@@ -155,7 +155,7 @@ CropRegion parse_crop(const std::string& text) {
       ": expected a box \"x0,y0,z0,x1,y1,z1\" or a sphere \"x,y,z,radius\" with finite numbers";
   std::vector<double> numbers;
   for (TextFields fields(text); !fields.empty() && numbers.size() <= kBoxNumbers;) {
-    numbers.push_back(fields.number<double>("a number", place));
+    numbers.push_back(fields.number<double>("a coordinate", place));
     if (!std::isfinite(numbers.back())) input_error(place(), expected);
   }
   CropRegion region;

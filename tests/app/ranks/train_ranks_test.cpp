@@ -59,6 +59,26 @@ class TrainRanks : public testing::Test {
     EXPECT_EQ(made.exit_code, 0) << made.err;
   }
 
+  /// Trains two ranks as a launcher would, each with more words, and returns what they print, with their exit codes.
+  std::vector<std::string> launch(const std::string& words_of_first, const std::string& words_of_second) const {
+    int port = 0;
+    {
+      const Socket free = listen_at("127.0.0.1", 0);
+      port = port_of(free);
+    }
+    std::string command;
+    for (const int rank : {1, 0}) {
+      const std::string out = (temp / ("rank" + std::to_string(rank))).string();
+      command += "(";
+      for (const auto& [name, value] : launched(rank, 2, port)) command += std::string(name) + "=" + value + " ";
+      command += std::string(B3DGS_PROGRAM) + " train " + scene() + " -m " + model() + " --device cpu " +
+                 (rank == 0 ? words_of_first : words_of_second) + " > " + out + " 2>&1; echo code $? >> " + out +
+                 ") & ";
+    }
+    EXPECT_EQ(std::system((command + " wait").c_str()), 0);
+    return {read_bytes(temp / "rank0"), read_bytes(temp / "rank1")};
+  }
+
   std::string scene() const { return (temp / "scene").string(); }
   std::string model(const std::string& name = "model") const { return (temp / name).string(); }
 
@@ -165,25 +185,22 @@ TEST_F(TrainRanksOnCpu, TheErrorOfARankEndsAll) {
 
 TEST_F(TrainRanksOnCpu, ExitCodesTellWhichRankFailed) {
   ASSERT_EQ(train({"--device", "cpu"}).exit_code, 0);
-  int port = 0;
-  {
-    const Socket free = listen_at("127.0.0.1", 0);
-    port = port_of(free);
-  }
-  std::string command;
-  for (const int rank : {1, 0}) {
-    const std::string out = (temp / ("rank" + std::to_string(rank))).string();
-    command += "(";
-    for (const auto& [name, value] : launched(rank, 2, port)) command += std::string(name) + "=" + value + " ";
-    command += std::string(B3DGS_PROGRAM) + " train " + scene() + " -m " + model() + " --device cpu > " + out +
-               " 2>&1; echo code $? >> " + out + ") & ";
-  }
-  ASSERT_EQ(std::system((command + " wait").c_str()), 0);
-  const std::string first = read_bytes(temp / "rank0"), second = read_bytes(temp / "rank1");
+  const std::vector<std::string> printed = launch("", "");
+  const std::string &first = printed[0], &second = printed[1];
   EXPECT_EQ(first.rfind("error: output folder already holds a model", 0), 0u) << first;
   EXPECT_EQ(count_of(first, "code 2\n"), 1) << first;
   EXPECT_EQ(second.rfind("error: rank 0 of 2 stopped: output folder already holds a model", 0), 0u) << second;
   EXPECT_EQ(count_of(second, "code 3\n"), 1) << second;
+}
+
+TEST_F(TrainRanksOnCpu, OptionsMustBeThoseOfRank0) {
+  const std::vector<std::string> printed = launch("--iterations 4 --seed 1", "--seed 2 --iterations 4");
+  const std::string error =
+      "--seed: rank 1 was started with other options than rank 0 (expected 1, found 2); start all ranks";
+  EXPECT_EQ(printed[1].rfind("error: " + error, 0), 0u) << printed[1];
+  EXPECT_EQ(count_of(printed[1], "code 2\n"), 1) << printed[1];
+  EXPECT_EQ(printed[0].rfind("error: rank 1 of 2 stopped: " + error, 0), 0u) << printed[0];
+  EXPECT_FALSE(fs::exists(model()));
 }
 
 TEST(RankSetup, ALoneRankHasTheWholeMachine) {
