@@ -1,9 +1,9 @@
-// L1 + D-SSIM on the GPU: one kernel computes the SSIM map, its partial derivatives and the value, a second one the
-// gradient. A block owns one channel of 32 x 32 pixels and filters rows, then columns, in shared memory. Shared-memory
-// loads are the bottleneck: a thread filters four adjacent outputs at once, which needs 14 values for 44 products.
+// L1 + D-SSIM on the GPU: one kernel computes SSIM's partial derivatives and each block's sums, a second one the
+// gradient and the value. A block owns one channel of 32 x 32 pixels and filters rows, then columns, in shared memory.
+// Shared-memory loads limit it, so a thread filters four adjacent outputs at once: 14 values for 44 products.
 //
-//   1st kernel   rendered, truth  ->  four maps, filtered  ->  SSIM, three partial derivatives
-//   2nd kernel   partial derivatives  ->  filtered  ->  gradient of the rendered image
+//   1st kernel   rendered, truth  ->  four maps, filtered  ->  three partial derivatives of SSIM, sums of blocks
+//   2nd kernel   partial derivatives  ->  filtered  ->  gradient of the rendered image; block 0: value
 
 #include "core/cuda_check.h"
 #include "train/loss/loss_args.h"

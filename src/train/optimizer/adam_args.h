@@ -20,7 +20,7 @@ struct AdamRule {
   float epsilon = static_cast<float>(kAdamEpsilon);
 };
 
-/// For the gradient of a mean over n views, where learning rates are multiplied by sqrt(n): the moments then decay by
+/// For the gradient of a mean over n views, where learning rates are multiplied by sqrt(n): the moments then decay per
 /// view as in steps of one view, and t counts views.
 inline AdamRule adam_rule(int n_views) {
   const double beta1 = std::pow(kAdamBeta1, n_views), beta2 = std::pow(kAdamBeta2, n_views);
@@ -53,7 +53,7 @@ struct AdamArgs {
   AdamStepSize size{};
 };
 
-/// Index of a Gaussian's parameters, in the order of GaussianTensors; kShGroup: SH degrees above 0.
+/// Index into AdamGroups, in the order of GaussianTensors; kShGroup: SH degrees above 0.
 enum GroupIndex : std::size_t { kMeanGroup, kScaleGroup, kQuatGroup, kOpacityGroup, kSh0Group, kShGroup, kGroups };
 using AdamGroups = std::array<AdamArgs, kGroups>;
 

@@ -6,7 +6,7 @@
 //   Gaussians of a block   0  1  2  3  4  5
 //   seen by the view          x     x  x
 //   list                   1  3  4              a thread each: gradients to shared memory
-//   coefficients           111... 333... 444... a thread each: the steps that it missed
+//   coefficients           111... 333... 444... a thread per float: its deferred steps
 
 #include "train/optimizer/deferred_sh.h"
 

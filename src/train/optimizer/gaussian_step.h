@@ -33,7 +33,7 @@ struct BatchStepArgs {
 static_assert(sizeof(BatchStepArgs) <= 4096, "a kernel's arguments");
 
 /// SH coefficients beyond degree 0 are stepped too, for Gaussians that any view sees: their deferred updates must have
-/// been applied, which the views' forward passes do. For the others, this step is to be deferred. Arrays are aligned to
+/// been applied, which the views' forward passes do. The caller defers this step for the others. Arrays are aligned to
 /// 16 bytes. Asynchronous.
 void step_batch(const BatchStepArgs& args, const LaunchContext& context);
 
