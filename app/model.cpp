@@ -163,12 +163,55 @@ void use_frame_of_gaussians(LoadedModel& model) {
   scene.points = {};
 }
 
+std::string count_and_first(const std::vector<std::string>& names) {
+  return detail::concat(names.size(), names.size() == 1 ? " view (" : " views (the first: ", names.front(), ")");
+}
+
+/// Splits the views as the training did, by cameras.json: which are held out may depend on the photographs that are
+/// there. Views that the training did not have are left out.
+void split_as_trained(LoadedModel& model, StatusLine& status) {
+  if (!fs::exists(model.folder.cameras())) return;
+  std::map<std::string, bool> held_out;
+  for (const NamedCamera& named : read_cameras_json(model.folder.cameras())) held_out[named.name] = named.held_out;
+  std::vector<View> train, test;
+  std::vector<std::string> added, missing;
+  bool has_moved = false;
+  for (std::vector<View>* views : {&model.scene.train, &model.scene.test}) {
+    for (View& view : *views) {
+      const auto known = held_out.find(view.name);
+      if (known == held_out.end()) {
+        added.push_back(view.name);
+        continue;
+      }
+      has_moved = has_moved || known->second != (views == &model.scene.test);
+      (known->second ? test : train).push_back(view);
+      held_out.erase(known);
+    }
+  }
+  if (train.empty() && test.empty()) return;  // other names altogether
+  const auto by_name = [](const View& a, const View& b) { return a.name < b.name; };
+  if (has_moved) {
+    std::sort(train.begin(), train.end(), by_name);
+    std::sort(test.begin(), test.end(), by_name);
+  }
+  model.scene.train = std::move(train);
+  model.scene.test = std::move(test);
+  for (const auto& [name, is_held_out] : held_out) missing.push_back(name);
+  if (!added.empty()) status.warn("left out, since the training did not have them: " + count_and_first(added));
+  if (!missing.empty()) status.warn("not found, but used by the training: " + count_and_first(missing));
+}
+
 /// Adds the views of the scene that the config names.
 void add_views(LoadedModel& model, bool with_photographs, StatusLine& status) {
   SceneOptions options = scene_options(model.config);
   options.load_images = with_photographs;
   options.seed_points = false;  // the model's Gaussians take the place of points
   model.scene = open_scene(options, status);
+  if (!model.is_file()) {
+    std::string trained = model.folder.read_config().source_path;
+    make_absolute(trained);
+    if (trained == model.config.source_path) split_as_trained(model, status);
+  }
   refine_poses(model);
   use_frame_of_gaussians(model);
 }

@@ -202,6 +202,11 @@ bool guard_model(const ModelFolder& folder, const TrainPlan& plan) {
     input_error("output folder holds a comparison: ", folder.root().string(), "; choose another folder with -m");
   }
   if (!plan.checkpoint.empty()) {
+    const fs::path kept = real_path(plan.checkpoint).parent_path().parent_path();
+    if (kept.filename() == "replaced" && fs::exists(kept.parent_path() / OwnFiles::kRecord)) {
+      input_error("checkpoint of an earlier model, which --overwrite keeps until the new one is complete: ",
+                  plan.checkpoint.string(), "; move ", kept.string(), " elsewhere first, and resume it there");
+    }
     const auto training_id = read_checkpoint_header(plan.checkpoint).value("training_id", "");
     if (!plan.options.overwrite) check_training_id(folder, plan.checkpoint, training_id);
     const bool is_replaced = !may_continue_in(folder, plan.checkpoint, training_id);

@@ -1,5 +1,7 @@
 #include "app/train_setup.h"
 
+#include <sys/stat.h>
+
 #include <csignal>
 #include <cstdint>
 #include <ctime>
@@ -98,7 +100,22 @@ bool is_finished(const ModelFolder& folder) {
   }
 }
 
-constexpr const char* kReplaced = "replaced";
+constexpr const char *kReplaced = "replaced", *kMoving = "replaced.moving";
+
+/// @throws InputError if a part of the model is a link or on another disk, so that it cannot be moved to another folder
+/// of the model in one step
+void require_movable(const ModelFolder& folder) {
+  struct stat root {};
+  if (::stat(folder.root().c_str(), &root) != 0) return;
+  for (const char* part : {"point_cloud", "checkpoints", "report"}) {
+    struct stat own {};
+    const fs::path path = folder.root() / part;
+    if (::lstat(path.c_str(), &own) != 0 || (!S_ISLNK(own.st_mode) && own.st_dev == root.st_dev)) continue;
+    input_error(path.string(), ": is a link, or on another disk than ", folder.root().string(),
+                ", so that --overwrite cannot keep the earlier model until the new one is complete; move the model ",
+                "elsewhere, or choose another folder with -m");
+  }
+}
 
 fs::path replaced_folder(const ModelFolder& folder) {
   return folder.root() / kReplaced;
@@ -132,10 +149,18 @@ fs::path remove_model(const ModelFolder& folder) {
 }
 
 fs::path put_model_aside(const ModelFolder& folder) {
-  if (!is_finished(folder) && fs::exists(replaced_folder(folder))) return remove_model(folder);
-  drop_replaced_model(folder);
-  put_aside(folder.root(), parts_of(folder));
+  require_movable(folder);
+  // A folder of another name until all is in it: if this is interrupted, the next call goes on.
+  const fs::path moving = folder.root() / kMoving;
+  if (!fs::exists(moving)) {
+    if (!is_finished(folder) && fs::exists(replaced_folder(folder))) return remove_model(folder);
+    drop_replaced_model(folder);
+  }
   OwnFiles own(folder.root());
+  for (const fs::path& part : parts_of(folder)) {
+    if (fs::exists(part)) move_own(part, moving / part.filename(), own);
+  }
+  if (fs::exists(moving)) move_own(moving, replaced_folder(folder), own);
   return move_remains(folder, own);
 }
 
@@ -148,7 +173,8 @@ void put_aside(const fs::path& folder, const std::vector<fs::path>& parts) {
 }
 
 void drop_replaced_model(const ModelFolder& folder) {
-  OwnFiles(folder.root()).remove(replaced_folder(folder));
+  OwnFiles own(folder.root());
+  for (const char* kept : {kReplaced, kMoving}) own.remove(folder.root() / kept);
 }
 
 }  // namespace b3dgs

@@ -80,9 +80,11 @@ LoadedModel load_with_cameras(const ModelOptions& options, const CameraOptions& 
   return model;
 }
 
-fs::path frames_folder(const LoadedModel& model, const RenderOptions& options, const std::string& set) {
+/// `variant`: results_variant().
+fs::path frames_folder(const LoadedModel& model, const RenderOptions& options, const std::string& set,
+                       const std::string& variant) {
   if (!options.output.empty()) return options.output;
-  if (!model.is_file()) return image_folder(model, set);
+  if (!model.is_file()) return image_folder(model, set) += variant.empty() ? "" : "_" + variant;
   return model.file.parent_path() / (model.file.stem().string() + "_" + set);
 }
 
@@ -107,13 +109,18 @@ struct RenderedFrame {
 /// Writes what the options ask for, view by view, on threads of its own while the next view is rendered.
 class Output {
  public:
-  Output(const RenderOptions& options, const CameraChoice& choice, const LoadedModel& model)
+  Output(const RenderOptions& options, const CameraChoice& choice, const LoadedModel& model, const std::string& variant)
       : options_(options),
-        folder_(frames_folder(model, options, choice.set)),
+        folder_(frames_folder(model, options, choice.set, variant)),
         unit_(model.splats.frame.unit),
         tasks_(options.video.empty() ? writer_threads() : 1, kFramesAhead) {  // frames of a video keep their order
     const bool is_in_model = options.output.empty() && !model.is_file();
-    if (options.writes_images()) own_files_.emplace(is_in_model ? model.folder.root() : folder_);
+    if (options.writes_images()) {
+      own_files_.emplace(is_in_model ? model.folder.root() : folder_);
+      for (const char* part : {"renders", "depth", "alpha", "depth.json", "views.json"}) {
+        own_files_->remove(folder_ / part);  // of an earlier call, which may have had more
+      }
+    }
     if (options.colors_depth() || options.depth_format == "png16") {
       range_ = visible_depth_range(model.splats, choice.cameras, model.near_plane);
     }
@@ -241,7 +248,7 @@ int run_render(const std::vector<std::string>& words) {
   const CameraChoice choice = choose_cameras(line, camera_options, model.scene, model.splats);
   if (choice.fps > 0 && !line.was_given("fps")) options.fps = choice.fps;
 
-  Output output(options, choice, model);
+  Output output(options, choice, model, model.is_file() ? "" : results_variant(model, model_options));
   ModelRenderer renderer(model, device);
   const ProgressFn progress = show_loading(status);
   const double start_s = steady_seconds();

@@ -1,6 +1,7 @@
 #include "app/tools/commands.h"
 
 #include <algorithm>
+#include <csignal>
 #include <cstring>
 #include <exception>
 #include <iostream>
@@ -44,6 +45,7 @@ int report_out_of_memory(const std::string& what) {
 }  // namespace
 
 int run_program(int argc, char** argv, const std::vector<Command>& commands) {
+  std::signal(SIGXFSZ, SIG_IGN);  // of ulimit -f: writing then fails with an error that names the file
   try {
     const std::string name = argc > 1 ? argv[1] : "";
     const auto found =

@@ -74,8 +74,9 @@ ViewSource view_source(const ColmapImage& image, const SceneModel& model, const 
 }
 
 // A mask that the scene names comes before one of the folder, unless a folder was asked for.
-void find_masks(const SceneModel& model, const SceneOptions& options, std::vector<ViewSource>& sources) {
-  if (options.masks == "none") return;
+// Returns a warning, empty if there is none.
+std::string find_masks(const SceneModel& model, const SceneOptions& options, std::vector<ViewSource>& sources) {
+  if (options.masks == "none") return "";
   const bool is_asked_for = !options.masks.empty();
   const fs::path folder = find_mask_folder(options.source_path, options.masks);
   for (ViewSource& source : sources) {
@@ -84,11 +85,13 @@ void find_masks(const SceneModel& model, const SceneOptions& options, std::vecto
         named != model.masks.end() && !is_asked_for ? named->second : find_mask(folder, source.name, options.images);
   }
   const bool is_any = std::any_of(sources.begin(), sources.end(), [](const ViewSource& s) { return !s.mask.empty(); });
-  if (is_asked_for && !is_any) {
-    input_error(folder.string(), ": no mask for any of the ", sources.size(),
-                " photographs (expected a.png, a.jpg.png or a.mask.png for a.jpg, in the same sub-folders); choose ",
-                "another folder with --masks");
-  }
+  if (is_any || folder.empty()) return "";
+  const std::string text = detail::concat(
+      folder.string(), ": no mask for any of the ", sources.size(),
+      " photographs (expected a.png, a.jpg.png or a.mask.png for a.jpg, in the same sub-folders); choose another ",
+      "folder with --masks");
+  if (is_asked_for) input_error(text);
+  return text + ", or say that there are none with --masks none";
 }
 
 std::vector<Camera> cameras_of(const std::vector<View>& views) {
@@ -143,12 +146,14 @@ Scene load_scene(const SceneOptions& options, const ProgressFn& progress) {
                                 : detail::concat("none of the ", missing.size(), " registered images found (first: ",
                                                  missing.front(), "); copy them there or choose their folder with -i"));
   }
-  find_masks(model, options, sources);
+  const std::string mask_warning = find_masks(model, options, sources);
   const std::shared_ptr<SceneImages> images = options.load_images ? prepare_images(sources, options) : nullptr;
 
   Scene scene;
   scene.source_path = options.source_path;
   scene.options = options;
+  scene.warnings = model.warnings;
+  if (!mask_warning.empty()) scene.warnings.push_back(mask_warning);
   std::vector<std::string> masked_out;
   for (std::size_t i = 0; i < sources.size(); ++i) {
     if (sources[i].is_masked_out) {

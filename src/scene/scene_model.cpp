@@ -114,6 +114,13 @@ void choose_held_out(const TransformsModel& transforms, const TransformsFiles& f
     input_error(files.train.string(), ": ", key, ": expected names as in file_path of \"frames\", found none in its ",
                 listed.size(), " (first: ", listed.begin()->substr(0, 100), "); correct or remove the list");
   }
+  std::set<std::string> unknown = listed;
+  for (const std::string& name : scene.held_out) unknown.erase(name);
+  if (!unknown.empty()) {
+    scene.warnings.push_back(detail::concat(files.train.string(), ": ", key, ": ", unknown.size(), " of ",
+                                            listed.size(), " names are not in \"frames\" (the first: ",
+                                            unknown.begin()->substr(0, 100), "); expected names as in file_path"));
+  }
   if (others.size() < scene.model.images.size()) {
     scene.notes.push_back(detail::concat("val_filenames: ", scene.model.images.size() - others.size(),
                                          " views are neither trained on nor tested"));

@@ -33,6 +33,7 @@ struct SceneModel {
   /// Whether the scene says which views to hold out, and which, by image name. If not, every kTestEvery-th is.
   bool has_split = false;
   std::set<std::string> held_out;
+  std::vector<std::string> warnings;
   std::string split_description;  // "transforms_test.json"
 };
 

@@ -7,6 +7,7 @@
 #include <string>
 #include <vector>
 
+#include "core/files/own_files.h"
 #include "model/model_folder.h"
 #include "support/files.h"
 #include "support/run_program.h"
@@ -153,6 +154,50 @@ TEST_F(ForeignFiles, AModelIsKeptUntilItsSuccessorIsComplete) {
   train({"--overwrite", "--iterations", "5"});
   EXPECT_FALSE(fs::exists(kept));
   EXPECT_EQ(ModelFolder(model()).ply_iterations(), std::vector<int>{5});
+}
+
+TEST_F(ForeignFiles, AModelIsKeptIfItsMoveWasInterrupted) {
+  train();
+  const fs::path root = model();
+  {
+    OwnFiles own(root);  // what a process that is killed while it moves leaves
+    fs::create_directories(root / "replaced.moving/checkpoints");
+    own.move(ModelFolder(model()).checkpoint(4), root / "replaced.moving/checkpoints/iteration_4.b3dgs");
+  }
+  test::RunOptions stopped;
+  stopped.signal = SIGKILL;
+  stopped.signal_when = [&] { return fs::exists(root / "replaced") && !fs::exists(root / "replaced.moving"); };
+  run_b3dgs({"train", scene(), "-m", model(), "--iterations", "100000", "--overwrite", "--quiet"}, stopped);
+  EXPECT_TRUE(fs::exists(root / "replaced/checkpoints/iteration_4.b3dgs"));
+  EXPECT_TRUE(fs::exists(root / "replaced/point_cloud/iteration_4/point_cloud.ply"));
+  const std::string kept = (root / "replaced/checkpoints/iteration_4.b3dgs").string();
+  const Outcome resumed = run_b3dgs({"train", "--resume", kept, "--iterations", "5", "--quiet"});
+  EXPECT_EQ(resumed.exit_code, 2);
+  EXPECT_NE(resumed.err.find("elsewhere first, and resume it there"), std::string::npos) << resumed.err;
+}
+
+TEST_F(ForeignFiles, PartsThatCannotBeMovedInOneStepStay) {
+  fs::create_directories(fs::path(model()));
+  fs::create_directory(temp_.path() / "big");
+  fs::create_directory_symlink("../big", fs::path(model()) / "checkpoints");
+  train();
+  const Outcome again = run_b3dgs({"train", scene(), "-m", model(), "--iterations", "4", "--overwrite", "--quiet"});
+  EXPECT_EQ(again.exit_code, 2);
+  EXPECT_NE(again.err.find("checkpoints: is a link, or on another disk"), std::string::npos) << again.err;
+  EXPECT_TRUE(fs::exists(ModelFolder(model()).ply(4)));
+  EXPECT_TRUE(fs::exists(temp_.path() / "big/iteration_4.b3dgs"));
+}
+
+TEST_F(ForeignFiles, LinksInThePlaceOfLockAndRecordAreNotFollowed) {
+  for (const char* name : {".b3dgs-lock", ".b3dgs-files"}) {
+    fs::remove_all(model());
+    fs::create_directories(model());
+    put(temp_.path() / (std::string("of_user") + name));
+    fs::create_symlink("../of_user" + std::string(name), fs::path(model()) / name);
+    const Outcome outcome = run_b3dgs({"train", scene(), "-m", model(), "--iterations", "4", "--quiet"});
+    EXPECT_EQ(outcome.exit_code, name == std::string(".b3dgs-lock") ? 2 : 0) << outcome.err;
+    expect_nothing_is_lost(name);
+  }
 }
 
 TEST_F(ForeignFiles, InputsAtPlacesOfOutputsAreRefused) {

@@ -205,6 +205,34 @@ TEST_F(TrainedModel, EvaluationWarnsOfPhotographsThatHaveChanged) {
   EXPECT_EQ(evaluate({}), "") << "a model of an early version";
 }
 
+TEST_F(TrainedModel, TestViewsAreThoseThatTheTrainingHeldOut) {
+  const auto names = [&] {
+    std::vector<std::string> test;
+    for (const View& view : load_model(options_, status_).scene.test) test.push_back(view.name);
+    return test;
+  };
+  using Names = std::vector<std::string>;
+  ASSERT_EQ(names(), (Names{"00000.png", "00008.png"}));
+  const fs::path images = folder_ / "scene/images";
+  fs::rename(images / "00003.png", folder_ / "aside.png");  // every 8th of those that are left: 00000 alone
+  EXPECT_EQ(names(), (Names{"00000.png", "00008.png"}));
+  EXPECT_NE(messages_.str().find("not found, but used by the training: 1 view (00003.png)"), std::string::npos)
+      << messages_.str();
+  fs::rename(images / "00000.png", images / "00003.png");
+  EXPECT_EQ(names(), Names{"00008.png"});
+
+  fs::rename(images / "00003.png", images / "00000.png");
+  ASSERT_EQ(run_b3dgs({"train", path("scene"), "-m", path("model"), "--overwrite", "--eval", "--iterations", "3",
+                       "--device", "cpu", "--quiet"})
+                .exit_code,
+            0);
+  fs::rename(folder_ / "aside.png", images / "00003.png");  // comes back: neither trained on nor held out
+  EXPECT_EQ(names(), Names{"00000.png"});
+  EXPECT_NE(messages_.str().find("left out, since the training did not have them: 1 view (00003.png)"),
+            std::string::npos)
+      << messages_.str();
+}
+
 TEST_F(TrainedModel, RendersTheSameWithoutTheScene) {
   const LoadedModel with_scene = load_model(options_, status_);
   const Outcome before = run_b3dgs({"render", path("model"), "-s", path("scene"), "--output", path("before")});
@@ -255,6 +283,9 @@ TEST_F(TrainedModel, ResultsOfAnotherSizeOrSceneStandBesideItsOwn) {
   EXPECT_TRUE(fs::exists(folder_ / "model/test/ours_3_r2/renders/00000.png"));
   EXPECT_EQ(found["ours_3_other"]["source_path"], path("other"));
   EXPECT_EQ(found.size(), 3u);
+  ASSERT_EQ(run_b3dgs({"render", path("model"), "-s", path("other"), "--quiet"}).exit_code, 0);
+  EXPECT_TRUE(fs::exists(folder_ / "model/test/ours_3_other/renders/00000.png"));
+  EXPECT_FALSE(fs::exists(folder_ / "model/test/ours_3"));
 
   fs::rename(folder_ / "scene", folder_ / "moved");
   ASSERT_EQ(run_b3dgs({"eval", path("model"), "-s", path("moved")}).exit_code, 0);

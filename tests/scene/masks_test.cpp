@@ -51,6 +51,10 @@ class Masks : public test::SceneFolder {
 TEST_F(Masks, AreFoundByTheNamesOfThePhotographs) {
   write_scene({"a.jpg", "b.jpg", "c.jpg", "left/d.png", "e.jpg"});
   EXPECT_TRUE(says(load(), "masks       none"));
+  EXPECT_TRUE(load().warnings.empty());
+  fs::create_directory(folder_ / "masks");
+  ASSERT_EQ(load().warnings.size(), 1u) << "a folder whose masks do not match is no reason to train without";
+  EXPECT_NE(load().warnings[0].find("no mask for any of the"), std::string::npos) << load().warnings[0];
   write_image(folder_ / "masks/a.png", with_black_columns(0, 5));
   write_image(folder_ / "masks/b.jpg.png", with_black_columns(0, 10));
   write_image(folder_ / "masks/c.mask.png", with_black_columns(0, 15));

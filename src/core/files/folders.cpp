@@ -62,7 +62,7 @@ FolderLock::FolderLock(const fs::path& folder, const char* kind) : path_(folder 
   is_new_ = !fs::exists(folder, error);
   create_folder(folder);
   for (;;) {
-    file_ = ::open(path_.c_str(), O_RDWR | O_CREAT | O_CLOEXEC, 0666);
+    file_ = ::open(path_.c_str(), O_RDWR | O_CREAT | O_NOFOLLOW | O_CLOEXEC, 0666);
     if (file_ < 0) io_error("cannot write to folder: ", folder.string(), " (", std::strerror(errno), ")");
     int failed = 0;
     while (::flock(file_, LOCK_EX | LOCK_NB) != 0 && (failed = errno) == EINTR) {

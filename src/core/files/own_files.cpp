@@ -178,7 +178,7 @@ void OwnFiles::record(const std::string& name, const Entry* entry) {
   } else {
     entries_.erase(name);
   }
-  const int file = ::open((root_ / kRecord).c_str(), O_WRONLY | O_CREAT | O_APPEND | O_CLOEXEC, 0666);
+  const int file = ::open((root_ / kRecord).c_str(), O_WRONLY | O_CREAT | O_APPEND | O_NOFOLLOW | O_CLOEXEC, 0666);
   if (file < 0) return;
   const ssize_t ignored = ::write(file, line.data(), line.size());
   static_cast<void>(ignored);

@@ -113,6 +113,15 @@ TEST_F(Render, CamerasOfAFileGiveTheImagesOfTheirViews) {
   EXPECT_FALSE(fs::exists(folder_ / "of_flight.json/views.json")) << "frames of a path have no names";
 }
 
+TEST_F(Render, NoImageOfAnEarlierCallStays) {
+  render_to("out", {"--path", "turntable", "--frames", "3"});
+  test::write_bytes(folder_ / "out/renders/mine.png", "mine");
+  render_to("out", {"--path", "turntable", "--frames", "2", "--no_depth", "--no_alpha"});
+  EXPECT_EQ(count_images("out/renders"), 3);  // two, and that of the user
+  EXPECT_EQ(test::read_bytes(folder_ / "out/renders/mine.png"), "mine");
+  EXPECT_FALSE(fs::exists(folder_ / "out/depth"));
+}
+
 TEST_F(Render, TheImageSizeCanBeChosen) {
   const Words cameras{"--cameras", path("cameras.json"), "--no_depth", "--no_alpha"};
   const auto size_of = [&](const std::string& name, const Words& size) {

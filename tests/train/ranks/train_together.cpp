@@ -460,8 +460,8 @@ void check_evaluation(Communicator& ranks) {
     }
     expect(found == (ranks.is_first() ? here : there), "found: " + found);
   };
-  expect_failure(saved + checkpoint("together").string(), others + cause,
-                 [&] { train(config, scene, folder / "together", &ranks, {}, hooks); });
+  const std::string kept = saved + checkpoint("together").string();
+  expect_failure(kept, others + kept, [&] { train(config, scene, folder / "together", &ranks, {}, hooks); });
   const Files resumed = train(config, scene, folder / "together", &ranks, checkpoint("together"));
   if (ranks.is_first()) expect_same_bytes(resumed.checkpoint, alone.checkpoint, "resumed");
 
