@@ -406,7 +406,7 @@ TEST_F(ConfigFile, TheEffectiveConfigReadsBackTheSame) {
 
 TEST_F(ConfigFile, ErrorsNameTheFileAndTheReason) {
   EXPECT_NE(complaint("{").find("not valid JSON: "), std::string::npos);
-  EXPECT_NE(complaint("hello").find("(expected option names as keys; parse error at line 1, column 1"),
+  EXPECT_NE(complaint("hello").find("(expected a JSON file with option names as keys; parse error at line 1, column 1"),
             std::string::npos);
   EXPECT_NE(complaint(R"({"iteratons": 5})").find("unknown option \"iteratons\": "), std::string::npos);
   EXPECT_NE(complaint(R"({"iterations": "5"})").find("config.json (expected a whole number, found \"5\")"),

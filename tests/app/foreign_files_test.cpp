@@ -7,6 +7,7 @@
 #include <string>
 #include <vector>
 
+#include "core/files/folders.h"
 #include "core/files/own_files.h"
 #include "model/model_folder.h"
 #include "support/files.h"
@@ -190,7 +191,7 @@ TEST_F(ForeignFiles, PartsThatCannotBeMovedInOneStepStay) {
 
 TEST_F(ForeignFiles, LinksInThePlaceOfLockAndRecordAreNotFollowed) {
   for (const char* name : {".b3dgs-lock", ".b3dgs-files"}) {
-    fs::remove_all(model());
+    remove_tree(model());
     fs::create_directories(model());
     put(temp_.path() / (std::string("of_user") + name));
     fs::create_symlink("../of_user" + std::string(name), fs::path(model()) / name);

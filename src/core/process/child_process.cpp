@@ -13,6 +13,7 @@
 #include <cstdlib>
 #include <cstring>
 #include <filesystem>
+#include <fstream>
 #include <sstream>
 #include <utility>
 
@@ -107,6 +108,12 @@ class LineSplitter {
   bool after_return_ = false;
 };
 
+bool begins_as_program(const std::string& file) {
+  std::array<char, 4> first{};
+  std::ifstream(file, std::ios::binary).read(first.data(), first.size());
+  return std::memcmp(first.data(), "\177ELF", 4) == 0 || std::memcmp(first.data(), "#!", 2) == 0;
+}
+
 /// What posix_spawn() shall do in the child before it executes the program.
 class SpawnSettings {
  public:
@@ -145,7 +152,8 @@ class SpawnSettings {
   /// would go on alone, and keep its database locked. @return the error number, or 0
   int spawn(std::string program, std::vector<std::string> words, pid_t& pid) const {
     words.front() = program;
-    if (const std::string setpriv = find_program("setpriv"); !setpriv.empty()) {
+    const std::string setpriv = find_program("setpriv");
+    if (!setpriv.empty() && begins_as_program(program)) {  // otherwise, the error is about this program
       words.insert(words.begin(), {setpriv, "--pdeathsig", "TERM", "--"});
       program = setpriv;
     }
