@@ -250,10 +250,10 @@ void check_same_options(Communicator& ranks, const GivenOptions& given) {
   nlohmann::ordered_json all = first;
   all.update(given);
   for (const auto& [name, value] : all.items()) {
-    const std::string own = text(given, name), expected = text(first, name);
-    if (own == expected) continue;
-    input_error("--", name, ": rank ", ranks.rank(), " was started with other options than rank 0 (expected ", expected,
-                ", found ", own, "); start all ranks with the same command, or this training alone with --ranks 1");
+    if (given.contains(name) && first.contains(name) && given.at(name) == first.at(name)) continue;
+    input_error("--", name, ": rank ", ranks.rank(), " was started with other options than rank 0 (expected ",
+                text(first, name), ", found ", text(given, name),
+                "); start all ranks with the same command, or this training alone with --ranks 1");
   }
 }
 

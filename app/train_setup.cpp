@@ -102,21 +102,6 @@ bool is_finished(const ModelFolder& folder) {
 
 constexpr const char *kReplaced = "replaced", *kMoving = "replaced.moving";
 
-/// @throws InputError if a part of the model is a link or on another disk, so that it cannot be moved to another folder
-/// of the model in one step
-void require_movable(const ModelFolder& folder) {
-  struct stat root {};
-  if (::stat(folder.root().c_str(), &root) != 0) return;
-  for (const char* part : {"point_cloud", "checkpoints", "report"}) {
-    struct stat own {};
-    const fs::path path = folder.root() / part;
-    if (::lstat(path.c_str(), &own) != 0 || (!S_ISLNK(own.st_mode) && own.st_dev == root.st_dev)) continue;
-    input_error(path.string(), ": is a link, or on another disk than ", folder.root().string(),
-                ", so that --overwrite cannot keep the earlier model until the new one is complete; move the model ",
-                "elsewhere, or choose another folder with -m");
-  }
-}
-
 fs::path replaced_folder(const ModelFolder& folder) {
   return folder.root() / kReplaced;
 }
@@ -146,6 +131,19 @@ fs::path remove_model(const ModelFolder& folder) {
   OwnFiles own(folder.root());
   for (const fs::path& part : parts_of(folder)) own.remove(part);
   return move_remains(folder, own);
+}
+
+void require_movable(const ModelFolder& folder) {
+  struct stat root {};
+  if (::stat(folder.root().c_str(), &root) != 0) return;
+  for (const char* part : {"point_cloud", "checkpoints", "report"}) {
+    struct stat own {};
+    const fs::path path = folder.root() / part;
+    if (::lstat(path.c_str(), &own) != 0 || (!S_ISLNK(own.st_mode) && own.st_dev == root.st_dev)) continue;
+    input_error(path.string(), ": is a link, or on another disk than ", folder.root().string(),
+                ", so that --overwrite cannot keep the earlier model until the new one is complete; move the model ",
+                "elsewhere, or choose another folder with -m");
+  }
 }
 
 fs::path put_model_aside(const ModelFolder& folder) {

@@ -27,8 +27,12 @@ void make_absolute(std::string& path);
 /// are moved to a folder set_aside/replaced_1 (_2, _3, ...), which is returned; otherwise the result is empty.
 std::filesystem::path remove_model(const ModelFolder& folder);
 
-/// The same, but keeps the earlier model in replaced/ until drop_replaced_model(). A model that is there already, from
-/// a training that was stopped before it had a model of its own, stays instead of an unfinished one.
+/// @throws InputError if put_model_aside() could not move a part of the model in one step: a link, or on another disk
+void require_movable(const ModelFolder& folder);
+
+/// The same as remove_model(), but keeps the earlier model in replaced/ until drop_replaced_model(). A model that is
+/// there already, from a training that was stopped before it had a model of its own, stays instead of an unfinished
+/// one. @throws as require_movable(), before anything is moved
 std::filesystem::path put_model_aside(const ModelFolder& folder);
 
 /// Moves the program's own files among `parts` of a folder to replaced/ in it, but keeps what is there already.

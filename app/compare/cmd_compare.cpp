@@ -195,6 +195,9 @@ bool is_trained(const ComparisonPlan& plan, std::int64_t seed) {
 /// Moves the runs of earlier comparisons, and what the last one has found, to replaced/ in their folders.
 void put_comparison_aside(const std::vector<ComparisonPlan>& replaced, StatusLine& status) {
   for (const ComparisonPlan& old : replaced) {
+    for (const ModelFolder& folder : model_folders(old)) require_movable(folder);
+  }
+  for (const ComparisonPlan& old : replaced) {
     for (const ModelFolder& folder : model_folders(old)) {
       const fs::path aside = put_model_aside(folder);
       if (!aside.empty()) status.warn("files that b3dgs has not written, or that were changed: " + aside.string());
@@ -207,10 +210,12 @@ void put_comparison_aside(const std::vector<ComparisonPlan>& replaced, StatusLin
 /// Removes what put_comparison_aside() has kept, also of configurations that are compared no longer.
 void drop_replaced_comparison(const fs::path& root) {
   drop_replaced_model(ModelFolder(root));
-  for (const fs::directory_entry& configuration : fs::directory_iterator(root)) {
-    if (!configuration.is_directory() || configuration.is_symlink()) continue;
-    for (const fs::directory_entry& seed : fs::directory_iterator(configuration)) {
-      if (seed.is_directory() && !seed.is_symlink()) drop_replaced_model(ModelFolder(seed.path()));
+  std::error_code error;  // of folders that cannot be read: nothing of this program's is in them
+  for (const fs::directory_entry& configuration : fs::directory_iterator(root, error)) {
+    if (!configuration.is_directory(error) || configuration.is_symlink(error)) continue;
+    for (const fs::directory_entry& run : fs::directory_iterator(configuration, error)) {
+      const bool is_run = run.path().filename().string().rfind("seed_", 0) == 0;
+      if (is_run && run.is_directory(error) && !run.is_symlink(error)) drop_replaced_model(ModelFolder(run.path()));
     }
   }
 }

@@ -107,16 +107,16 @@ void check_name(const fs::path& folder, const std::string& name) {
               "; rename this file or folder");
 }
 
-}  // namespace
-
-namespace {
-
-/// Whether a folder is a link to one that it lies in.
-bool leads_back(const fs::directory_entry& folder) {
+/// Whether a folder below `top` is a link to one on the way to it, or around that, which would be listed again.
+bool leads_back(const fs::directory_entry& folder, const fs::path& top) {
   std::error_code error;
   if (!folder.is_symlink(error)) return false;
-  const fs::path target = real_path(folder.path()), parent = real_path(folder.path().parent_path());
-  return std::mismatch(target.begin(), target.end(), parent.begin(), parent.end()).first == target.end();
+  const fs::path target = real_path(folder.path());
+  for (fs::path above = folder.path().parent_path();; above = above.parent_path()) {
+    const fs::path real = real_path(above);
+    if (std::mismatch(target.begin(), target.end(), real.begin(), real.end()).first == target.end()) return true;
+    if (above.native().size() <= top.native().size()) return false;
+  }
 }
 
 }  // namespace
@@ -132,7 +132,7 @@ PhotographList list_photographs(const fs::path& folder, const std::vector<fs::pa
     const fs::path& path = entries->path();
     std::error_code ignored;
     const bool is_folder = entries->is_directory(ignored);
-    const bool is_left_out = is_hidden(path) || (is_folder && leads_back(*entries)) ||
+    const bool is_left_out = is_hidden(path) || (is_folder && leads_back(*entries, folder)) ||
                              (is_folder && std::any_of(except.begin(), except.end(), [&](const fs::path& other) {
                                 return fs::equivalent(path, other, ignored);
                               }));

@@ -51,6 +51,13 @@ TEST(Photographs, LinksToFoldersAreFollowedUnlessTheyLeadBack) {
   fs::create_directory_symlink(".", folder / "self");
   fs::create_directory_symlink(elsewhere.path(), folder / "other");
   EXPECT_EQ(names_of(list_photographs(folder.path(), {})), (Names{"a.jpg", "left/b.jpg", "other/c.jpg"}));
+
+  const TempDir pair;  // each leads to the other
+  for (const char* name : {"x/a.jpg", "y/b.jpg"}) write_bytes(pair / name, "x");
+  fs::create_directory_symlink("../y", pair / "x/other");
+  fs::create_directory_symlink("../x", pair / "y/other");
+  EXPECT_EQ(names_of(list_photographs(pair.path(), {})),
+            (Names{"x/a.jpg", "x/other/b.jpg", "y/b.jpg", "y/other/a.jpg"}));
 }
 
 TEST(Photographs, RawFilesWithoutAJpegBesideThemAreNamed) {

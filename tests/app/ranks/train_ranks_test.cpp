@@ -201,6 +201,8 @@ TEST_F(TrainRanksOnCpu, OptionsMustBeThoseOfRank0) {
   EXPECT_EQ(count_of(printed[1], "code 2\n"), 1) << printed[1];
   EXPECT_EQ(printed[0].rfind("error: rank 1 of 2 stopped: " + error, 0), 0u) << printed[0];
   EXPECT_FALSE(fs::exists(model()));
+  const std::string path(100, 'x');  // errors show the first 80 characters
+  EXPECT_EQ(launch("--masks " + path + "1", "--masks " + path + "2")[1].rfind("error: --masks: rank 1", 0), 0u);
 }
 
 TEST(RankSetup, ALoneRankHasTheWholeMachine) {
