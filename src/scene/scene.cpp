@@ -61,7 +61,7 @@ ViewSource view_source(const ColmapImage& image, const SceneModel& model, const 
   ViewSource source;
   source.name = image.name;
   source.image_id = image.id;
-  source.file = file;
+  source.file = file.string();
   source.camera_id = camera.id;
   source.camera_place = model.camera_places.at(camera.id);
   source.file_size = read_image_size(file);
@@ -79,12 +79,13 @@ std::string find_masks(const SceneModel& model, const SceneOptions& options, std
   if (options.masks == "none") return "";
   const bool is_asked_for = !options.masks.empty();
   const fs::path folder = find_mask_folder(options.source_path, options.masks);
+  bool is_any = false;
   for (ViewSource& source : sources) {
     const auto named = model.masks.find(source.name);
-    source.mask =
-        named != model.masks.end() && !is_asked_for ? named->second : find_mask(folder, source.name, options.images);
+    const bool is_named = named != model.masks.end() && !is_asked_for;
+    source.mask_file = (is_named ? named->second : find_mask(folder, source.name, options.images)).string();
+    is_any = is_any || !source.mask_file.empty();
   }
-  const bool is_any = std::any_of(sources.begin(), sources.end(), [](const ViewSource& s) { return !s.mask.empty(); });
   if (is_any || folder.empty()) return "";
   const std::string text = detail::concat(
       folder.string(), ": no mask for any of the ", sources.size(),
@@ -99,18 +100,6 @@ std::vector<Camera> cameras_of(const std::vector<View>& views) {
   cameras.reserve(views.size());
   for (const View& view : views) cameras.push_back(view.camera);
   return cameras;
-}
-
-View view_of(const ViewSource& source, const std::shared_ptr<SceneImages>& images) {
-  View view;
-  view.name = source.name;
-  view.file = source.file.string();
-  view.camera = source.camera;
-  if (images) view.image = std::make_shared<ViewImage>(source, images);
-  view.valid = source.valid;
-  view.empty = source.empty;
-  view.mask_file = source.mask.string();
-  return view;
 }
 
 }  // namespace
@@ -162,11 +151,12 @@ Scene load_scene(const SceneOptions& options, const ProgressFn& progress) {
     }
     const bool is_held_out = model.has_split ? model.held_out.count(sources[i].name) > 0 : i % kTestEvery == 0;
     std::vector<View>& part = options.eval && is_held_out ? scene.test : scene.train;
-    part.push_back(view_of(sources[i], images));
+    part.push_back(sources[i]);  // without what only loading needs
+    if (images) part.back().image = std::make_shared<ViewImage>(sources[i], images);
     if (options.tracks) part.back().points = std::move(model.visible_points[sources[i].image_id]);
   }
   if (scene.train.empty() && masked_out.size() + scene.test.size() == sources.size() && !masked_out.empty()) {
-    input_error(sources.front().mask.string(), ": masks leave no pixel of any training photograph; black is left out, ",
+    input_error(sources.front().mask_file, ": masks leave no pixel of any training photograph; black is left out, ",
                 "and --invert_masks leaves out white instead");
   }
   if (scene.train.empty()) {

@@ -1,9 +1,11 @@
 #include "scene/scene_model.h"
 
-#include <array>
+#include <algorithm>
+#include <iterator>
 #include <optional>
 
 #include "core/check.h"
+#include "core/files/file_reader.h"
 #include "scene/images/image.h"
 #include "scene/transforms/transforms.h"
 
@@ -44,8 +46,8 @@ SceneModel read_colmap_scene(const SceneOptions& options) {
   scene.visible_points = visible_points(scene.model);
   scene.model.points = {};
   const std::string folder = found.folder.lexically_relative(options.source_path).string();
-  scene.description = detail::concat(folder.empty() ? found.folder.string() : folder,
-                                     found.format == ColmapFormat::kBinary ? ", binary" : ", text");
+  const bool is_binary = colmap_format(found.folder) == ColmapFormat::kBinary;
+  scene.description = (folder.empty() ? found.folder.string() : folder) + (is_binary ? ", binary" : ", text");
   scene.notes = found.notes;
   for (const auto& [id, camera] : scene.model.cameras) {
     scene.camera_places[id] = detail::concat(found.folder.string(), ": camera ", id);
@@ -78,52 +80,36 @@ void check_reach(const fs::path& file, const fs::path& source, const std::string
               file.lexically_normal().string(), "; move or link it there, and change the path");
 }
 
-// Where frames of a transforms.json are to be found: "train/r_0.png" also below images_4/.
-std::map<std::string, fs::path> existing(const std::map<std::string, fs::path>& files, const fs::path& source,
-                                         const ImageFolder& images) {
-  std::map<std::string, fs::path> found;
-  for (const auto& [name, file] : files) {
-    if (!images.find(name).empty() || !is_file(file)) continue;
-    check_reach(file, source, detail::concat(source.string(), ": file_path of the photograph ", name));
-    found[name] = file;
-  }
-  return found;
-}
-
-void choose_held_out(const TransformsModel& transforms, const TransformsFiles& files, std::size_t n_train, bool eval,
-                     SceneModel& scene) {
-  if (!files.held_out.empty()) {
-    scene.split_description = files.held_out.filename().string();
-    scene.has_split = true;
-    for (std::size_t i = n_train; i < scene.model.images.size(); ++i) scene.held_out.insert(scene.model.images[i].name);
-    return;
-  }
+// The views that one of the file's lists holds out. With --eval, those that only the list for validation names are left
+// out of training too.
+void hold_out_listed(const TransformsModel& transforms, const std::string& file, bool eval, SceneModel& scene) {
   const bool has_test = !transforms.listed_as_test.empty();
-  const std::set<std::string>& listed = has_test ? transforms.listed_as_test : transforms.listed_as_validation;
+  const std::set<std::string>&validation = transforms.listed_as_validation,
+        &listed = has_test ? transforms.listed_as_test : validation;
   if (listed.empty()) return;
   const char* key = has_test ? "test_filenames" : "val_filenames";
   scene.has_split = true;
-  scene.split_description = detail::concat(key, " of ", files.train.filename().string());
-  std::vector<ColmapImage> others;  // that --eval does not leave out
-  for (ColmapImage& image : scene.model.images) {
+  scene.split_description = detail::concat(key, " of ", fs::path(file).filename().string());
+  std::vector<ColmapImage> others;
+  for (const ColmapImage& image : scene.model.images) {
     if (listed.count(image.name) > 0) scene.held_out.insert(image.name);
-    if (listed.count(image.name) > 0 || transforms.listed_as_validation.count(image.name) == 0) others.push_back(image);
+    if (listed.count(image.name) > 0 || validation.count(image.name) == 0) others.push_back(image);
   }
   if (!eval) return;
+  std::vector<std::string> unknown;
+  std::set_difference(listed.begin(), listed.end(), scene.held_out.begin(), scene.held_out.end(),
+                      std::back_inserter(unknown));
   if (scene.held_out.empty()) {
-    input_error(files.train.string(), ": ", key, ": expected names as in file_path of \"frames\", found none in its ",
-                listed.size(), " (first: ", listed.begin()->substr(0, 100), "); correct or remove the list");
+    input_error(file, ": ", key, ": expected names as in file_path of \"frames\", found none in its ", listed.size(),
+                " (first: ", unknown.front().substr(0, 100), "); correct or remove the list");
   }
-  std::set<std::string> unknown = listed;
-  for (const std::string& name : scene.held_out) unknown.erase(name);
   if (!unknown.empty()) {
-    scene.warnings.push_back(detail::concat(files.train.string(), ": ", key, ": ", unknown.size(), " of ",
-                                            listed.size(), " names are not in \"frames\" (the first: ",
-                                            unknown.begin()->substr(0, 100), "); expected names as in file_path"));
+    scene.warnings.push_back(detail::concat(file, ": ", key, ": ", unknown.size(), " of ", listed.size(),
+                                            " names are not in \"frames\" (the first: ", unknown.front().substr(0, 100),
+                                            "); expected names as in file_path"));
   }
-  if (others.size() < scene.model.images.size()) {
-    scene.notes.push_back(detail::concat("val_filenames: ", scene.model.images.size() - others.size(),
-                                         " views are neither trained on nor tested"));
+  if (const std::size_t n = scene.model.images.size() - others.size(); n > 0) {
+    scene.notes.push_back(detail::concat("val_filenames: ", n, " views are neither trained on nor tested"));
     scene.model.images = std::move(others);
   }
 }
@@ -138,25 +124,39 @@ SceneModel read_transforms_scene(const SceneOptions& options, const TransformsFi
     if (!is_there || !is_within_reach(named->second, options.source_path)) return std::nullopt;
     return read_image_size(named->second);
   };
-  read_transforms(files.train, size_of, transforms);
+  const auto read = [&](const fs::path& path) {
+    FileReader file(path);
+    std::string text(file.remaining(), '\0');
+    file.read_bytes(text.data(), text.size());
+    read_transforms(text, path, size_of, transforms);
+  };
+  read(files.train);
   const std::size_t n_train = transforms.model.images.size();
-  if (options.eval && !files.held_out.empty()) read_transforms(files.held_out, size_of, transforms);
+  if (options.eval && !files.held_out.empty()) read(files.held_out);
 
   SceneModel scene;
   scene.model = std::move(transforms.model);
   scene.description = files.train.filename().string();
   scene.notes = files.notes;
   scene.camera_places = std::move(transforms.camera_places);
-  scene.files = existing(transforms.files, options.source_path, images);
+  for (const auto& [name, file] : transforms.files) {  // "train/r_0.png" may also be below images_4/
+    if (!images.find(name).empty() || !is_file(file)) continue;
+    check_reach(file, options.source_path, options.source_path + ": file_path of the photograph " + name);
+    scene.files[name] = file;
+  }
   for (const auto& [name, mask] : transforms.masks) {
-    check_reach(mask, options.source_path, detail::concat(options.source_path, ": mask_path of the photograph ", name));
+    check_reach(mask, options.source_path, options.source_path + ": mask_path of the photograph " + name);
   }
   scene.masks = std::move(transforms.masks);
+  if (files.held_out.empty()) {
+    hold_out_listed(transforms, files.train.string(), options.eval, scene);
+  } else {
+    scene.has_split = true;
+    scene.split_description = files.held_out.filename().string();
+    for (std::size_t i = n_train; i < scene.model.images.size(); ++i) scene.held_out.insert(scene.model.images[i].name);
+  }
   if (!transforms.points.empty()) {
     check_reach(transforms.points, options.source_path, files.train.string() + ": ply_file_path");
-  }
-  choose_held_out(transforms, files, n_train, options.eval, scene);
-  if (!transforms.points.empty()) {
     scene.points = read_point_ply(transforms.points);
     scene.points_description = transforms.points.filename().string();
   }
@@ -166,17 +166,16 @@ SceneModel read_transforms_scene(const SceneOptions& options, const TransformsFi
 }  // namespace
 
 bool holds_scene(const fs::path& source) {
-  return find_transforms(source).found() || has_model_folder(source);
+  return !find_transforms(source).train.empty() || has_model_folder(source);
 }
 
 SceneModel read_scene_model(const SceneOptions& options, const ImageFolder& images) {
   const TransformsFiles files = find_transforms(options.source_path);
-  if (files.found() && !has_model_folder(options.source_path)) return read_transforms_scene(options, files, images);
+  if (files.train.empty()) return read_colmap_scene(options);
+  if (!has_model_folder(options.source_path)) return read_transforms_scene(options, files, images);
   SceneModel scene = read_colmap_scene(options);
-  if (files.found()) {
-    scene.notes.push_back(detail::concat(files.train.filename().string(), " is not used, because there is a model in ",
-                                         scene.description));
-  }
+  scene.notes.push_back(files.train.filename().string() + " is not used, because there is a model in " +
+                        scene.description);
   return scene;
 }
 

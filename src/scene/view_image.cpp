@@ -78,8 +78,8 @@ std::shared_ptr<const Image8> pixels_within(const Image8& mask, const ViewSource
 // Reads the mask of a photograph, which is undistorted and reduced like it. Pixels where light and dark meet are
 // neither valid nor empty.
 void read_mask_of(ViewSource& source, const SceneOptions& options, UndistorterCache& cache) {
-  Image8 mask = read_mask(source.mask, source.file_size, options.invert_masks);
-  if (source.lens_group >= 0) mask = cache.get(source.lens_group)->apply_to_mask(mask);
+  Image8 mask = read_mask(source.mask_file, source.file_size, options.invert_masks);
+  if (source.lens_group >= 0) mask = cache.get(source.lens_group)->apply(mask);
   std::shared_ptr<const Image8> valid = pixels_within(mask, source), empty;
   if (options.empty_background) {
     for (std::uint8_t& pixel : mask.pixels) pixel = static_cast<std::uint8_t>(255 - pixel);
@@ -99,7 +99,7 @@ struct ByPixels {
 void read_masks(std::vector<ViewSource>& sources, const SceneOptions& options, UndistorterCache& cache) {
   std::vector<ViewSource*> masked;
   for (ViewSource& source : sources) {
-    if (!source.mask.empty()) masked.push_back(&source);
+    if (!source.mask_file.empty()) masked.push_back(&source);
   }
   parallel_pool(static_cast<std::int64_t>(masked.size()),
                 [&](std::int64_t i, int) { read_mask_of(*masked[static_cast<std::size_t>(i)], options, cache); });
@@ -190,7 +190,7 @@ std::optional<Image8> ViewImage::read_alpha() const {
   if (!shared_) return std::nullopt;
   std::optional<Image8> alpha = b3dgs::read_alpha(source_.file);
   if (!alpha) return std::nullopt;
-  if (source_.lens_group >= 0) alpha = shared_->undistorters->get(source_.lens_group)->apply_to_mask(*alpha);
+  if (source_.lens_group >= 0) alpha = shared_->undistorters->get(source_.lens_group)->apply(*alpha);
   return source_.is_reduced() ? resize_image(*alpha, size_.width, size_.height) : *alpha;
 }
 

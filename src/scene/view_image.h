@@ -19,21 +19,15 @@
 
 namespace b3dgs {
 
-/// What is known of a view before its photograph is decoded.
-struct ViewSource {
-  std::string name;  // in the model
-  std::filesystem::path file;
-  std::filesystem::path mask;  // empty: none
+/// A view, and what else is known of it before its photograph is decoded.
+struct ViewSource : View {
   std::uint32_t image_id = 0, camera_id = 0;
-  std::string camera_place;             // "FILE: camera ID", for errors
-  Camera file_camera;                   // of the photograph on disk, with its lens, without its pose
-  ImageSize file_size, size;            // px, on disk and for training; `size` is not larger
-  Camera camera;                        // of `size`, with its pose: a pinhole, or with its lens
-  int lens_group = -1;                  // of SceneImages::undistorters; -1: the photograph is used as it is
-  std::string warning;                  // about the lens; or ""
-  std::shared_ptr<const Image8> valid;  // mask of `size`; null: all pixels are valid
-  std::shared_ptr<const Image8> empty;  // View::empty
-  bool is_masked_out = false;           // no pixel is valid
+  std::string camera_place;    // "FILE: camera ID", for errors
+  Camera file_camera;          // of the photograph on disk, with its lens, without its pose
+  ImageSize file_size, size;   // px, on disk and for training; `size` is not larger
+  int lens_group = -1;         // of SceneImages::undistorters; -1: the photograph is used as it is
+  std::string warning;         // about the lens; or ""
+  bool is_masked_out = false;  // no pixel is valid
 
   bool is_reduced() const { return size != file_size; }
 };

@@ -153,9 +153,9 @@ TEST_F(CameraFiles, BadFramesAreNamed) {
   const Json path = camera_path(views_), list = transforms(views_);
   EXPECT_TRUE(refuses(path, {"cameras_of_any_name.json: frame 2", "camera_to_world"},
                       [](Json& json) { json["camera_path"][2].erase("camera_to_world"); }));
-  EXPECT_TRUE(refuses(path, {"frame 2", "4 x 4 numbers"},
+  EXPECT_TRUE(refuses(path, {"frame 2", "4 rows of 4 numbers"},
                       [](Json& json) { json["camera_path"][2]["camera_to_world"].erase(3); }));
-  EXPECT_TRUE(refuses(path, {"frame 1", "4 x 4 numbers"},
+  EXPECT_TRUE(refuses(path, {"frame 1", "4 rows of 4 numbers"},
                       [](Json& json) { json["camera_path"][1]["camera_to_world"][5] = nullptr; }));
   EXPECT_TRUE(
       refuses(path, {"frame 4", "rotation"}, [](Json& json) { json["camera_path"][4]["camera_to_world"][0] = 17; }));

@@ -21,9 +21,8 @@
 namespace b3dgs {
 namespace {
 
+namespace fs = std::filesystem;
 using Json = nlohmann::ordered_json;
-
-constexpr double kMaxNumber = 1e12;  // px or world units; squares are finite in single precision
 
 Json camera_to_json(std::size_t id, const View& view, const CoordinateFrame& frame) {
   const Camera camera = change_frame(frame, {}, view.camera);
@@ -59,7 +58,7 @@ LensParams<double> lens_from_json(const Json& entry, const Camera& camera, const
                 " numbers");
   }
   for (const double value : named.params) {
-    if (!(std::abs(value) <= kMaxNumber)) input_error(place, ": expected finite params, found ", value);
+    if (!(std::abs(value) <= kMaxCoordinate)) input_error(place, ": expected finite params, found ", value);
   }
   // A panorama is written at any size: what the training reduced need not be twice as wide as high.
   if (named.model == CameraModel::kEquirectangular) {
@@ -73,8 +72,8 @@ NamedCamera camera_from_json(const Json& entry, const std::string& place) {
   NamedCamera named;
   named.name = entry.at("img_name").get<std::string>();
   Camera& camera = named.camera;
-  camera.width = json_integer<int>(entry.at("width"), "width", place, 1, kMaxCameraSide);
-  camera.height = json_integer<int>(entry.at("height"), "height", place, 1, kMaxCameraSide);
+  camera.width = json_integer<int>(entry.at("width"), "width", place, 1, kMaxImageSide);
+  camera.height = json_integer<int>(entry.at("height"), "height", place, 1, kMaxImageSide);
   entry.at("fx").get_to(camera.fx);
   entry.at("fy").get_to(camera.fy);
   camera.cx = entry.value("cx", 0.5 * camera.width);
@@ -100,16 +99,18 @@ double angle_between(const Pose& a, const Pose& b) {
   return 2 * std::asin(std::min(1.0, std::sqrt(square / 8))) * 180 / kPi;
 }
 
-double distance_between(const Camera& a, const Camera& b) {
-  const std::array<double, 3> p = a.center(), q = b.center();
-  return std::sqrt((p[0] - q[0]) * (p[0] - q[0]) + (p[1] - q[1]) * (p[1] - q[1]) + (p[2] - q[2]) * (p[2] - q[2]));
-}
-
 Pose pose_from_json(const Json& entry, const std::string& prefix, const std::string& place) {
   const auto qvec = entry.at(prefix + "qvec").get<std::array<double, 4>>();
   const double square = qvec[0] * qvec[0] + qvec[1] * qvec[1] + qvec[2] * qvec[2] + qvec[3] * qvec[3];
   if (!(std::abs(square - 1) < 1e-3)) input_error(place, ": expected a unit quaternion as ", prefix, "qvec");
   return {rotation_from_quaternion(qvec), entry.at(prefix + "tvec").get<std::array<double, 3>>()};
+}
+
+/// `what` a model folder calls the file.
+Json read_json(const fs::path& path, const char* what) {
+  std::ifstream file(path);
+  if (!file) input_error(path.string(), ": cannot be opened (expected the ", what, " of a model folder)");
+  return parse_json(file);
 }
 
 /// Equal up to rounding.
@@ -129,10 +130,10 @@ bool is_same(const Pose& a, const Pose& b) {
 std::string camera_fault(const Camera& camera) {
   if (!(camera.fx > 0) || !(camera.fy > 0)) return "expected focal lengths above 0";
   for (const double value : {camera.fx, camera.fy, 1 / camera.fx, 1 / camera.fy, camera.cx, camera.cy}) {
-    if (!(std::abs(value) <= kMaxNumber)) return "impossible focal length or principal point";
+    if (!(std::abs(value) <= kMaxCoordinate)) return "impossible focal length or principal point";
   }
   for (const double value : camera.cam_from_world.translation) {
-    if (!(std::abs(value) <= kMaxNumber)) return "impossible position, expected coordinates of at most 1e+12";
+    if (!(std::abs(value) <= kMaxCoordinate)) return "impossible position, expected coordinates of at most 1e+12";
   }
   const std::array<double, 9>& r = camera.cam_from_world.rotation;
   for (std::size_t row = 0; row < 9; row += 3) {
@@ -175,9 +176,7 @@ std::vector<NamedCamera> cameras_from_json(const Json& json, const std::string& 
 }
 
 std::vector<NamedCamera> read_cameras_json(const std::filesystem::path& path) {
-  std::ifstream file(path);
-  if (!file) input_error(path.string(), ": cannot be opened (expected the cameras.json of a model folder)");
-  return cameras_from_json(parse_json(file), path.string());
+  return cameras_from_json(read_json(path, "cameras.json"), path.string());
 }
 
 Json poses_to_json(const std::vector<View>& given, const std::vector<View>& refined, const CoordinateFrame& frame) {
@@ -186,21 +185,20 @@ Json poses_to_json(const std::vector<View>& given, const std::vector<View>& refi
   for (std::size_t i = 0; i < given.size(); ++i) {
     const Camera before = change_frame(frame, {}, given[i].camera), after = change_frame(frame, {}, refined[i].camera);
     const Pose &from = before.cam_from_world, &to = after.cam_from_world;
+    const std::array<double, 3> a = before.center(), b = after.center();
     poses.push_back({{"img_name", given[i].name},
                      {"qvec", quaternion_from_rotation(to.rotation)},
                      {"tvec", to.translation},
                      {"given_qvec", quaternion_from_rotation(from.rotation)},
                      {"given_tvec", from.translation},
                      {"turned_degrees", angle_between(from, to)},
-                     {"moved", distance_between(before, after)}});
+                     {"moved", std::hypot(b[0] - a[0], b[1] - a[1], b[2] - a[2])}});
   }
   return poses;
 }
 
 void apply_refined_poses(const std::filesystem::path& path, std::vector<View>& views, const CoordinateFrame& frame) {
-  std::ifstream file(path);
-  if (!file) input_error(path.string(), ": cannot be opened (expected the poses.json of a model folder)");
-  const Json json = parse_json(file);
+  const Json json = read_json(path, "poses.json");
   if (!json.is_array()) input_error(path.string(), ": expected a JSON list of poses, as b3dgs train writes it");
   std::map<std::string, View*> by_name;
   for (View& view : views) by_name[view.name] = &view;
@@ -223,78 +221,21 @@ void apply_refined_poses(const std::filesystem::path& path, std::vector<View>& v
 
 namespace {
 
-namespace fs = std::filesystem;
-
 constexpr double kMaxFps = 1000;
 constexpr const char* kExpected = "expected a cameras.json, a nerfstudio camera path or a transforms.json";
-
-/// A finite number in (0, max]. @throws InputError
-double positive_number(const Json& json, const char* what, const std::string& place, double max) {
-  const double value = json.is_number() ? json.get<double>() : 0;
-  if (!(value > 0 && value <= max)) {
-    input_error(place, ": expected ", what, " above 0 and at most ", max, ", found ", json_excerpt(json));
-  }
-  return value;
-}
-
-/// A number of pixels; some exporters write 1080.0. @throws InputError
-int side(const Json& json, const char* what, const std::string& place) {
-  const double value = json.is_number() ? json.get<double>() : 0;
-  if (!(value >= 1 && value <= kMaxCameraSide && value == std::floor(value))) {
-    input_error(place, ": expected ", what, " as a whole number of pixels from 1 to ", kMaxCameraSide, ", found ",
-                json_excerpt(json));
-  }
-  return static_cast<int>(value);
-}
-
-/// 16 numbers, or 3 or 4 rows of 4. @throws InputError
-OpenGlMatrix camera_to_world(const Json& json, const std::string& place) {
-  std::vector<double> numbers;
-  bool is_matrix = json.is_array();
-  const auto take = [&](const Json& value) {
-    is_matrix = is_matrix && value.is_number();
-    if (is_matrix) numbers.push_back(value.get<double>());
-  };
-  for (const Json& row : json) {
-    if (!row.is_array()) {
-      take(row);
-      continue;
-    }
-    is_matrix = is_matrix && row.size() == 4;
-    for (const Json& value : row) take(value);
-  }
-  if (!is_matrix || (numbers.size() != 12 && numbers.size() != 16)) {
-    input_error(place, ": expected camera_to_world of 4 x 4 numbers, found ", json_excerpt(json));
-  }
-  OpenGlMatrix matrix{0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 1};
-  std::copy(numbers.begin(), numbers.end(), matrix.begin());
-  return matrix;
-}
 
 void check_camera(const Camera& camera, const std::string& place) {
   if (const std::string fault = camera_fault(camera); !fault.empty()) input_error(place, ": ", fault);
 }
 
-Camera camera_of_path(const Json& frame, ImageSize size, const std::string& place) {
-  if (!frame.is_object() || !frame.contains("camera_to_world") || !frame.contains("fov")) {
-    input_error(place, ": expected camera_to_world[16] and fov, found ", json_excerpt(frame));
-  }
-  const double fov = positive_number(frame["fov"], "fov in degrees", place, 179.9);
-  const Pose pose = pose_from_opengl(camera_to_world(frame["camera_to_world"], place), place);
-  const Camera camera = Camera::with_field_of_view(size.width, size.height, fov, pose);
-  check_camera(camera, place);
-  return camera;
-}
-
 CameraFile read_camera_path(const Json& json, const std::string& file, ImageSize size) {
-  const std::string type = json.value("camera_type", Json("perspective")).dump();
-  if (type != "\"perspective\"") {
-    input_error(file, ": camera_type: expected \"perspective\", found ", type.substr(0, 80),
-                "; only pinhole cameras can be rendered");
+  const JsonValues values(json, json, file);
+  if (const std::string type = values.text("camera_type"); !type.empty() && type != "perspective") {
+    input_error(file, ": camera_type: expected \"perspective\", found \"", type.substr(0, 80),
+                "\"; only pinhole cameras can be rendered");
   }
-  if (json.contains("render_width") && json.contains("render_height")) {
-    size = {side(json["render_width"], "render_width", file), side(json["render_height"], "render_height", file)};
-  }
+  const std::optional<int> width = values.side("render_width"), height = values.side("render_height");
+  if (width && height) size = {*width, *height};
   if (size.width <= 0 || size.height <= 0) {
     input_error(file, ": has no render_width and render_height; name a size with --width and --height");
   }
@@ -305,14 +246,17 @@ CameraFile read_camera_path(const Json& json, const std::string& file, ImageSize
   CameraFile result;
   for (const Json& frame : frames) {
     const std::string place = file + ": frame " + std::to_string(result.cameras.size());
-    result.cameras.push_back({"", camera_of_path(frame, size, place)});
+    if (!frame.is_object()) input_error(place, ": expected an object, found ", json_excerpt(frame));
+    const JsonValues own(frame, frame, place);
+    const std::optional<double> fov = own.positive("fov", 179.9);
+    if (!fov) input_error(place, ": expected camera_to_world and fov, found no fov");
+    const Pose pose = pose_from_opengl(own.matrix("camera_to_world"), place);
+    result.cameras.push_back({"", Camera::with_field_of_view(size.width, size.height, *fov, pose)});
+    check_camera(result.cameras.back().camera, place);
   }
-  if (json.contains("fps")) {
-    result.fps = positive_number(json["fps"], "fps", file, kMaxFps);
-  } else if (json.contains("seconds")) {
-    const double seconds = positive_number(json["seconds"], "seconds", file, 1e6);
-    result.fps = std::clamp(static_cast<double>(result.cameras.size()) / seconds, 1e-3, kMaxFps);
-  }
+  const std::optional<double> fps = values.positive("fps", kMaxFps), seconds = values.positive("seconds", 1e6);
+  if (seconds) result.fps = std::clamp(static_cast<double>(result.cameras.size()) / *seconds, 1e-3, kMaxFps);
+  if (fps) result.fps = *fps;
   return result;
 }
 
@@ -321,8 +265,7 @@ CameraFile read_transforms_cameras(const std::string& text, const fs::path& path
   TransformsModel frames;
   const auto size_of = [&](const std::string& name) -> std::optional<ImageSize> {
     if (size.width > 0 && size.height > 0) return size;
-    const fs::path& photograph = frames.files.at(name);
-    if (is_file(photograph)) return read_image_size(photograph);
+    if (is_file(frames.files.at(name))) return read_image_size(frames.files.at(name));
     input_error(path.string(), ": frame ", frames.model.images.size(), " (", name,
                 "): has no size (w, h), and no photograph; name a size with --width and --height");
   };

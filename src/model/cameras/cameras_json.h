@@ -24,8 +24,6 @@ struct NamedCamera {
 nlohmann::ordered_json cameras_to_json(const std::vector<View>& test, const std::vector<View>& train,
                                        const CoordinateFrame& frame = {});
 
-inline constexpr int kMaxCameraSide = 1 << 20;  // px
-
 /// What is wrong with the intrinsics or the pose of a camera from a file; "" if nothing is.
 std::string camera_fault(const Camera& camera);
 

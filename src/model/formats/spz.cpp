@@ -1,14 +1,16 @@
-#include "model/formats/splat_formats.h"
+#include <zlib.h>
 
 #include <algorithm>
 #include <array>
 #include <cmath>
 #include <cstring>
 #include <iterator>
+#include <memory>
+#include <new>
 #include <string>
 
 #include "core/check.h"
-#include "model/formats/gzip.h"
+#include "model/formats/splat_formats.h"
 
 namespace b3dgs {
 namespace {
@@ -16,18 +18,20 @@ namespace {
 constexpr char kMagic[4] = {'N', 'G', 'S', 'P'};
 constexpr std::size_t kHeaderBytes = 16;
 constexpr std::uint32_t kWrittenVersion = 3, kLastGzipVersion = 3;
-constexpr std::uint8_t kAntialiased = 1;  // the other flags announce data after the arrays
-constexpr std::size_t kSplatsPerBlock = 4096;
+constexpr std::uint8_t kAntialiased = 1;      // the other flags announce data after the arrays
+constexpr int kGzipWindow = 15 + 16;          // zlib's way to ask for a gzip header and checksum
+constexpr std::size_t kMostAtOnce = 1 << 30;  // zlib's counters have 32 bits
 
 constexpr int kPositionBits = 24, kDefaultFractionalBits = 12;
 constexpr double kMaxFixed = (1 << (kPositionBits - 1)) - 1;
 constexpr double kColorScale = 0.15;
 constexpr double kQuatMagnitude = 511;
 constexpr double kSqrtHalf = 0.70710678118654752;
-constexpr double kShOne = 128;  // byte of the coefficient 0, and steps from there to 1
+constexpr float kShOne = 128;  // byte of the coefficient 0, and steps from there to 1
 
 // Real files hold at least a byte for each three of their content. More than this is an attack or damage.
 constexpr std::uint64_t kMaxRatio = 100, kAlwaysAllowed = 1 << 20;
+constexpr std::size_t kMaxExtensionBytes = 1 << 20;  // after the arrays
 
 // Signs from right, down, front to right, up, back and the other way: of coordinates, and of SH coefficients from
 // degree 1 in the order of SplatCloud::shN (y z x, xy yz zz xz xx-yy, ...).
@@ -46,6 +50,63 @@ struct Header {
   std::size_t bytes_each() const { return position_bytes() + 1 + 3 + 3 + rotation_bytes() + 3 * rest(); }
 };
 
+/// The content of a gzip stream, but at most `most` bytes of it. @throws InputError if it is damaged, or ends earlier
+/// than the file
+std::string decompress(const std::string& compressed, std::size_t most, const std::string& name) {
+  z_stream stream{};
+  B3DGS_CHECK(inflateInit2(&stream, kGzipWindow) == Z_OK, "zlib cannot start");
+  const std::unique_ptr<z_stream, int (*)(z_stream*)> at_end(&stream, inflateEnd);
+  std::string content(most, '\0');
+  std::size_t n_in = 0, n_out = 0;
+  int result = Z_OK;
+  while (result != Z_STREAM_END && n_out < most) {
+    const auto in = static_cast<uInt>(std::min(kMostAtOnce, compressed.size() - n_in));
+    const auto out = static_cast<uInt>(std::min(kMostAtOnce, most - n_out));
+    stream.next_in = reinterpret_cast<Bytef*>(const_cast<char*>(compressed.data() + n_in));
+    stream.avail_in = in;
+    stream.next_out = reinterpret_cast<Bytef*>(content.data() + n_out);
+    stream.avail_out = out;
+    result = inflate(&stream, Z_NO_FLUSH);
+    n_in += in - stream.avail_in;
+    n_out += out - stream.avail_out;
+    if (result == Z_MEM_ERROR) throw std::bad_alloc();
+    if (result == Z_BUF_ERROR) {
+      input_error(name, ": the compressed data end early; the file is truncated: copy or export it again");
+    }
+    if (result != Z_OK && result != Z_STREAM_END) {
+      input_error(name, ": the compressed data are damaged (", stream.msg != nullptr ? stream.msg : "unknown reason",
+                  "); copy or export the file again");
+    }
+  }
+  if (result == Z_STREAM_END && n_in < compressed.size()) {
+    input_error(name, ": expected the end of the file after the compressed data, found more bytes");
+  }
+  content.resize(n_out);
+  return content;
+}
+
+void write_compressed(AtomicFile& file, const std::string& content) {
+  constexpr int kMemoryLevel = 8;  // zlib's default
+  z_stream stream{};
+  B3DGS_CHECK(
+      deflateInit2(&stream, Z_DEFAULT_COMPRESSION, Z_DEFLATED, kGzipWindow, kMemoryLevel, Z_DEFAULT_STRATEGY) == Z_OK,
+      "zlib cannot start");
+  const std::unique_ptr<z_stream, int (*)(z_stream*)> at_end(&stream, deflateEnd);
+  std::array<Bytef, 1 << 16> block;
+  std::size_t n_in = 0;
+  for (int result = Z_OK; result != Z_STREAM_END;) {
+    const auto in = static_cast<uInt>(std::min(kMostAtOnce, content.size() - n_in));
+    stream.next_in = reinterpret_cast<Bytef*>(const_cast<char*>(content.data() + n_in));
+    stream.avail_in = in;
+    stream.next_out = block.data();
+    stream.avail_out = static_cast<uInt>(block.size());
+    result = deflate(&stream, n_in + in == content.size() ? Z_FINISH : Z_NO_FLUSH);
+    B3DGS_CHECK(result != Z_STREAM_ERROR, "zlib: inconsistent state");
+    n_in += in - stream.avail_in;
+    file.write(block.data(), block.size() - stream.avail_out);
+  }
+}
+
 std::uint32_t load_u32(const std::uint8_t* bytes) {
   return bytes[0] | bytes[1] << 8 | bytes[2] << 16 | static_cast<std::uint32_t>(bytes[3]) << 24;
 }
@@ -59,49 +120,28 @@ std::uint8_t to_byte(double value) {
   return value >= 0 ? static_cast<std::uint8_t>(std::lround(std::min(value, 255.0))) : std::uint8_t{0};
 }
 
-Header parse_header(const std::uint8_t* bytes, const FileReader& file) {
+/// @throws InputError also for a count that `compressed_bytes`, the size of the file, cannot hold
+Header parse_header(const std::uint8_t* bytes, std::uint64_t compressed_bytes, const std::string& name) {
   if (std::memcmp(bytes, kMagic, sizeof kMagic) != 0) {
-    input_error(file.name(),
-                ": not an SPZ file (expected the content to begin with \"NGSP\"); it is of another format");
+    input_error(name, ": not an SPZ file (expected the content to begin with \"NGSP\"); it is of another format");
   }
-  Header header;
-  header.version = load_u32(bytes + 4);
-  header.count = load_u32(bytes + 8);
-  header.sh_degree = bytes[12];
-  header.fractional_bits = bytes[13];
-  header.flags = bytes[14];
+  const Header header{load_u32(bytes + 4), load_u32(bytes + 8), bytes[12], bytes[13], bytes[14]};
   if (header.version < 1 || header.version > kLastGzipVersion) {
-    input_error(file.name(), ": expected SPZ version 1 to 3, found ", header.version);
+    input_error(name, ": expected SPZ version 1 to 3, found ", header.version);
   }
   if (header.sh_degree > kMaxShDegree) {
-    input_error(file.name(), ": expected SH degree 0 to 3, found ", header.sh_degree,
+    input_error(name, ": expected SH degree 0 to 3, found ", header.sh_degree,
                 "; export it again with at most degree 3");
   }
   if (header.version > 1 && header.fractional_bits >= kPositionBits) {
-    input_error(file.name(), ": expected 0 to 23 fractional bits, found ", header.fractional_bits,
-                "; the file is damaged");
+    input_error(name, ": expected 0 to 23 fractional bits, found ", header.fractional_bits, "; the file is damaged");
+  }
+  const std::uint64_t claimed = header.count * header.bytes_each();
+  if (claimed > kAlwaysAllowed + kMaxRatio * compressed_bytes) {
+    input_error(name, ": claims ", header.count, " Gaussians, ", claimed, " bytes, in a file of ", compressed_bytes,
+                " bytes; it is damaged");
   }
   return header;
-}
-
-/// @param compressed_bytes of the whole file
-void check_count(const Header& header, std::uint64_t compressed_bytes, const FileReader& file) {
-  const std::uint64_t bytes = header.count * header.bytes_each();
-  if (bytes > kAlwaysAllowed + kMaxRatio * compressed_bytes) {
-    input_error(file.name(), ": claims ", header.count, " Gaussians, ", bytes, " bytes, in a file of ",
-                compressed_bytes, " bytes; it is damaged");
-  }
-}
-
-/// Reads the next array of `width` bytes a Gaussian and calls decode(index, bytes) for each.
-template <class Decode>
-void read_array(GzipReader& gzip, std::uint64_t count, std::size_t width, Decode&& decode) {
-  std::vector<std::uint8_t> block(kSplatsPerBlock * width);
-  for (std::uint64_t begin = 0; begin < count; begin += kSplatsPerBlock) {
-    const std::uint64_t n = std::min<std::uint64_t>(kSplatsPerBlock, count - begin);
-    gzip.read_bytes(block.data(), n * width);
-    for (std::uint64_t i = 0; i < n; ++i) decode(begin + i, block.data() + i * width);
-  }
 }
 
 float half_to_float(std::uint32_t half) {
@@ -111,11 +151,11 @@ float half_to_float(std::uint32_t half) {
   return (half & 0x8000) != 0 ? -magnitude : magnitude;
 }
 
-void decode_halves(std::uint64_t row, const std::uint8_t* bytes, float* xyz, const FileReader& file) {
+void decode_halves(std::uint64_t row, const std::uint8_t* bytes, float* xyz, const std::string& name) {
   for (std::size_t axis = 0; axis < 3; ++axis) {
     const std::uint32_t half = bytes[2 * axis] | static_cast<std::uint32_t>(bytes[2 * axis + 1]) << 8;
     if ((half >> 10 & 31) == 31) {  // infinite or NaN
-      input_error(file.name(), ": Gaussian ", row, " (counted from 0): expected a finite position; export it again");
+      input_error(name, ": Gaussian ", row, " (counted from 0): expected a finite position; export it again");
     }
     xyz[axis] = kAxisSigns[axis] * half_to_float(half);
   }
@@ -197,32 +237,6 @@ void encode_smallest_three(const float* quat, std::uint8_t* bytes) {
   store_u32(packed, bytes);
 }
 
-std::uint8_t encode_sh(float value, double step) {
-  return to_byte(std::round((value * kShOne + kShOne) / step) * step);
-}
-
-/// Calls encode(index, bytes) for each Gaussian and writes the array of `width` bytes a Gaussian.
-template <class Encode>
-void write_array(GzipWriter& gzip, std::uint64_t count, std::size_t width, Encode&& encode) {
-  std::vector<std::uint8_t> block(kSplatsPerBlock * width);
-  for (std::uint64_t begin = 0; begin < count; begin += kSplatsPerBlock) {
-    const std::uint64_t n = std::min<std::uint64_t>(kSplatsPerBlock, count - begin);
-    for (std::uint64_t i = 0; i < n; ++i) encode(begin + i, block.data() + i * width);
-    gzip.write(block.data(), n * width);
-  }
-}
-
-void write_header(GzipWriter& gzip, const Header& header) {
-  std::array<std::uint8_t, kHeaderBytes> bytes{};
-  std::memcpy(bytes.data(), kMagic, sizeof kMagic);
-  store_u32(header.version, bytes.data() + 4);
-  store_u32(static_cast<std::uint32_t>(header.count), bytes.data() + 8);
-  bytes[12] = static_cast<std::uint8_t>(header.sh_degree);
-  bytes[13] = static_cast<std::uint8_t>(header.fractional_bits);
-  bytes[14] = header.flags;
-  gzip.write(bytes.data(), bytes.size());
-}
-
 }  // namespace
 
 int spz_fractional_bits(const SplatCloud& cloud) {
@@ -262,31 +276,30 @@ void write_spz(const std::filesystem::path& path, const SplatCloud& cloud, int s
   B3DGS_CHECK(cloud.sh_degree >= 0 && cloud.sh_degree <= kMaxShDegree, "SH degree ", cloud.sh_degree);
   B3DGS_CHECK(header.count <= 0xffffffffu, header.count, " Gaussians");
   B3DGS_CHECK(sh_bits >= 1 && sh_bits <= kSpzShBits, sh_bits, " bits");
-  const double log_unit = std::log(cloud.frame.unit);
+  const double log_unit = std::log(cloud.frame.unit), sh_step = 1 << (kSpzShBits - sh_bits);
+  const std::size_t n = header.count, n_sh = 3 * header.rest();
+  std::string content(kHeaderBytes + n * header.bytes_each(), '\0');
+  auto* to = reinterpret_cast<std::uint8_t*>(content.data());
+  std::memcpy(to, kMagic, sizeof kMagic);
+  store_u32(header.version, to + 4);
+  store_u32(static_cast<std::uint32_t>(header.count), to + 8);
+  to[12] = static_cast<std::uint8_t>(header.sh_degree);
+  to[13] = static_cast<std::uint8_t>(header.fractional_bits);
+  to[14] = header.flags;
+  to += kHeaderBytes;
+  for (std::size_t row = 0; row < n; ++row, to += 9) {
+    encode_fixed(cloud.frame.to_world(&cloud.means[3 * row]), header.fractional_bits, to);
+  }
+  for (const float logit : cloud.logit_opacities) *to++ = to_byte(255 / (1 + std::exp(-static_cast<double>(logit))));
+  for (const float color : cloud.sh0) *to++ = to_byte((color * kColorScale + 0.5) * 255);
+  for (const float scale : cloud.log_scales) *to++ = to_byte((scale + log_unit + 10.0) * 16);
+  for (std::size_t row = 0; row < n; ++row, to += 4) encode_smallest_three(&cloud.quats[4 * row], to);
+  for (std::size_t i = 0; i < n * n_sh; ++i) {
+    const double value = kShSigns[i % n_sh / 3] * cloud.shN[i];
+    *to++ = to_byte(std::round((value * kShOne + kShOne) / sh_step) * sh_step);
+  }
   AtomicFile file(path);
-  GzipWriter gzip(file);
-  write_header(gzip, header);
-  write_array(gzip, header.count, 9, [&](std::uint64_t row, std::uint8_t* bytes) {
-    encode_fixed(cloud.frame.to_world(&cloud.means[3 * row]), header.fractional_bits, bytes);
-  });
-  write_array(gzip, header.count, 1, [&](std::uint64_t row, std::uint8_t* bytes) {
-    *bytes = to_byte(255 / (1 + std::exp(-static_cast<double>(cloud.logit_opacities[row]))));
-  });
-  write_array(gzip, header.count, 3, [&](std::uint64_t row, std::uint8_t* bytes) {
-    for (std::size_t k = 0; k < 3; ++k) bytes[k] = to_byte((cloud.sh0[3 * row + k] * kColorScale + 0.5) * 255);
-  });
-  write_array(gzip, header.count, 3, [&](std::uint64_t row, std::uint8_t* bytes) {
-    for (std::size_t k = 0; k < 3; ++k) bytes[k] = to_byte((cloud.log_scales[3 * row + k] + log_unit + 10.0) * 16);
-  });
-  write_array(gzip, header.count, header.rotation_bytes(),
-              [&](std::uint64_t row, std::uint8_t* bytes) { encode_smallest_three(&cloud.quats[4 * row], bytes); });
-  const std::size_t rest = header.rest();
-  const double sh_step = 1 << (kSpzShBits - sh_bits);
-  write_array(gzip, header.count, 3 * rest, [&](std::uint64_t row, std::uint8_t* bytes) {
-    const float* const sh = cloud.shN.data() + 3 * rest * row;
-    for (std::size_t k = 0; k < 3 * rest; ++k) bytes[k] = encode_sh(kShSigns[k / 3] * sh[k], sh_step);
-  });
-  gzip.write(nullptr, 0, /*is_last=*/true);
+  write_compressed(file, content);
   file.commit();
 }
 
@@ -296,54 +309,55 @@ SplatCloud read_spz(const std::filesystem::path& path) {
 }
 
 SplatCloud read_spz(FileReader& file) {
-  GzipReader gzip(file);
-  if (gzip.compressed().compare(0, sizeof kMagic, kMagic, sizeof kMagic) == 0) {
-    input_error(file.name(),
-                ": expected SPZ version 1 to 3, found version 4 or later, which is compressed in another "
-                "way; convert it first: splat-transform IN.spz OUT.ply");
+  const std::string name = file.name();
+  std::string compressed(file.remaining(), '\0');
+  file.read_bytes(compressed.data(), compressed.size());
+  if (compressed.compare(0, sizeof kMagic, kMagic, sizeof kMagic) == 0) {
+    input_error(name, ": expected SPZ version 1 to 3, found version 4 or later, which is compressed in another way; ",
+                "convert it first: splat-transform IN.spz OUT.ply");
   }
-  std::array<std::uint8_t, kHeaderBytes> bytes{};
-  gzip.read_bytes(bytes.data(), bytes.size());
-  const Header header = parse_header(bytes.data(), file);
-  check_count(header, gzip.compressed().size(), file);
+  const auto expect_bytes = [&](const std::string& content, std::size_t wanted) {
+    if (content.size() >= wanted) return;
+    input_error(name, ": the compressed content ends ", wanted - content.size(),
+                " or more bytes early; the file is damaged: export it again");
+  };
+  std::string content = decompress(compressed, kHeaderBytes, name);
+  expect_bytes(content, kHeaderBytes);
+  const Header header = parse_header(reinterpret_cast<std::uint8_t*>(content.data()), compressed.size(), name);
+  const std::size_t n = header.count, n_sh = 3 * header.rest();
+  const std::size_t expected = kHeaderBytes + n * header.bytes_each();
+  const std::size_t most = expected + ((header.flags & ~kAntialiased) != 0 ? kMaxExtensionBytes : 0);
+  content = decompress(compressed, most + 1, name);
+  expect_bytes(content, expected);
+  if (content.size() > most) {
+    input_error(name, ": expected the end of the compressed content, found more; the file is damaged or of a later ",
+                "version");
+  }
 
-  const std::uint64_t n = header.count;
-  const std::size_t rest = header.rest();
   SplatCloud cloud;
   cloud.sh_degree = header.sh_degree;
   cloud.antialiased = (header.flags & kAntialiased) != 0;
+  const auto* from = reinterpret_cast<const std::uint8_t*>(content.data()) + kHeaderBytes;
   cloud.means.resize(3 * n);
-  read_array(gzip, n, header.position_bytes(), [&](std::uint64_t row, const std::uint8_t* from) {
-    float* const to = &cloud.means[3 * row];
-    header.version == 1 ? decode_halves(row, from, to, file) : decode_fixed(from, header.fractional_bits, to);
-  });
+  for (std::size_t row = 0; row < n; ++row, from += header.position_bytes()) {
+    float* const xyz = &cloud.means[3 * row];
+    header.version == 1 ? decode_halves(row, from, xyz, name) : decode_fixed(from, header.fractional_bits, xyz);
+  }
   cloud.logit_opacities.resize(n);
-  read_array(gzip, n, 1,
-             [&](std::uint64_t row, const std::uint8_t* from) { cloud.logit_opacities[row] = decode_opacity(*from); });
+  for (float& logit : cloud.logit_opacities) logit = decode_opacity(*from++);
   cloud.sh0.resize(3 * n);
-  read_array(gzip, n, 3, [&](std::uint64_t row, const std::uint8_t* from) {
-    for (std::size_t k = 0; k < 3; ++k) {
-      cloud.sh0[3 * row + k] = static_cast<float>((from[k] / 255.0 - 0.5) / kColorScale);
-    }
-  });
+  for (float& color : cloud.sh0) color = static_cast<float>((*from++ / 255.0 - 0.5) / kColorScale);
   cloud.log_scales.resize(3 * n);
-  read_array(gzip, n, 3, [&](std::uint64_t row, const std::uint8_t* from) {
-    for (std::size_t k = 0; k < 3; ++k) cloud.log_scales[3 * row + k] = static_cast<float>(from[k]) / 16 - 10;
-  });
+  for (float& scale : cloud.log_scales) scale = static_cast<float>(*from++) / 16 - 10;
   cloud.quats.resize(4 * n);
-  read_array(gzip, n, header.rotation_bytes(), [&](std::uint64_t row, const std::uint8_t* from) {
-    float* const to = &cloud.quats[4 * row];
-    header.version < 3 ? decode_first_three(from, to) : decode_smallest_three(from, to);
-  });
-  cloud.shN.resize(3 * rest * n);
-  read_array(gzip, n, 3 * rest, [&](std::uint64_t row, const std::uint8_t* from) {
-    float* const to = cloud.shN.data() + 3 * rest * row;
-    for (std::size_t k = 0; k < 3 * rest; ++k) {
-      to[k] = kShSigns[k / 3] * (static_cast<float>(from[k]) - static_cast<float>(kShOne)) / static_cast<float>(kShOne);
-    }
-  });
-  constexpr std::size_t kMaxExtensionBytes = 1 << 20;
-  gzip.expect_end((header.flags & ~kAntialiased) != 0 ? kMaxExtensionBytes : 0);
+  for (std::size_t row = 0; row < n; ++row, from += header.rotation_bytes()) {
+    float* const quat = &cloud.quats[4 * row];
+    header.version < 3 ? decode_first_three(from, quat) : decode_smallest_three(from, quat);
+  }
+  cloud.shN.resize(n * n_sh);
+  for (std::size_t i = 0; i < n * n_sh; ++i) {
+    cloud.shN[i] = kShSigns[i % n_sh / 3] * (static_cast<float>(*from++) - kShOne) / kShOne;
+  }
   return cloud;
 }
 

@@ -12,7 +12,6 @@ namespace {
 
 // Files that round to four decimals are off by this much; a sheared or mirrored matrix is off by far more.
 constexpr double kTolerance = 1e-2;
-constexpr double kMaxCoordinate = 1e12;  // world units; its square is finite in single precision
 
 constexpr const char* kRemedy = "; export the cameras again";
 

@@ -10,6 +10,10 @@
 
 namespace b3dgs {
 
+// Limits of what files may hold: larger only in damaged ones.
+inline constexpr int kMaxImageSide = 1 << 20;   // px
+inline constexpr double kMaxCoordinate = 1e12;  // px or world units; its square is finite in single precision
+
 /// Rigid motion x_camera = rotation * x_world + translation. Camera frame: +x right, +y down, +z forward.
 struct Pose {
   std::array<double, 9> rotation{1, 0, 0, 0, 1, 0, 0, 0, 1};  // row-major, orthonormal

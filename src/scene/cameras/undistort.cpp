@@ -56,36 +56,28 @@ Undistorter::Undistorter(const Camera& camera, const std::string& place)
 }
 
 Image8 Undistorter::apply(const Image8& image) const {
-  Image8 result(width_, height_, 3);
+  Image8 result(width_, height_, image.channels);
   apply_into(image, result.pixels.data());
   return result;
 }
 
-void Undistorter::apply_into(const Image8& image, std::uint8_t* rgb) const {
-  remap({image.width, image.height}, image.channels, CV_8UC3, image.pixels.data(), rgb);
+void Undistorter::apply_into(const Image8& image, std::uint8_t* pixels) const {
+  remap({image.width, image.height}, CV_8UC(image.channels), image.pixels.data(), pixels);
+  const auto n = static_cast<std::size_t>(image.channels);
   for (std::size_t i = 0; valid_ && i < valid_->pixels.size(); ++i) {
-    if (valid_->pixels[i] == 0) std::fill_n(rgb + 3 * i, 3, std::uint8_t{0});
+    if (valid_->pixels[i] == 0) std::fill_n(pixels + n * i, n, std::uint8_t{0});
   }
 }
 
 Depth16 Undistorter::apply(const Depth16& map) const {
   Depth16 result(width_, height_);
-  remap({map.width, map.height}, 1, CV_16UC1, map.values.data(), result.values.data());
+  remap({map.width, map.height}, CV_16UC1, map.values.data(), result.values.data());
   return result;
 }
 
-Image8 Undistorter::apply_to_mask(const Image8& mask) const {
-  Image8 result(width_, height_, 1);
-  remap({mask.width, mask.height}, mask.channels, CV_8UC1, mask.pixels.data(), result.pixels.data());
-  for (std::size_t i = 0; valid_ && i < result.pixels.size(); ++i) {
-    if (valid_->pixels[i] == 0) result.pixels[i] = 0;
-  }
-  return result;
-}
-
-void Undistorter::remap(ImageSize size, int channels, int type, const void* from, void* to) const {
-  B3DGS_CHECK(size.width == width_ && size.height == height_ && channels == CV_MAT_CN(type), "an image of ", size.width,
-              " x ", size.height, " x ", channels, " for a map of ", width_, " x ", height_);
+void Undistorter::remap(ImageSize size, int type, const void* from, void* to) const {
+  B3DGS_CHECK(size.width == width_ && size.height == height_, "an image of ", size.width, " x ", size.height,
+              " for a map of ", width_, " x ", height_);
   // OpenCV only reads these two; its Mat has no const form.
   const cv::Mat image(height_, width_, type, const_cast<void*>(from));
   const cv::Mat map(height_, width_, CV_32FC2, const_cast<float*>(source_.data()));

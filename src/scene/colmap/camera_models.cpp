@@ -53,29 +53,16 @@ const CameraModelRow& row_of(CameraModel model) {
   return kCameraModels[id];
 }
 
-[[noreturn]] void refuse_camera_model(const std::string& place, const std::string& model) {
-  std::string names;
-  for (const CameraModel supported : supported_camera_models()) {
-    names += (names.empty() ? "" : ", ") + std::string(camera_model_name(supported));
-  }
-  input_error(place, ": unsupported camera model ", model, ", expected one of ", names,
-              "; run \"colmap image_undistorter\" and train on its output");
-}
-
 void check_intrinsics(const Camera& camera, const std::string& place) {
-  constexpr const char* kRemedy = "; reconstruct the scene again";
-  if (!(camera.fx > 0 && camera.fy > 0)) {
-    input_error(place, ": expected focal lengths above 0, found ", camera.fx, " and ", camera.fy, kRemedy);
-  }
   const double side = std::max(camera.width, camera.height);
   const auto [shorter, longer] = std::minmax(camera.fx, camera.fy);
-  if (shorter < side / kMaxRatio || longer > side * kMaxRatio) {
-    input_error(place, ": impossible focal lengths ", camera.fx, " and ", camera.fy, " px for images of ", camera.width,
-                " x ", camera.height, " px", kRemedy);
+  if (!(shorter >= side / kMaxRatio && longer <= side * kMaxRatio)) {
+    input_error(place, ": expected focal lengths above 0 that a lens can have for images of ", camera.width, " x ",
+                camera.height, " px, found ", camera.fx, " and ", camera.fy, " px; reconstruct the scene again");
   }
-  if (std::max(std::abs(camera.cx), std::abs(camera.cy)) > side * kMaxRatio) {
+  if (!(std::max(std::abs(camera.cx), std::abs(camera.cy)) <= side * kMaxRatio)) {
     input_error(place, ": impossible principal point at (", camera.cx, ", ", camera.cy, ") px for images of ",
-                camera.width, " x ", camera.height, " px", kRemedy);
+                camera.width, " x ", camera.height, " px; reconstruct the scene again");
   }
 }
 
@@ -107,8 +94,13 @@ CameraModel camera_model_from_id(int id, const std::string& place) {
     input_error(place, ": unknown camera model ", id, ", expected 0 (SIMPLE_PINHOLE) to ", kCameraModels.size() - 1,
                 " (", kCameraModels.back().name, "); the file is damaged or from a newer COLMAP");
   }
-  if (!kCameraModels[id].params) refuse_camera_model(place, detail::concat(kCameraModels[id].name, " (", id, ")"));
-  return static_cast<CameraModel>(id);
+  if (kCameraModels[id].params) return static_cast<CameraModel>(id);
+  std::string names;
+  for (const CameraModel model : supported_camera_models()) {
+    names += detail::concat(names.empty() ? "" : ", ", camera_model_name(model));
+  }
+  input_error(place, ": unsupported camera model ", kCameraModels[id].name, " (", id, "), expected one of ", names,
+              "; run \"colmap image_undistorter\" and train on its output");
 }
 
 CameraModel camera_model_from_name(const std::string& name, const std::string& place) {

@@ -88,21 +88,21 @@ ColmapCamera to_colmap_camera(const Camera& camera);
 enum class ColmapFormat { kBinary, kText };
 
 /// Format of the model in a folder, binary if it is there in both formats; nothing if the folder holds no model. One of
-/// the three files may be missing: read_colmap_model() then names it.
+/// the three files may be missing.
 std::optional<ColmapFormat> colmap_format(const std::filesystem::path& folder);
 
 /// Number of registered images, without reading the rest of the model. @throws InputError
 std::uint64_t count_colmap_images(const std::filesystem::path& folder);
 
-/// Reads cameras, images and points3D from one folder, as .bin files, or as .txt files if fewer of the three are there
-/// as .bin. Other files, such as the rigs and frames of newer versions of COLMAP, are ignored.
+/// Reads cameras, images and points3D from one folder in its colmap_format(). Other files, such as the rigs and frames
+/// of newer versions of COLMAP, are ignored.
 /// @throws InputError with file, record or line, what was expected and what was found
 ColmapModel read_colmap_model(const std::filesystem::path& folder, bool tracks = false);
 
+/// The same from open files.
 struct ColmapFiles {
   FileReader &cameras, &images, &points;
 };
-/// The same from open files.
 ColmapModel read_colmap_model(const ColmapFiles& files, ColmapFormat format, bool tracks = false);
 
 /// Writes a model folder that COLMAP can read. @throws IoError
@@ -110,7 +110,6 @@ void write_colmap_model(const std::filesystem::path& folder, const ColmapModel& 
 
 struct SparseModelFolder {
   std::filesystem::path folder;
-  ColmapFormat format = ColmapFormat::kBinary;
   std::vector<std::string> notes;  // which model was chosen, and errors of others
 };
 
@@ -122,15 +121,3 @@ bool has_model_folder(const std::filesystem::path& source);
 SparseModelFolder find_model_folder(const std::filesystem::path& source);
 
 }  // namespace b3dgs
-
-namespace b3dgs::colmap {
-
-// Inside the reader and writer of COLMAP models: the records of their files.
-
-/// "FOLDER/images.bin" for the stem "images".
-std::filesystem::path file_of(const std::filesystem::path& folder, const char* stem, ColmapFormat format);
-
-/// Reads the files and checks their structure, and that no camera is there twice, but not values. @throws InputError
-ColmapModel read_unchecked(const ColmapFiles& files, ColmapFormat format, bool tracks);
-
-}  // namespace b3dgs::colmap

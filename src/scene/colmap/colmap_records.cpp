@@ -1,7 +1,9 @@
 // COLMAP's files. Binary ones are a 64-bit count, then records without padding, little-endian. Text files have one line
 // for each camera and point, two for each image, and comments after '#'; the counts in these are ignored: some programs
 // write wrong ones. Each kind of record is described once, for both formats and for reading and writing. 2D points and
-// tracks are written empty.
+// tracks are written empty. Values are checked: whatever read_colmap_model() returns must be usable.
+#include <algorithm>
+#include <cmath>
 #include <cstdio>
 #include <type_traits>
 
@@ -13,6 +15,12 @@
 
 namespace b3dgs {
 namespace {
+
+namespace fs = std::filesystem;
+
+fs::path file_of(const fs::path& folder, const char* stem, ColmapFormat format) {
+  return folder / (std::string(stem) + (format == ColmapFormat::kBinary ? ".bin" : ".txt"));
+}
 
 template <class Archive, class Values>
 void visit_numbers(Archive& archive, Values& values, const char* what) {
@@ -159,9 +167,8 @@ struct TextReader {
   }
 };
 
-/// Calls check(record, place) for each record; place() is where it is in the file.
-template <class Record, class Check>
-std::vector<typename Record::Type> read_records(FileReader& file, ColmapFormat format, bool tracks, Check&& check) {
+template <class Record>
+std::vector<typename Record::Type> read_records(FileReader& file, ColmapFormat format, bool tracks = false) {
   std::vector<typename Record::Type> records;
   if (format == ColmapFormat::kBinary) {
     BinaryReader reader{file, tracks};
@@ -169,7 +176,6 @@ std::vector<typename Record::Type> read_records(FileReader& file, ColmapFormat f
     for (std::uint64_t i = 0; i < records.size(); ++i) {
       file.begin_record(Record::kOne, i, records.size());
       Record::visit(reader, records[i]);
-      check(records[i], [&] { return detail::concat(file.name(), ": ", Record::kOne, " ", records[i].id); });
     }
     file.expect_end();
     return records;
@@ -179,12 +185,9 @@ std::vector<typename Record::Type> read_records(FileReader& file, ColmapFormat f
     if (first == std::string_view::npos || line[first] == '#') continue;
     TextReader reader{file, tracks, TextFields(line)};
     Record::visit(reader, records.emplace_back());
-    check(records.back(), [&] { return file.place(); });
   }
   return records;
 }
-
-constexpr auto kNoCheck = [](const auto&, const auto&) {};
 
 struct BinaryWriter {
   std::string bytes;
@@ -238,36 +241,132 @@ std::string content_of(const std::vector<typename Record::Type>& records, Colmap
   return std::move(writer.text);
 }
 
+template <class Record, class Key>
+void expect_different(const std::vector<Record>& records, Key Record::*key, const char* what, const FileReader& file) {
+  std::vector<Key> keys;
+  keys.reserve(records.size());
+  for (const Record& record : records) keys.push_back(record.*key);
+  std::sort(keys.begin(), keys.end());
+  const auto twice = std::adjacent_find(keys.begin(), keys.end());
+  if (twice != keys.end()) input_error(file.name(), ": two ", what, " ", *twice, "; the file is damaged");
+}
+
+void check_camera(const ColmapCamera& camera, const std::string& file) {
+  const std::string place = detail::concat(file, ": camera ", camera.id);
+  if (camera.width < 1 || camera.height < 1 || camera.width > kMaxImageSide || camera.height > kMaxImageSide) {
+    input_error(place, ": expected a width and height of 1 to ", kMaxImageSide, " px, found ", camera.width, " x ",
+                camera.height, "; the file is damaged");
+  }
+  for (const double value : camera.params) {
+    if (std::isfinite(value)) continue;
+    input_error(place, " (", camera_model_name(camera.model), "): expected finite parameters ",
+                camera_model_params(camera.model), ", found ", value, "; reconstruct the scene again");
+  }
+}
+
+// Outputs are named after images too, so a name must not point outside a folder.
+bool points_outside(std::string name) {
+  std::replace(name.begin(), name.end(), '\\', '/');
+  const fs::path path(name);
+  return path.is_absolute() || std::find(path.begin(), path.end(), "..") != path.end();
+}
+
+void check_image(const ColmapImage& image, const ColmapModel& model, const std::string& file) {
+  const std::string place = detail::concat(file, ": image ", image.id, " (", image.name, ")");
+  constexpr const char* kRemedy = "; remove the image from the model or reconstruct the scene again";
+  double squared_length = 0;
+  for (const double value : image.quat) squared_length += value * value;
+  if (!(squared_length > 1e-12 && squared_length < 1e12)) {
+    input_error(place, ": expected a rotation quaternion of length 1, found length ", std::sqrt(squared_length),
+                kRemedy);
+  }
+  for (const double value : image.translation) {
+    if (std::abs(value) <= kMaxCoordinate) continue;
+    input_error(place, ": expected a translation of at most ", kMaxCoordinate, ", found the component ", value,
+                kRemedy);
+  }
+  if (image.name.empty()) input_error(place, ": expected the name of an image file, found an empty name");
+  if (points_outside(image.name) || detail::one_line(image.name) != image.name) {
+    input_error(place, ": expected a path inside the image folder, without \"..\" and control characters; rename the ",
+                "image in the model");
+  }
+  if (model.cameras.count(image.camera_id) == 0) {
+    input_error(place, ": camera ", image.camera_id,
+                " is not in the cameras file; the files belong to different models");
+  }
+}
+
+void check_point(const ColmapPoint& point, const std::string& file) {
+  for (const double value : point.position) {
+    if (std::abs(value) <= kMaxCoordinate) continue;
+    input_error(file, ": point ", point.id, ": expected coordinates of at most ", kMaxCoordinate, ", found ", value,
+                "; remove the point or reconstruct the scene again");
+  }
+}
+
 }  // namespace
 
-ColmapModel colmap::read_unchecked(const ColmapFiles& files, ColmapFormat format, bool tracks) {
+std::optional<ColmapFormat> colmap_format(const fs::path& folder) {
+  const auto count = [&](ColmapFormat format) {
+    int n = 0;
+    for (const char* stem : {"cameras", "images", "points3D"}) {
+      std::error_code error;
+      n += fs::is_regular_file(file_of(folder, stem, format), error) ? 1 : 0;
+    }
+    return n;
+  };
+  const int binary = count(ColmapFormat::kBinary), text = count(ColmapFormat::kText);
+  if (std::max(binary, text) < 2) return std::nullopt;  // a single file with such a name may be anything
+  return binary >= text ? ColmapFormat::kBinary : ColmapFormat::kText;
+}
+
+ColmapModel read_colmap_model(const ColmapFiles& files, ColmapFormat format, bool tracks) {
   ColmapModel model;
-  read_records<CameraRecord>(files.cameras, format, tracks, [&](const ColmapCamera& camera, const auto& place) {
-    if (model.cameras.emplace(camera.id, camera).second) return;
-    input_error(place(), ": two cameras have the ID ", camera.id, "; the file is damaged");
-  });
-  model.images = read_records<ImageRecord>(files.images, format, tracks, kNoCheck);
-  model.points = read_records<PointRecord>(files.points, format, tracks, kNoCheck);
+  const std::vector<ColmapCamera> cameras = read_records<CameraRecord>(files.cameras, format);
+  expect_different(cameras, &ColmapCamera::id, "cameras have the ID", files.cameras);
+  for (const ColmapCamera& camera : cameras) {
+    check_camera(camera, files.cameras.name());
+    model.cameras.emplace(camera.id, camera);
+  }
+  model.images = read_records<ImageRecord>(files.images, format);
+  for (const ColmapImage& image : model.images) check_image(image, model, files.images.name());
+  expect_different(model.images, &ColmapImage::id, "images have the ID", files.images);
+  expect_different(model.images, &ColmapImage::name, "images have the name", files.images);
+  model.points = read_records<PointRecord>(files.points, format, tracks);
+  const std::string point_file = files.points.name();
+  for (const ColmapPoint& point : model.points) check_point(point, point_file);
+  expect_different(model.points, &ColmapPoint::id, "points have the ID", files.points);
   return model;
 }
 
-std::uint64_t count_colmap_images(const std::filesystem::path& folder) {
+ColmapModel read_colmap_model(const fs::path& folder, bool tracks) {
+  const std::optional<ColmapFormat> format = colmap_format(folder);
+  if (!format) {
+    input_error(folder.string(),
+                ": no COLMAP model found (expected cameras, images and points3D, as .bin or .txt files)");
+  }
+  FileReader cameras(file_of(folder, "cameras", *format)), images(file_of(folder, "images", *format)),
+      points(file_of(folder, "points3D", *format));
+  return read_colmap_model({cameras, images, points}, *format, tracks);
+}
+
+std::uint64_t count_colmap_images(const fs::path& folder) {
   const ColmapFormat format = colmap_format(folder).value_or(ColmapFormat::kBinary);
-  FileReader file(colmap::file_of(folder, "images", format));
-  if (format == ColmapFormat::kText) return read_records<ImageRecord>(file, format, false, kNoCheck).size();
+  FileReader file(file_of(folder, "images", format));
+  if (format == ColmapFormat::kText) return read_records<ImageRecord>(file, format).size();
   return BinaryReader{file, false}.n_elements(ImageRecord::kMany, ImageRecord::kMinBytes);
 }
 
-void write_colmap_model(const std::filesystem::path& folder, const ColmapModel& model, ColmapFormat format) {
+void write_colmap_model(const fs::path& folder, const ColmapModel& model, ColmapFormat format) {
   std::vector<ColmapCamera> cameras;
   for (const auto& [id, camera] : model.cameras) {
     B3DGS_CHECK(camera.params.size() == static_cast<std::size_t>(camera_model_param_count(camera.model)), "camera ", id,
                 " has ", camera.params.size(), " parameters");
     cameras.push_back(camera);
   }
-  write_file(colmap::file_of(folder, "cameras", format), content_of<CameraRecord>(cameras, format));
-  write_file(colmap::file_of(folder, "images", format), content_of<ImageRecord>(model.images, format));
-  write_file(colmap::file_of(folder, "points3D", format), content_of<PointRecord>(model.points, format));
+  write_file(file_of(folder, "cameras", format), content_of<CameraRecord>(cameras, format));
+  write_file(file_of(folder, "images", format), content_of<ImageRecord>(model.images, format));
+  write_file(file_of(folder, "points3D", format), content_of<PointRecord>(model.points, format));
 }
 
 }  // namespace b3dgs

@@ -7,6 +7,7 @@
 #include <fstream>
 #include <opencv2/core.hpp>
 #include <opencv2/imgcodecs.hpp>
+#include <string_view>
 
 #include "core/check.h"
 
@@ -40,31 +41,32 @@ bool is_start_of_frame(std::uint8_t marker) {
   return marker >= 0xc0 && marker <= 0xcf && marker != 0xc4 && marker != 0xc8 && marker != 0xcc;  // DHT, JPG, DAC
 }
 
-// Calls visit(marker, position of its segment's length, length) for each marker until it returns false or the
-// end-of-image marker is visited. Returns false if the bytes end before that.
-template <class Visit>
-bool walk_jpeg(const Bytes& bytes, Visit&& visit) {
-  std::size_t at = 2;
-  for (;;) {
+struct Segment {
+  std::uint8_t marker = 0;
+  std::size_t begin = 0, end = 0;  // from the marker's 0xff on
+};
+
+/// The complete segments of a JPEG. The last one is kEndOfImage if the file is complete.
+std::vector<Segment> segments_of(const Bytes& bytes) {
+  std::vector<Segment> segments;
+  for (std::size_t at = 2; is_jpeg(bytes) && at < bytes.size();) {
     // A marker may be preceded by any number of 0xff; inside a scan, everything that is not a marker is data.
-    const void* found = at < bytes.size() ? std::memchr(bytes.data() + at, 0xff, bytes.size() - at) : nullptr;
-    if (!found) return false;
+    const void* found = std::memchr(bytes.data() + at, 0xff, bytes.size() - at);
+    if (!found) break;
     at = static_cast<std::size_t>(static_cast<const std::uint8_t*>(found) - bytes.data());
     while (at < bytes.size() && bytes[at] == 0xff) ++at;
-    if (at >= bytes.size()) return false;
+    if (at == bytes.size()) break;
     const std::uint8_t marker = bytes[at++];
-    if (marker == 0 || is_restart(marker))
-      continue;  // an escaped data byte 0xff or a restart marker: no segment follows
-    if (marker == kEndOfImage) {
-      visit(marker, at, std::size_t{0});
-      return true;
-    }
-    if (at + 2 > bytes.size()) return false;
-    const std::size_t length = value_at(bytes, at, 2);
-    if (length < 2 || at + length > bytes.size()) return false;
-    if (!visit(marker, at, length)) return true;
+    if (marker == 0 || is_restart(marker)) continue;  // an escaped data byte 0xff; no segment follows
+    const bool is_end = marker == kEndOfImage;
+    if (!is_end && at + 2 > bytes.size()) break;
+    const std::size_t length = is_end ? 0 : value_at(bytes, at, 2);
+    if (!is_end && (length < 2 || at + length > bytes.size())) break;
+    segments.push_back({marker, at - 2, at + length});
+    if (is_end) break;
     at += length;
   }
+  return segments;
 }
 
 bool has_png_end(const Bytes& bytes) {
@@ -80,33 +82,13 @@ bool has_png_end(const Bytes& bytes) {
 
 constexpr int kUpright = 1;  // orientation
 
-struct Segment {
-  std::uint8_t marker = 0;
-  std::size_t begin = 0, end = 0;  // from the marker's 0xff on
-};
-
-/// The complete segments before the image data.
-std::vector<Segment> segments_of(const Bytes& bytes) {
-  std::vector<Segment> segments;
-  if (!is_jpeg(bytes)) return segments;
-  walk_jpeg(bytes, [&](std::uint8_t marker, std::size_t at, std::size_t length) {
-    if (marker == kStartOfScan || marker == kEndOfImage) return false;
-    segments.push_back({marker, at - 2, at + length});
-    return true;
-  });
-  return segments;
-}
-
-bool has_text(const Bytes& bytes, const Segment& segment, const char* text, std::size_t length) {
-  return segment.end - segment.begin >= 4 + length && std::memcmp(bytes.data() + segment.begin + 4, text, length) == 0;
+bool begins_with(const Bytes& bytes, const Segment& segment, std::uint8_t marker, std::string_view text) {
+  return segment.marker == marker && segment.end - segment.begin >= 4 + text.size() &&
+         std::memcmp(bytes.data() + segment.begin + 4, text.data(), text.size()) == 0;
 }
 
 bool is_exif(const Bytes& bytes, const Segment& segment) {
-  return segment.marker == kApp1 && has_text(bytes, segment, "Exif\0\0", 6);
-}
-
-bool is_color_profile(const Bytes& bytes, const Segment& segment) {
-  return segment.marker == kApp2 && has_text(bytes, segment, "ICC_PROFILE", 12);
+  return begins_with(bytes, segment, kApp1, {"Exif\0\0", 6});
 }
 
 struct Orientation {
@@ -158,10 +140,6 @@ cv::Mat upright(const cv::Mat& stored, int orientation) {
   return image;
 }
 
-void append(Bytes& to, const Bytes& from, std::size_t begin, std::size_t end) {
-  to.insert(to.end(), from.data() + begin, from.data() + end);
-}
-
 }  // namespace
 
 std::optional<ImageSize> image_size_from_header(const Bytes& bytes) {
@@ -170,12 +148,13 @@ std::optional<ImageSize> image_size_from_header(const Bytes& bytes) {
     if (bytes.size() < 24) return std::nullopt;  // IHDR is the first chunk: width at byte 16, height at 20
     size = {static_cast<int>(value_at(bytes, 16, 4)), static_cast<int>(value_at(bytes, 20, 4))};
   } else if (is_jpeg(bytes)) {
-    walk_jpeg(bytes, [&](std::uint8_t marker, std::size_t at, std::size_t length) {
-      if (is_start_of_frame(marker) && length >= 7) {  // length, precision, height, width
-        size = {static_cast<int>(value_at(bytes, at + 5, 2)), static_cast<int>(value_at(bytes, at + 3, 2))};
-      }
-      return !is_start_of_frame(marker) && marker != kStartOfScan;
-    });
+    for (const Segment& segment : segments_of(bytes)) {
+      if (segment.marker == kStartOfScan) break;
+      if (!is_start_of_frame(segment.marker) || segment.end - segment.begin < 9) continue;
+      size = {static_cast<int>(value_at(bytes, segment.begin + 7, 2)),
+              static_cast<int>(value_at(bytes, segment.begin + 5, 2))};  // after marker, length and precision
+      break;
+    }
   }
   if (size.width <= 0 || size.height <= 0) return std::nullopt;
   return size;
@@ -185,13 +164,10 @@ std::string image_damage(const Bytes& bytes) {
   if (bytes.empty()) return "the file is empty";
   if (is_png(bytes)) return has_png_end(bytes) ? "" : "the PNG ends before its last chunk (IEND)";
   if (is_jpeg(bytes)) {
-    bool has_scan = false;
-    const bool is_whole = walk_jpeg(bytes, [&](std::uint8_t marker, std::size_t, std::size_t) {
-      has_scan = has_scan || marker == kStartOfScan;
-      return true;
-    });
-    if (!is_whole) return "the JPEG ends before its end marker";
-    if (!has_scan) return "the JPEG has no image data";
+    const std::vector<Segment> segments = segments_of(bytes);
+    if (segments.empty() || segments.back().marker != kEndOfImage) return "the JPEG ends before its end marker";
+    const auto is_scan = [](const Segment& segment) { return segment.marker == kStartOfScan; };
+    if (std::none_of(segments.begin(), segments.end(), is_scan)) return "the JPEG has no image data";
   }
   return "";
 }
@@ -227,24 +203,29 @@ std::optional<Bytes> turned_upright(const Bytes& jpeg) {
   source[orientation->at] = orientation->is_little_endian ? kUpright : 0;
   source[orientation->at + 1] = orientation->is_little_endian ? 0 : kUpright;
   // JFIF's segment, APP0, comes first.
-  std::size_t place = 2;
-  const std::vector<Segment> written = segments_of(encoded);
-  if (!written.empty() && written[0].marker == kApp0) place = written[0].end;
-  Bytes result;
-  append(result, encoded, 0, place);
+  const Segment first = segments_of(encoded).front();
+  const auto place = encoded.begin() + static_cast<std::ptrdiff_t>(first.marker == kApp0 ? first.end : 2);
+  Bytes result(encoded.begin(), place);
   for (const Segment& segment : segments_of(source)) {
-    if (is_exif(source, segment) || is_color_profile(source, segment)) {
-      append(result, source, segment.begin, segment.end);
+    if (is_exif(source, segment) || begins_with(source, segment, kApp2, {"ICC_PROFILE", 12})) {
+      result.insert(result.end(), source.data() + segment.begin, source.data() + segment.end);
     }
   }
-  append(result, encoded, place, encoded.size());
+  result.insert(result.end(), place, encoded.end());
   return result;
+}
+
+ImageSize divided_size(ImageSize size, int divisor) {
+  const auto divided = [&](std::int64_t side) {
+    return std::max(1, static_cast<int>((2 * side + divisor) / (2 * divisor)));
+  };
+  return {divided(size.width), divided(size.height)};
 }
 
 namespace {
 
-int divide_halves_up(int side, int divisor) {
-  return std::max(1, static_cast<int>((2 * std::int64_t{side} + divisor) / (2 * std::int64_t{divisor})));
+bool is_divisor(int resolution) {
+  return resolution == 1 || resolution == 2 || resolution == 4 || resolution == 8;
 }
 
 int divide_halves_to_even(int side, int divisor) {
@@ -255,12 +236,8 @@ int divide_halves_to_even(int side, int divisor) {
 
 }  // namespace
 
-ImageSize divided_size(ImageSize size, int divisor) {
-  return {divide_halves_up(size.width, divisor), divide_halves_up(size.height, divisor)};
-}
-
 ImageSize training_size(ImageSize size, int resolution) {
-  if (resolution == 1 || resolution == 2 || resolution == 4 || resolution == 8) {
+  if (is_divisor(resolution)) {
     return {divide_halves_to_even(size.width, resolution), divide_halves_to_even(size.height, resolution)};
   }
   const int width = resolution == -1 ? kMaxDefaultWidth : resolution;
@@ -275,12 +252,10 @@ bool has_same_aspect(ImageSize other, ImageSize size) {
 }
 
 void check_resolution(int resolution) {
-  const bool divides = resolution == 1 || resolution == 2 || resolution == 4 || resolution == 8;
-  if (resolution == -1 || divides || resolution >= kMinWidth) return;
-  const std::string expected = detail::concat("1, 2, 4 or 8 to divide the size, -1 for a width of at most ",
-                                              kMaxDefaultWidth, " px, or a width of at least ", kMinWidth, " px");
-  if (resolution < 1) input_error("-r ", resolution, ": expected ", expected);
-  input_error("-r ", resolution, ": images would be ", resolution, " px wide; expected ", expected);
+  if (resolution == -1 || is_divisor(resolution) || resolution >= kMinWidth) return;
+  input_error("-r ", resolution, resolution < 1 ? "" : detail::concat(": images would be ", resolution, " px wide"),
+              ": expected 1, 2, 4 or 8 to divide the size, -1 for a width of at most ", kMaxDefaultWidth,
+              " px, or a width of at least ", kMinWidth, " px");
 }
 
 }  // namespace b3dgs

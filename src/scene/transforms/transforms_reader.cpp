@@ -1,10 +1,10 @@
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <tuple>
 
 #include "core/check.h"
-#include "core/files/file_reader.h"
-#include "scene/cameras/camera.h"
+#include "core/vec.h"
 #include "scene/images/image_folder.h"
 #include "scene/transforms/transforms.h"
 
@@ -12,53 +12,88 @@ namespace b3dgs {
 namespace {
 
 namespace fs = std::filesystem;
-using transforms::Json;
+using Json = nlohmann::ordered_json;
 
-std::string name_of_path(const std::string& file_path) {
-  std::string path = file_path;
+constexpr const char* kPanorama = "EQUIRECTANGULAR";
+
+bool is_fisheye(const JsonValues& values, const std::string& model) {
+  // COLMAP's names, which nerfstudio writes too.
+  constexpr std::array kModels{"SIMPLE_PINHOLE", "PINHOLE",        "SIMPLE_RADIAL",         "RADIAL",        "OPENCV",
+                               "FULL_OPENCV",    "OPENCV_FISHEYE", "SIMPLE_RADIAL_FISHEYE", "RADIAL_FISHEYE"};
+  if (model.empty()) return values.boolean("is_fisheye");
+  std::string names;
+  for (const char* name : kModels) {
+    if (model == name) return model.find("FISHEYE") != std::string::npos;
+    names += std::string(name) + ", ";
+  }
+  input_error(values.place(), ": unsupported camera_model \"", model.substr(0, 40), "\", expected one of ", names,
+              kPanorama, "; convert the photographs to perspective views first");
+}
+
+// fx and fy, in px.
+std::array<double, 2> focal_lengths(const JsonValues& values, ImageSize size) {
+  const auto from_angle = [&](const char* key, int side) -> std::optional<double> {
+    const std::optional<double> angle = values.number(key);
+    if (!angle) return std::nullopt;
+    if (!(*angle > 0 && *angle < kPi)) {
+      input_error(values.place(), ": expected ", key, " above 0 and below pi (radians), found ", *angle);
+    }
+    return 0.5 * side / std::tan(0.5 * *angle);
+  };
+  std::optional<double> fx = values.number("fl_x"), fy = values.number("fl_y");
+  if (!fx && !fy) {
+    fx = from_angle("camera_angle_x", size.width);
+    fy = from_angle("camera_angle_y", size.height);
+  }
+  if (!fx && !fy) {
+    input_error(values.place(), ": expected a focal length as fl_x (px) or camera_angle_x (radians), found neither");
+  }
+  return {fx.value_or(fy.value_or(0)), fy.value_or(fx.value_or(0))};
+}
+
+ColmapCamera camera_of_frame(const JsonValues& values, ImageSize size) {
+  const std::string model = values.text("camera_model");
+  ColmapCamera camera;
+  camera.width = static_cast<std::uint64_t>(size.width);
+  camera.height = static_cast<std::uint64_t>(size.height);
+  if (model == kPanorama) {
+    camera.model = CameraModel::kEquirectangular;
+    camera.params = {static_cast<double>(size.width), static_cast<double>(size.height)};
+    return camera;
+  }
+  const bool is_fisheye_camera = is_fisheye(values, model);
+  const auto [fx, fy] = focal_lengths(values, size);
+  const auto coefficient = [&](const char* key) { return values.number(key).value_or(0); };
+  const double k1 = coefficient("k1"), k2 = coefficient("k2"), k3 = coefficient("k3"), k4 = coefficient("k4"),
+               k5 = coefficient("k5"), k6 = coefficient("k6"), p1 = coefficient("p1"), p2 = coefficient("p2");
+  std::vector<double> coefficients;
+  if (is_fisheye_camera) {
+    camera.model = CameraModel::kOpenCvFisheye;
+    coefficients = {k1, k2, k3, k4};
+  } else if (model == "FULL_OPENCV" || (k3 != 0 && k4 == 0 && k5 == 0 && k6 == 0)) {
+    camera.model = CameraModel::kFullOpenCv;
+    coefficients = {k1, k2, p1, p2, k3, k4, k5, k6};
+  } else if (k4 != 0 || k5 != 0 || k6 != 0) {
+    // Programs do not agree whether k4 multiplies r^8 or divides by 1 + k4 r^2.
+    input_error(values.place(), ": k4 to k6 of a perspective camera need the camera_model FULL_OPENCV, found ",
+                model.empty() ? "none" : model, " and k4 ", k4);
+  } else if (k1 != 0 || k2 != 0 || p1 != 0 || p2 != 0) {
+    camera.model = CameraModel::kOpenCv;
+    coefficients = {k1, k2, p1, p2};
+  }
+  camera.params = {fx, fy, values.number("cx").value_or(0.5 * size.width),
+                   values.number("cy").value_or(0.5 * size.height)};
+  camera.params.insert(camera.params.end(), coefficients.begin(), coefficients.end());
+  return camera;
+}
+
+std::string name_of_path(std::string path) {
   std::replace(path.begin(), path.end(), '\\', '/');
   fs::path name;
   for (const fs::path& part : fs::path(path).relative_path().lexically_normal()) {
     if (part != ".." && part != "." && !part.empty()) name /= part;
   }
-  if (name.empty()) return "";
-  return has_image_extension(name) ? name.generic_string() : name.generic_string() + ".png";
-}
-
-// Relative to the folder of the file, with the extension that the name has.
-fs::path file_of_path(const fs::path& file, const std::string& file_path) {
-  const fs::path path = file.parent_path() / fs::path(file_path);
-  return has_image_extension(path) ? path : fs::path(path.string() + ".png");
-}
-
-// As [4, 4], or [3, 4] without the last row.
-OpenGlMatrix matrix_of(const Json& frame, const std::string& place) {
-  constexpr const char* kExpected = "expected transform_matrix to be a list of 4 rows of 4 numbers, found ";
-  const auto found = frame.find("transform_matrix");
-  if (found == frame.end()) input_error(place, ": ", kExpected, "none");
-  if (!found->is_array() || (found->size() != 3 && found->size() != 4)) {
-    input_error(place, ": ", kExpected, json_excerpt(*found));
-  }
-  OpenGlMatrix matrix{};
-  matrix[15] = 1;
-  for (std::size_t row = 0; row < found->size(); ++row) {
-    const Json& values = (*found)[row];
-    if (!values.is_array() || values.size() != 4)
-      input_error(place, ": ", kExpected, json_excerpt(values), " as a row");
-    for (std::size_t column = 0; column < 4; ++column) {
-      matrix[4 * row + column] = transforms::finite_number(values[column], "a number of transform_matrix", place);
-    }
-  }
-  return matrix;
-}
-
-std::string path_at(const Json& json, const char* key, const std::string& place) {
-  const auto found = json.find(key);
-  if (found == json.end() || found->is_null()) return "";
-  if (!found->is_string()) input_error(place, ": expected ", key, " to be a path, found ", json_excerpt(*found));
-  std::string path = found->get<std::string>();
-  if (path.find('\0') != std::string::npos) input_error(place, ": ", key, " contains a zero byte");
-  return path;
+  return name.generic_string() + (name.empty() || has_image_extension(name) ? "" : ".png");
 }
 
 void add_names(const Json& json, const char* key, const std::string& place, std::set<std::string>& names) {
@@ -80,31 +115,10 @@ class FrameReader {
     for (const ColmapImage& image : model.model.images) names_.insert(image.name);
   }
 
-  void read() {
-    const auto frames = json_.find("frames");
-    if (frames == json_.end() || !frames->is_array() || frames->empty()) {
-      input_error(file_.string(), ": expected a list \"frames\" with an entry for each photograph, found ",
-                  frames == json_.end() ? "none" : json_excerpt(*frames));
-    }
-    std::vector<std::size_t> without_camera;  // of images in the model, whose photographs are missing
-    for (std::size_t i = 0; i < frames->size(); ++i) {
-      if (!read_frame((*frames)[i], i)) without_camera.push_back(model_.model.images.size() - 1);
-    }
-    for (const std::size_t image : without_camera) model_.model.images[image].camera_id = any_camera();
-  }
-
- private:
-  using CameraKey = std::tuple<CameraModel, std::uint64_t, std::uint64_t, std::vector<double>>;
-
-  static CameraKey key_of(const ColmapCamera& camera) {
-    return {camera.model, camera.width, camera.height, camera.params};
-  }
-
-  // False if its camera is not known because its photograph is missing.
-  bool read_frame(const Json& frame, std::size_t index) {
+  void read_frame(const Json& frame, std::size_t index) {
     std::string place = detail::concat(file_.string(), ": frame ", index);
     if (!frame.is_object()) input_error(place, ": expected an object, found ", json_excerpt(frame));
-    const std::string file_path = path_at(frame, "file_path", place);
+    const std::string file_path = JsonValues(frame, frame, place).text("file_path");
     const std::string name = name_of_path(file_path);
     if (name.empty()) input_error(place, ": expected file_path to name a photograph, found \"", file_path, "\"");
     place += " (" + file_path.substr(0, 100) + ")";
@@ -114,40 +128,35 @@ class FrameReader {
     if (!names_.insert(name).second) {
       input_error(place, ": the photograph ", name, " is in two frames; remove one of them");
     }
-    ColmapImage image;
-    image.id = static_cast<std::uint32_t>(model_.model.images.size() + 1);
-    image.name = name;
-    const Pose pose = pose_from_opengl(matrix_of(frame, place), place + ": transform_matrix");
-    image.quat = quaternion_from_rotation(pose.rotation);
-    image.translation = pose.translation;
-    model_.files[name] = file_of_path(file_, file_path);
-    if (const std::string mask = path_at(frame, "mask_path", place); !mask.empty()) {
-      model_.masks[name] = file_.parent_path() / mask;
-    }
-    const transforms::FrameValues values(frame, json_, place);
-    std::optional<ColmapCamera> camera = transforms::camera_of_frame(values, [&] { return size_of_(name); });
-    if (camera) image.camera_id = id_of(std::move(*camera), place);
-    model_.model.images.push_back(std::move(image));
-    return camera.has_value();
+    const JsonValues own(frame, frame, place), values(frame, json_, place);
+    const Pose pose = pose_from_opengl(own.matrix("transform_matrix"), place + ": transform_matrix");
+    // Relative to the folder of the file, with the extension that the name has.
+    const fs::path path = file_.parent_path() / file_path;
+    model_.files[name] = has_image_extension(path) ? path : fs::path(path.string() + ".png");
+    if (const std::string mask = own.text("mask_path"); !mask.empty()) model_.masks[name] = file_.parent_path() / mask;
+    const std::optional<int> width = values.side("w"), height = values.side("h");
+    const std::optional<ImageSize> size = width && height ? ImageSize{*width, *height} : size_of_(name);
+    const std::uint32_t camera_id = size ? id_of(camera_of_frame(values, *size), place) : 0;
+    const auto id = static_cast<std::uint32_t>(model_.model.images.size() + 1);
+    model_.model.images.push_back({id, quaternion_from_rotation(pose.rotation), pose.translation, camera_id, name});
+  }
+
+ private:
+  using CameraKey = std::tuple<CameraModel, std::uint64_t, std::uint64_t, std::vector<double>>;
+
+  static CameraKey key_of(const ColmapCamera& camera) {
+    return {camera.model, camera.width, camera.height, camera.params};
   }
 
   std::uint32_t id_of(ColmapCamera camera, const std::string& place) {
     const auto [known, is_new] = ids_.emplace(key_of(camera), static_cast<std::uint32_t>(ids_.size() + 1));
     if (is_new) {
+      camera_of(camera, place);  // checks its values
       camera.id = known->second;
       model_.camera_places[camera.id] = place;
       model_.model.cameras[camera.id] = std::move(camera);
     }
     return known->second;
-  }
-
-  // For frames that will be left out: their size is not known.
-  std::uint32_t any_camera() {
-    if (!ids_.empty()) return ids_.begin()->second;
-    ColmapCamera camera;
-    camera.width = camera.height = 1;
-    camera.params = {1, 1, 0.5, 0.5};
-    return id_of(camera, file_.string());
   }
 
   const Json& json_;
@@ -160,33 +169,91 @@ class FrameReader {
 
 }  // namespace
 
+const Json* JsonValues::find(const char* key, bool (Json::*is_expected)() const noexcept, const char* expected) const {
+  for (const Json* json : {&object_, &other_}) {
+    const auto found = json->find(key);
+    if (found == json->end() || found->is_null()) continue;
+    if (((*found).*is_expected)()) return &*found;
+    input_error(place_, ": expected ", key, " to be ", expected, ", found ", json_excerpt(*found));
+  }
+  return nullptr;
+}
+
+std::optional<double> JsonValues::number(const char* key) const {
+  const Json* json = find(key, &Json::is_number, "a number");
+  if (json == nullptr) return std::nullopt;
+  const auto value = json->get<double>();
+  if (std::abs(value) <= kMaxCoordinate) return value;
+  input_error(place_, ": expected ", key, " to be a number of at most ", kMaxCoordinate, ", found ", value);
+}
+
+std::optional<double> JsonValues::positive(const char* key, double max) const {
+  const std::optional<double> value = number(key);
+  if (!value || (*value > 0 && *value <= max)) return value;
+  input_error(place_, ": expected ", key, " above 0 and at most ", max, ", found ", *value);
+}
+
+std::optional<int> JsonValues::side(const char* key) const {
+  const Json* json = find(key, &Json::is_number, "a number");
+  if (json == nullptr) return std::nullopt;
+  const auto value = json->get<double>();
+  if (value >= 1 && value <= kMaxImageSide && value == std::floor(value)) return static_cast<int>(value);
+  input_error(place_, ": expected ", key, " to be a whole number of 1 to ", kMaxImageSide, " px, found ", value);
+}
+
+bool JsonValues::boolean(const char* key) const {
+  const Json* json = find(key, &Json::is_boolean, "true or false");
+  return json != nullptr && json->get<bool>();
+}
+
+std::string JsonValues::text(const char* key) const {
+  const Json* json = find(key, &Json::is_string, "a text");
+  if (json == nullptr) return "";
+  auto text = json->get<std::string>();
+  if (text.find('\0') != std::string::npos) input_error(place_, ": ", key, " contains a zero byte");
+  return text;
+}
+
+OpenGlMatrix JsonValues::matrix(const char* key) const {
+  const Json* json = find(key, &Json::is_array, "4 rows of 4 numbers");
+  if (json == nullptr) input_error(place_, ": expected ", key, " of 4 rows of 4 numbers, found none");
+  std::vector<double> numbers;
+  bool is_matrix = true;
+  const auto take = [&](const Json& value) {
+    is_matrix = is_matrix && value.is_number();
+    if (is_matrix) numbers.push_back(value.get<double>());
+  };
+  for (const Json& row : *json) {
+    is_matrix = is_matrix && (!row.is_array() || row.size() == 4);
+    if (!row.is_array()) take(row);
+    for (std::size_t i = 0; row.is_array() && i < row.size(); ++i) take(row[i]);
+  }
+  if (!is_matrix || (numbers.size() != 12 && numbers.size() != 16)) {
+    input_error(place_, ": expected ", key, " of 4 rows of 4 numbers, found ", json_excerpt(*json));
+  }
+  OpenGlMatrix matrix{0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 1};
+  std::copy(numbers.begin(), numbers.end(), matrix.begin());
+  return matrix;
+}
+
 TransformsFiles find_transforms(const fs::path& source) {
   TransformsFiles files;
   const fs::path all = source / "transforms.json", train = source / "transforms_train.json";
-  if (is_file(train)) {
-    files.train = train;
-    if (is_file(all)) files.notes.push_back("transforms.json is not used, because there is a transforms_train.json");
-  } else if (is_file(all)) {
-    files.train = all;
+  if (!is_file(train)) {
+    if (is_file(all)) files.train = all;  // has all views
+    return files;
   }
-  if (files.train != train) return files;  // a transforms.json has all views
+  files.train = train;
+  if (is_file(all)) files.notes.push_back("transforms.json is not used, because there is a transforms_train.json");
   for (const char* name : {"transforms_test.json", "transforms_val.json"}) {
     if (!is_file(source / name)) continue;
     if (files.held_out.empty()) {
       files.held_out = source / name;
     } else {
-      files.notes.push_back(
-          detail::concat(name, " is not used, because there is a ", files.held_out.filename().string()));
+      files.notes.push_back(detail::concat(name, " is not used, because there is a transforms_test.json"));
     }
   }
   return files;
-}
-
-void read_transforms(const fs::path& file, const PhotographSizeFn& size_of, TransformsModel& model) {
-  FileReader reader(file);
-  std::string text(reader.remaining(), '\0');
-  reader.read_bytes(text.data(), text.size());
-  read_transforms(text, file, size_of, model);
 }
 
 void read_transforms(std::string_view text, const fs::path& file, const PhotographSizeFn& size_of,
@@ -199,12 +266,17 @@ void read_transforms(std::string_view text, const fs::path& file, const Photogra
         json.is_discarded() ? "text that is not valid JSON (truncated, or with NaN or Infinity?)" : json_excerpt(json),
         "; export the scene again");
   }
-  FrameReader(json, file, size_of, model).read();
+  const auto frames = json.find("frames");
+  if (frames == json.end() || !frames->is_array() || frames->empty()) {
+    input_error(place, ": expected a list \"frames\" with an entry for each photograph, found ",
+                frames == json.end() ? "none" : json_excerpt(*frames));
+  }
+  FrameReader reader(json, file, size_of, model);
+  for (std::size_t i = 0; i < frames->size(); ++i) reader.read_frame((*frames)[i], i);
   add_names(json, "test_filenames", place, model.listed_as_test);
   add_names(json, "val_filenames", place, model.listed_as_validation);
-  if (const std::string points = path_at(json, "ply_file_path", place); !points.empty() && model.points.empty()) {
-    model.points = file.parent_path() / points;
-  }
+  const std::string points = JsonValues(json, json, place).text("ply_file_path");
+  if (!points.empty() && model.points.empty()) model.points = file.parent_path() / points;
 }
 
 }  // namespace b3dgs
