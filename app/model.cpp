@@ -90,7 +90,7 @@ std::optional<int> iteration_of(const ModelFolder& folder, const fs::path& file)
 
 LoadedModel read_model(const ModelOptions& options, bool needs_views) {
   const fs::path path = options.model_path;
-  const bool is_missing_file = !fs::exists(path) && find_splat_format(path) != nullptr;
+  const bool is_missing_file = !fs::exists(path) && splat_format(path).has_value();
   if (!fs::is_regular_file(path) && !is_missing_file) return read_folder(options.model_path, options.iteration);
   if (options.iteration >= 0) {
     input_error("--iteration selects a PLY of a model folder, but a file is named already; leave out one of them");

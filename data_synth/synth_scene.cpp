@@ -9,7 +9,6 @@
 #include "raster/cpu/passes.h"
 #include "raster/math/sh.h"
 #include "scene/cameras/camera_lens.h"
-#include "scene/cameras/lens.h"
 
 namespace b3dgs {
 namespace {

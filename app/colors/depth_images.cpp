@@ -96,12 +96,12 @@ std::vector<float> mean_depths(const torch::Tensor& depth, const torch::Tensor& 
 InverseDepth16 inverse_depth_16(const std::vector<float>& depths, ImageSize size, double scale) {
   constexpr double kMax = 65535;
   InverseDepth16 result{Depth16(size.width, size.height), 0};
-  B3DGS_CHECK(depths.size() == result.map.values.size() && scale > 0, depths.size(), " depths, scale ", scale);
+  B3DGS_CHECK(depths.size() == result.map.pixels.size() && scale > 0, depths.size(), " depths, scale ", scale);
   for (std::size_t i = 0; i < depths.size(); ++i) {
     if (depths[i] <= 0) continue;
     const double value = std::round(scale / depths[i]);
     result.n_too_near += value > kMax ? 1 : 0;
-    result.map.values[i] = static_cast<std::uint16_t>(std::min(value, kMax));
+    result.map.pixels[i] = static_cast<std::uint16_t>(std::min(value, kMax));
   }
   return result;
 }

@@ -60,7 +60,7 @@ void print_line(const char* name, const char* format, Args... args) {
 }
 
 bool is_spz(const fs::path& output) {
-  return !needs_splat_transform(output) && std::string(find_splat_format(output)->name) == "SPZ";
+  return !needs_splat_transform(output) && splat_format(output) == SplatFormat::kSpz;
 }
 
 void refuse_to_replace(const fs::path& input, const std::string& output) {

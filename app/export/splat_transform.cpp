@@ -85,7 +85,7 @@ std::string sog_in_page(const fs::path& page) {
 }  // namespace
 
 bool needs_splat_transform(const fs::path& file) {
-  return find_splat_format(file) == nullptr || ends_with(file, ".compressed.ply");
+  return !splat_format(file) || ends_with(file, ".compressed.ply");
 }
 
 void require_splat_transform(const fs::path& file) {

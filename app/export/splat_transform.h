@@ -10,7 +10,7 @@
 
 namespace b3dgs {
 
-/// Whether splat-transform has to write this file: its extension is not one of splat_formats(), or is .compressed.ply.
+/// Whether splat-transform has to write this file: its extension has no splat_format(), or is .compressed.ply.
 bool needs_splat_transform(const std::filesystem::path& file);
 
 /// @throws InputError with the way to get it if the program is not installed

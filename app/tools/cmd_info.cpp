@@ -185,8 +185,7 @@ int run_info(const std::vector<std::string>& words) {
     return 0;
   }
   const std::string start = read_start(path);
-  const SplatFormat* format = find_splat_format(path);
-  if (start.compare(0, 3, "ply") == 0 || (format != nullptr && format != &splat_formats().front())) {
+  if (start.compare(0, 3, "ply") == 0 || splat_format(path) == SplatFormat::kSpz) {
     holds_splats(path) ? describe_splats(path) : describe_points(path);
     return 0;
   }

@@ -108,7 +108,11 @@ void ModelFolder::write_training_id(const std::string& id) const {
 void ModelFolder::write_inputs(const TrainConfig& config, const Scene& scene) const {
   write_point_ply(root_ / "input.ply", scene.points, scene.frame);
   write_json_file(cameras(), cameras_to_json(scene.test, scene.train, scene.frame), -1);
-  write_json_file(photographs(), photograph_fingerprints(scene), -1);
+  Json fingerprints = Json::object();
+  for (const std::vector<View>* views : {&scene.train, &scene.test}) {
+    for (const View& view : *views) fingerprints[view.name] = photograph_fingerprint(view.file);
+  }
+  write_json_file(photographs(), fingerprints, -1);
   write_file(root_ / "cfg_args", cfg_args(config));
   write_json_file(root_ / "config.json", config_to_json(config));
 }
@@ -138,13 +142,6 @@ TrainConfig ModelFolder::read_config() const {
   return config;
 }
 
-std::string new_training_id() {
-  std::random_device random;
-  std::string id;
-  for (int i = 0; i < 16; ++i) id += "0123456789abcdef"[random() % 16];
-  return id;
-}
-
 bool may_continue_in(const ModelFolder& folder, const fs::path& checkpoint, const std::string& training_id) {
   if (!folder.holds_model()) return true;
   const std::string own = folder.training_id();
@@ -159,15 +156,18 @@ void check_training_id(const ModelFolder& folder, const fs::path& checkpoint, co
               "; choose another folder with -m, or replace the model with --overwrite");
 }
 
-void check_holds_no_model(const ModelFolder& folder) {
-  if (!folder.holds_model()) return;
-  input_error(folder.root().string(), ": holds the model of another training; resume that one, or train into another ",
-              "folder");
-}
-
-std::string training_id_for(const ModelFolder& folder) {
-  const std::string own = folder.training_id();
-  return own.empty() || !folder.holds_model() ? new_training_id() : own;
+std::string claim_training_id(const ModelFolder& folder, const fs::path& checkpoint, const std::string& training_id) {
+  if (!checkpoint.empty()) {
+    check_training_id(folder, checkpoint, training_id);
+  } else if (folder.holds_model()) {
+    input_error(folder.root().string(), ": holds the model of another training; resume that one, or train into ",
+                "another folder");
+  }
+  if (folder.holds_model() && !folder.training_id().empty()) return folder.training_id();
+  std::random_device random;
+  std::string id;
+  for (int i = 0; i < 16; ++i) id += "0123456789abcdef"[random() % 16];
+  return id;
 }
 
 std::int64_t free_disk_bytes(const fs::path& folder) {
@@ -191,20 +191,12 @@ std::string disk_warning(const fs::path& folder, std::int64_t free_bytes, const 
       " Gaussians that training starts with, before densification; free some space, or ", "lower --max_gaussians");
 }
 
-namespace {
-
-constexpr std::size_t kPiece = std::size_t{64} << 10;
-
-/// Whether a change of a pixel changes the size of the file or its end: PNG ends with a checksum of its pixels.
-bool is_compressed(const fs::path& path) {
-  const std::string extension = lower_case(path.extension().string());
-  constexpr std::array<std::string_view, 4> kCompressed{".jpg", ".jpeg", ".png", ".webp"};
-  return std::find(kCompressed.begin(), kCompressed.end(), extension) != kCompressed.end();
-}
-
-}  // namespace
-
 Json photograph_fingerprint(const std::string& path) {
+  constexpr std::size_t kPiece = std::size_t{64} << 10;
+  // Where a change of a pixel changes the size of the file or its end: PNG ends with a checksum of its pixels.
+  const std::string extension = lower_case(fs::path(path).extension().string());
+  constexpr std::array<std::string_view, 4> kCompressed{".jpg", ".jpeg", ".png", ".webp"};
+  const bool is_compressed = std::find(kCompressed.begin(), kCompressed.end(), extension) != kCompressed.end();
   std::ifstream file(path, std::ios::binary);
   std::error_code error;
   const std::uintmax_t bytes = fs::file_size(path, error);
@@ -216,7 +208,7 @@ Json photograph_fingerprint(const std::string& path) {
   };
   const uLong start = add_piece(0);
   uLong rest = 0;
-  if (bytes > 2 * kPiece && is_compressed(path)) file.seekg(static_cast<std::streamoff>(bytes - kPiece));
+  if (bytes > 2 * kPiece && is_compressed) file.seekg(static_cast<std::streamoff>(bytes - kPiece));
   while (file) rest = add_piece(rest);
   return {{"bytes", bytes}, {"crc32", start}, {"rest_crc32", rest}};
 }
@@ -226,14 +218,6 @@ bool is_same_photograph(const Json& before, const Json& now) {
   return before.value("bytes", Json()) == now.value("bytes", Json()) &&
          before.value("crc32", Json()) == now.value("crc32", Json()) &&
          (!before.contains("rest_crc32") || before.at("rest_crc32") == now.value("rest_crc32", Json()));
-}
-
-Json photograph_fingerprints(const Scene& scene) {
-  Json fingerprints = Json::object();
-  for (const std::vector<View>* views : {&scene.train, &scene.test}) {
-    for (const View& view : *views) fingerprints[view.name] = photograph_fingerprint(view.file);
-  }
-  return fingerprints;
 }
 
 std::vector<std::string> changed_views(const fs::path& file, const std::vector<View>& views) {

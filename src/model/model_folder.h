@@ -123,9 +123,6 @@ void write_json_file(const std::filesystem::path& path, const nlohmann::ordered_
 // Every training has a random ID, stored in the folder's training.json and in each of its checkpoints, so that no
 // training continues in a folder that holds another's model.
 
-/// 16 random hexadecimal digits.
-std::string new_training_id();
-
 /// Whether a training may be resumed in `folder` from a checkpoint with this training ID: the folder holds no model, or
 /// one of the same training. A folder or checkpoint of an early version has no ID (""): then the checkpoint has to be
 /// one of the folder's own.
@@ -136,12 +133,10 @@ bool may_continue_in(const ModelFolder& folder, const std::filesystem::path& che
 void check_training_id(const ModelFolder& folder, const std::filesystem::path& checkpoint,
                        const std::string& training_id);
 
-/// For a training that begins. @throws InputError if the folder holds a model
-void check_holds_no_model(const ModelFolder& folder);
-
-/// The ID of a training that is resumed in `folder`: the folder's own, or a new one if the folder holds no model or has
-/// no ID.
-std::string training_id_for(const ModelFolder& folder);
+/// The ID of a training that begins in `folder`, or is resumed there from a checkpoint with this ID: the folder's own,
+/// or 16 new hexadecimal digits. @throws InputError if the folder holds the model of another training
+std::string claim_training_id(const ModelFolder& folder, const std::filesystem::path& checkpoint,
+                              const std::string& training_id);
 
 /// Resuming from an earlier checkpoint overwrites nothing: moves what the model folder holds of iterations after
 /// `iteration` (checkpoints, PLYs, rendered images, results, lines of the log, and reports on them) to a new folder
@@ -177,9 +172,6 @@ nlohmann::ordered_json photograph_fingerprint(const std::string& path);
 
 /// Whether the fingerprints are of the same file. `before` may be of an early version, which had no "rest_crc32".
 bool is_same_photograph(const nlohmann::ordered_json& before, const nlohmann::ordered_json& now);
-
-/// An object from the names of all views to the fingerprints of their photographs.
-nlohmann::ordered_json photograph_fingerprints(const Scene& scene);
 
 /// Names of views whose photographs have other fingerprints than in `file` (photographs.json of the model folder).
 /// Empty if that file is missing or damaged, as in models of early versions.

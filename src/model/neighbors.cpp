@@ -23,27 +23,15 @@ struct Point {
   std::int64_t row;  // in the caller's array
 };
 
-// The smallest kNeighbors squared distances so far, ascending.
-class Nearest {
- public:
-  Nearest() { squared_.fill(std::numeric_limits<float>::infinity()); }
-  float worst() const { return squared_[kNeighbors - 1]; }
-  void offer(float squared) {
-    if (!(squared < worst())) return;
-    int i = kNeighbors - 1;
-    for (; i > 0 && squared_[i - 1] > squared; --i) squared_[i] = squared_[i - 1];
-    squared_[i] = squared;
-  }
-  float mean() const {
-    float sum = 0;
-    int found = 0;
-    for (; found < kNeighbors && std::isfinite(squared_[found]); ++found) sum += squared_[found];
-    return found > 0 ? sum / static_cast<float>(found) : 0.0f;
-  }
+// The smallest squared distances so far, ascending.
+using Nearest = std::array<float, kNeighbors>;
 
- private:
-  std::array<float, kNeighbors> squared_;
-};
+void offer(float squared, Nearest& nearest) {
+  if (!(squared < nearest.back())) return;
+  int i = kNeighbors - 1;
+  for (; i > 0 && nearest[i - 1] > squared; --i) nearest[i] = nearest[i - 1];
+  nearest[i] = squared;
+}
 
 // Distances and their bounds are summed in the same order. Rounding is monotonic, so a bound whose components are not
 // larger is never above the distance, and pruning is exact.
@@ -73,8 +61,12 @@ class KdTree {
   /// `index` is in the order of the tree, not the caller's.
   float mean_squared_distance(std::int64_t index) const {
     Nearest nearest;
+    nearest.fill(std::numeric_limits<float>::infinity());
     search(1, 0, {0, 0, 0}, index, nearest);
-    return nearest.mean();
+    float sum = 0;
+    int found = 0;
+    for (; found < kNeighbors && std::isfinite(nearest[found]); ++found) sum += nearest[found];
+    return found > 0 ? sum / static_cast<float>(found) : 0.0f;
   }
 
  private:
@@ -113,7 +105,7 @@ class KdTree {
       for (std::int64_t i = begin_of(level, run); i < begin_of(level, run + 1); ++i) {
         if (i == query) continue;
         const std::array<float, 3>& other = points_[i].position;
-        nearest.offer(squared_norm({other[0] - position[0], other[1] - position[1], other[2] - position[2]}));
+        offer(squared_norm({other[0] - position[0], other[1] - position[1], other[2] - position[2]}), nearest);
       }
       return;
     }
@@ -123,7 +115,7 @@ class KdTree {
     search(near, level + 1, gap, query, nearest);
     std::array<float, 3> far_gap = gap;
     far_gap[split.axis] = std::abs(offset);
-    if (squared_norm(far_gap) < nearest.worst()) search(near ^ 1, level + 1, far_gap, query, nearest);
+    if (squared_norm(far_gap) < nearest.back()) search(near ^ 1, level + 1, far_gap, query, nearest);
   }
 
   std::vector<Point> points_;

@@ -10,7 +10,7 @@ namespace b3dgs {
 enum class LensKind : std::int32_t {
   kPinhole,
   kDistorted,        // a perspective lens with radial, tangential and thin-prism distortion
-  kFov,              // perspective lenses with a radial law of their own (scene/cameras/lens.cpp)
+  kFov,              // perspective lenses with a radial law of their own
   kDivision,         //
   kEucm,             //
   kFisheye,          // the equidistant projection with the same distortion

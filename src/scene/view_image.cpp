@@ -183,7 +183,7 @@ void ViewImage::decode_into(std::uint8_t* rgb) const {
     }
     image = undistorter->apply(image);
   }
-  resize_image_into(image, size_, rgb);
+  resize_into(image, size_, rgb);
 }
 
 std::optional<Image8> ViewImage::read_alpha() const {
@@ -197,14 +197,14 @@ std::optional<Image8> ViewImage::read_alpha() const {
 Depth16 ViewImage::read_depth(const std::filesystem::path& file) const {
   const ImageSize photograph = shared_ ? source_.file_size : size_;
   Depth16 map = read_depth_map(file);
-  if (!has_same_aspect({map.width, map.height}, photograph)) {
+  if (!has_same_aspect(map.size(), photograph)) {
     input_error(file.string(), ": expected the aspect ratio of its photograph, ", photograph.width, " x ",
                 photograph.height, " px, found a depth map of ", map.width, " x ", map.height, " px");
   }
   if (source_.lens_group >= 0) {
-    map = shared_->undistorters->get(source_.lens_group)->apply(resize_depth_map(map, photograph));
+    map = shared_->undistorters->get(source_.lens_group)->apply(resize_image(map, photograph.width, photograph.height));
   }
-  return resize_depth_map(map, size_);
+  return resize_image(map, size_.width, size_.height);
 }
 
 void hold_images(const std::vector<View>& views, const ProgressFn& progress) {

@@ -18,12 +18,8 @@ void Trainer::claim_folder() {
   const ModelFolder& folder = training_->folder;
   TrainState& state = training_->state;
   own_files_.emplace(folder.root());
-  if (resumed_.empty()) {
-    check_holds_no_model(folder);
-    state.training_id = new_training_id();
-  } else {
-    check_training_id(folder, resumed_, state.training_id);
-    state.training_id = training_id_for(folder);
+  state.training_id = claim_training_id(folder, resumed_, state.training_id);
+  if (!resumed_.empty()) {
     const std::filesystem::path aside = set_aside_after(folder, state.iteration);
     if (!aside.empty()) {
       training_->recorder.say(

@@ -5,7 +5,7 @@
 
 #include "core/check.h"
 #include "core/files/file_reader.h"
-#include "scene/cameras/lens.h"
+#include "scene/cameras/camera_lens.h"
 #include "scene/colmap/colmap.h"
 
 namespace b3dgs::fuzz {

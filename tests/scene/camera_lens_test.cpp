@@ -9,7 +9,6 @@
 
 #include "core/check.h"
 #include "core/vec.h"
-#include "scene/cameras/lens.h"
 #include "scene/colmap/colmap.h"
 #include "scene/view_image.h"
 #include "scene_folder.h"

@@ -1,4 +1,4 @@
-#include "scene/cameras/lens.h"
+#include "scene/cameras/camera_lens.h"
 
 #include <gtest/gtest.h>
 

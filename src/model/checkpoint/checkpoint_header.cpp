@@ -39,12 +39,12 @@ ViewOrder parse_view_order(const Json& json, std::size_t n_views, const std::str
   std::vector<bool> is_there(n_views);
   for (const Json& entry : json.at("remaining").get_ref<const Json::array_t&>()) {
     const auto view = json_integer<std::int32_t>(entry, "a view of view_order.remaining", place, 0);
-    if (static_cast<std::size_t>(view) >= n_views) {
-      input_error(place, ": expected views below ", n_views, " in view_order.remaining, found view ", view);
+    const auto index = static_cast<std::size_t>(view);
+    if (index >= n_views || is_there[index]) {
+      input_error(place, ": expected views below ", n_views, " in view_order.remaining, each at most once, found view ",
+                  view);
     }
-    if (is_there[static_cast<std::size_t>(view)])
-      input_error(place, ": expected each view at most once in view_order.remaining, found view ", view, " twice");
-    is_there[static_cast<std::size_t>(view)] = true;
+    is_there[index] = true;
     order.remaining.push_back(view);
   }
   return order;
@@ -57,6 +57,46 @@ ViewRatios::Largest parse_ratios(const Json& json, const char* what, const std::
     return ratio;
   };
   return {value("splats"), value("pairs")};
+}
+
+constexpr const char* kRemedy = "; resume from another checkpoint (--resume auto chooses the newest valid one)";
+constexpr std::size_t kMaxDimensions = 8;
+
+CheckpointSection read_section(const Json& json, const std::string& place) {
+  CheckpointSection section;
+  std::string dtype;
+  try {
+    json.at("name").get_to(section.name);
+    json.at("dtype").get_to(dtype);
+    for (const Json& size : json.at("shape").get_ref<const Json::array_t&>()) {
+      section.shape.push_back(json_integer<std::int64_t>(size, "a tensor's size", place, 0));
+    }
+    section.bytes = json_integer<std::uint64_t>(json.at("bytes"), "a tensor's bytes", place);
+    section.crc = json_integer<std::uint32_t>(json.at("crc32"), "a tensor's checksum", place);
+  } catch (const nlohmann::json::exception&) {
+    input_error(place, ": incomplete tensor entry in the header, found ", json_excerpt(json), kRemedy);
+  }
+  const auto row = std::find_if(kCheckpointDtypes.begin(), kCheckpointDtypes.end(),
+                                [&](const CheckpointDtypeRow& known) { return known.name == dtype; });
+  if (row == kCheckpointDtypes.end()) {
+    input_error(place, ": tensor ", section.name, ": unknown type ", dtype, kRemedy);
+  }
+  section.dtype = static_cast<CheckpointDtype>(row - kCheckpointDtypes.begin());
+  std::uint64_t count = 1, most = 1;  // `most` ignores empty dimensions, as strides do
+  bool fits = section.shape.size() <= kMaxDimensions;
+  for (const std::int64_t size : section.shape) {
+    constexpr std::uint64_t kMaxCount = std::numeric_limits<std::int64_t>::max() / 8;
+    const auto factor = static_cast<std::uint64_t>(std::max<std::int64_t>(size, 1));
+    fits = fits && most <= kMaxCount / factor;
+    most *= factor;
+    count *= static_cast<std::uint64_t>(size);
+  }
+  if (!fits) input_error(place, ": tensor ", section.name, ": impossible shape", kRemedy);
+  if (count * row->bytes != section.bytes) {
+    input_error(place, ": tensor ", section.name, ": expected ", count, " x ", row->bytes, " bytes, found ",
+                section.bytes, kRemedy);
+  }
+  return section;
 }
 
 }  // namespace
@@ -112,60 +152,6 @@ CheckpointHeader parse_checkpoint_header(const Json& json, const std::string& pl
   return header;
 }
 
-template <class Number>
-void check_not_negative(const Number* values, std::int64_t count, const std::string& name, const std::string& place) {
-  const Number* bad = std::find_if(values, values + count, [](Number value) { return value < 0; });
-  if (bad == values + count) return;
-  input_error(place, ": tensor ", name, ": expected values of at least 0, found ", *bad, " at index ", bad - values,
-              "; resume from another checkpoint");
-}
-template void check_not_negative(const float*, std::int64_t, const std::string&, const std::string&);
-template void check_not_negative(const std::int32_t*, std::int64_t, const std::string&, const std::string&);
-
-namespace {
-
-constexpr const char* kRemedy = "; resume from another checkpoint (--resume auto chooses the newest valid one)";
-constexpr std::size_t kMaxDimensions = 8;
-
-CheckpointSection read_section(const Json& json, const std::string& place) {
-  CheckpointSection section;
-  std::string dtype;
-  try {
-    json.at("name").get_to(section.name);
-    json.at("dtype").get_to(dtype);
-    for (const Json& size : json.at("shape").get_ref<const Json::array_t&>()) {
-      section.shape.push_back(json_integer<std::int64_t>(size, "a tensor's size", place, 0));
-    }
-    section.bytes = json_integer<std::uint64_t>(json.at("bytes"), "a tensor's bytes", place);
-    section.crc = json_integer<std::uint32_t>(json.at("crc32"), "a tensor's checksum", place);
-  } catch (const nlohmann::json::exception&) {
-    input_error(place, ": incomplete tensor entry in the header, found ", json_excerpt(json), kRemedy);
-  }
-  const auto row = std::find_if(kCheckpointDtypes.begin(), kCheckpointDtypes.end(),
-                                [&](const CheckpointDtypeRow& known) { return known.name == dtype; });
-  if (row == kCheckpointDtypes.end()) {
-    input_error(place, ": tensor ", section.name, ": unknown type ", dtype, kRemedy);
-  }
-  section.dtype = static_cast<CheckpointDtype>(row - kCheckpointDtypes.begin());
-  std::uint64_t count = 1, most = 1;  // `most` ignores empty dimensions, as strides do
-  bool fits = section.shape.size() <= kMaxDimensions;
-  for (const std::int64_t size : section.shape) {
-    constexpr std::uint64_t kMaxCount = std::numeric_limits<std::int64_t>::max() / 8;
-    const auto factor = static_cast<std::uint64_t>(std::max<std::int64_t>(size, 1));
-    fits = fits && most <= kMaxCount / factor;
-    most *= factor;
-    count *= static_cast<std::uint64_t>(size);
-  }
-  if (!fits) input_error(place, ": tensor ", section.name, ": impossible shape", kRemedy);
-  if (count * row->bytes != section.bytes) {
-    input_error(place, ": tensor ", section.name, ": expected ", count, " x ", row->bytes, " bytes, found ",
-                section.bytes, kRemedy);
-  }
-  return section;
-}
-
-}  // namespace
-
 std::uint32_t add_crc(std::uint32_t crc, const void* data, std::uint64_t bytes) {
   return static_cast<std::uint32_t>(::crc32_z(crc, static_cast<const Bytef*>(data), bytes));
 }
@@ -192,8 +178,9 @@ CheckpointLayout read_checkpoint_layout(FileReader& file) {
   }
   std::string text(bytes, '\0');
   file.read_bytes(text.data(), text.size());
-  if (add_crc(0, text.data(), text.size()) != crc)
+  if (add_crc(0, text.data(), text.size()) != crc) {
     input_error(place, ": wrong checksum of the header: the file is damaged", kRemedy);
+  }
 
   CheckpointLayout layout;
   layout.header = parse_json(text);

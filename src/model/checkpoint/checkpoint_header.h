@@ -104,10 +104,4 @@ nlohmann::ordered_json ratios_to_json(const ViewRatios& ratios);
 /// wrong type or out of range
 CheckpointHeader parse_checkpoint_header(const nlohmann::ordered_json& header, const std::string& place);
 
-/// For counts and sums of squares. Values that are not finite are accepted: training removes Gaussians that have them,
-/// so that a few of these do not make a checkpoint useless. @throws InputError with the tensor and the index of the
-/// first negative value
-template <class Number>  // float or int32
-void check_not_negative(const Number* values, std::int64_t count, const std::string& name, const std::string& place);
-
 }  // namespace b3dgs

@@ -1,62 +1,36 @@
 #include "model/formats/splat_formats.h"
 
-#include <algorithm>
 #include <array>
 #include <cmath>
-#include <string>
 
 #include "core/check.h"
 #include "core/text.h"
 
 namespace b3dgs {
-namespace {
 
 namespace fs = std::filesystem;
 
-/// The format to read `path` in: a PLY may have any name.
-const SplatFormat& format_to_read(const fs::path& path) {
-  const SplatFormat* format = find_splat_format(path);
-  return format != nullptr ? *format : splat_formats().front();
-}
-
-}  // namespace
-
-const std::vector<SplatFormat>& splat_formats() {
-  static const std::vector<SplatFormat> formats{
-      {"PLY", ".ply", [](const fs::path& path) { return read_splat_ply(path); }, write_splat_ply, is_splat_ply},
-      {"SPZ", ".spz", [](const fs::path& path) { return read_spz(path); },
-       [](const fs::path& path, const SplatCloud& cloud) { write_spz(path, cloud); }, nullptr},
-  };
-  return formats;
-}
-
-const SplatFormat* find_splat_format(const fs::path& path) {
+std::optional<SplatFormat> splat_format(const fs::path& path) {
   const std::string extension = lower_case(path.extension().string());
-  for (const SplatFormat& format : splat_formats()) {
-    if (extension == format.extension) return &format;
-  }
-  return nullptr;
+  if (extension == ".ply") return SplatFormat::kPly;
+  if (extension == ".spz") return SplatFormat::kSpz;
+  return std::nullopt;
 }
 
 SplatCloud read_splats(const fs::path& path) {
-  return format_to_read(path).read(path);
+  return splat_format(path) == SplatFormat::kSpz ? read_spz(path) : read_splat_ply(path);
 }
 
 bool holds_splats(const fs::path& path) {
-  const SplatFormat& format = format_to_read(path);
-  return format.holds_splats == nullptr || format.holds_splats(path);
+  return splat_format(path) == SplatFormat::kSpz || is_splat_ply(path);
 }
 
 void write_splats(const fs::path& path, const SplatCloud& cloud) {
-  const SplatFormat* format = find_splat_format(path);
-  if (format == nullptr) {
-    std::string known;
-    for (const SplatFormat& row : splat_formats()) {
-      known += detail::concat(known.empty() ? "" : ", ", row.extension, " (", row.name, ")");
-    }
-    input_error(path.string(), ": unknown file format for Gaussians; expected a file name that ends in ", known);
+  const std::optional<SplatFormat> format = splat_format(path);
+  if (!format) {
+    input_error(path.string(), ": unknown file format for Gaussians; expected a file name that ends in .ply or .spz");
   }
-  format->write(path, cloud);
+  *format == SplatFormat::kSpz ? write_spz(path, cloud) : write_splat_ply(path, cloud);
 }
 
 std::vector<double> world_positions(const SplatCloud& cloud, std::size_t at_most) {

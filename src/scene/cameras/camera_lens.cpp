@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <atomic>
 #include <cmath>
+#include <iterator>
 
 #include "core/check.h"
 #include "core/parallel.h"
@@ -32,6 +33,25 @@ bool is_inside(const Camera& camera, const Vec2<double>& pixel) {
 }
 
 }  // namespace
+
+std::array<double, 2> distort(const LensParams<double>& lens, double x, double y) {
+  const Vec2<double> place = lens_point(lens, {1, 1, 0, 0}, {x, y, 1}).pixel;
+  return {place.x, place.y};
+}
+
+double monotonic_radius(LensParams<double> lens, double limit) {
+  // Steps far smaller than a pixel of an image whose corner is at `limit`; a turning point between two steps moves the
+  // result by less than one step.
+  constexpr int kSteps = 1 << 15;
+  std::fill(lens.k + 7, std::end(lens.k), 0.0);  // only radial distortion counts
+  double before = 0;
+  for (int i = 1; i <= kSteps; ++i) {
+    const double distorted = distort(lens, limit * i / kSteps, 0)[0];
+    if (!(distorted > before)) return limit * (i - 1) / kSteps;
+    before = distorted;
+  }
+  return limit;
+}
 
 Camera panorama_camera(ImageSize size) {
   Camera camera{size.width, size.height, size.width / (2 * kPi), size.height / kPi, 0.5 * size.width, 0.5 * size.height,

@@ -1,4 +1,5 @@
-// Cameras of photographs as they are, with their lens, instead of the pinhole of undistorted ones.
+// Lenses: for undistortion, and of cameras that photographs keep, instead of the pinhole of undistorted ones. The
+// formulas are those of raster/math/lens.h.
 #pragma once
 
 #include <array>
@@ -11,6 +12,13 @@
 #include "scene/images/image.h"
 
 namespace b3dgs {
+
+/// From the undistorted to the distorted point, on the plane z = 1 in front of the camera. Not for panoramas.
+std::array<double, 2> distort(const LensParams<double>& lens, double x, double y);
+
+/// Largest undistorted radius up to `limit` below which the distorted radius grows. Beyond it the polynomial, which was
+/// fitted to the photograph only, maps points outside the field of view back into the photograph.
+double monotonic_radius(LensParams<double> lens, double limit);
 
 /// Of a panorama of this size, without a pose.
 Camera panorama_camera(ImageSize size);

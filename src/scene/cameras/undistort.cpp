@@ -8,7 +8,7 @@
 
 #include "core/check.h"
 #include "core/parallel.h"
-#include "scene/cameras/lens.h"
+#include "scene/cameras/camera_lens.h"
 
 namespace b3dgs {
 namespace {
@@ -55,36 +55,24 @@ Undistorter::Undistorter(const Camera& camera, const std::string& place)
   if (n_valid < std::int64_t{width_} * height_) valid_ = std::move(valid);
 }
 
-Image8 Undistorter::apply(const Image8& image) const {
-  Image8 result(width_, height_, image.channels);
-  apply_into(image, result.pixels.data());
-  return result;
-}
-
-void Undistorter::apply_into(const Image8& image, std::uint8_t* pixels) const {
-  remap({image.width, image.height}, CV_8UC(image.channels), image.pixels.data(), pixels);
+template <class Value>
+void Undistorter::apply_into(const Raster<Value>& image, Value* pixels) const {
+  B3DGS_CHECK(image.width == width_ && image.height == height_, "an image of ", image.width, " x ", image.height,
+              " for a map of ", width_, " x ", height_);
+  const int type = CV_MAKETYPE(cv::DataType<Value>::depth, image.channels);
+  // OpenCV only reads these two; its Mat has no const form.
+  const cv::Mat from(height_, width_, type, const_cast<Value*>(image.pixels.data()));
+  const cv::Mat map(height_, width_, CV_32FC2, const_cast<float*>(source_.data()));
+  cv::Mat to(height_, width_, type, pixels);
+  // Border pixels are replicated because a source within half a pixel of the edge is still inside the photograph.
+  cv::remap(from, to, map, cv::noArray(), cv::INTER_LINEAR, cv::BORDER_REPLICATE);
   const auto n = static_cast<std::size_t>(image.channels);
   for (std::size_t i = 0; valid_ && i < valid_->pixels.size(); ++i) {
-    if (valid_->pixels[i] == 0) std::fill_n(pixels + n * i, n, std::uint8_t{0});
+    if (valid_->pixels[i] == 0) std::fill_n(pixels + n * i, n, Value{0});
   }
 }
-
-Depth16 Undistorter::apply(const Depth16& map) const {
-  Depth16 result(width_, height_);
-  remap({map.width, map.height}, CV_16UC1, map.values.data(), result.values.data());
-  return result;
-}
-
-void Undistorter::remap(ImageSize size, int type, const void* from, void* to) const {
-  B3DGS_CHECK(size.width == width_ && size.height == height_, "an image of ", size.width, " x ", size.height,
-              " for a map of ", width_, " x ", height_);
-  // OpenCV only reads these two; its Mat has no const form.
-  const cv::Mat image(height_, width_, type, const_cast<void*>(from));
-  const cv::Mat map(height_, width_, CV_32FC2, const_cast<float*>(source_.data()));
-  cv::Mat result(height_, width_, type, to);
-  // Border pixels are replicated because a source within half a pixel of the edge is still inside the photograph.
-  cv::remap(image, result, map, cv::noArray(), cv::INTER_LINEAR, cv::BORDER_REPLICATE);
-}
+template void Undistorter::apply_into(const Image8&, std::uint8_t*) const;
+template void Undistorter::apply_into(const Depth16&, std::uint16_t*) const;
 
 int UndistorterCache::add_group(const Camera& camera, const std::string& place) {
   groups_.push_back(std::make_unique<Group>());

@@ -19,20 +19,21 @@ class Undistorter {
   /// @throws InputError, beginning with `place`, if the image is too large or no pixel is valid
   Undistorter(const Camera& camera, const std::string& place);
 
-  /// Bilinear, as in COLMAP's undistorter: sharper filters ring at edges. For images and masks, 0 at invalid pixels.
-  Image8 apply(const Image8& image) const;
-  /// The same, written to width x height x image.channels bytes.
-  void apply_into(const Image8& image, std::uint8_t* pixels) const;
-  /// The same for a depth map. Values at invalid pixels have no meaning.
-  Depth16 apply(const Depth16& map) const;
+  /// Bilinear, as in COLMAP's undistorter: sharper filters ring at edges. For photographs, masks and depth maps; 0 at
+  /// invalid pixels. `pixels`: width x height x image.channels values.
+  template <class Value>
+  void apply_into(const Raster<Value>& image, Value* pixels) const;
+  template <class Value>
+  Raster<Value> apply(const Raster<Value>& image) const {
+    Raster<Value> result(width_, height_, image.channels);
+    apply_into(image, result.pixels.data());
+    return result;
+  }
 
   /// Mask of one channel: 255 where an output pixel comes from inside the photograph; null if all do.
   const std::shared_ptr<const Image8>& valid() const { return valid_; }
 
  private:
-  /// `type` is OpenCV's, of `from` and `to`.
-  void remap(ImageSize size, int type, const void* from, void* to) const;
-
   int width_, height_;
   std::vector<float> source_;  // [height, width, 2] px in OpenCV's convention: pixel centres at integers
   std::shared_ptr<const Image8> valid_;

@@ -17,27 +17,22 @@ struct ImageSize {
   bool operator!=(const ImageSize& other) const { return !(*this == other); }
 };
 
-/// Row-major, interleaved, 8 bits per channel; three channels are RGB.
-struct Image8 {
-  int width = 0, height = 0, channels = 3;
-  std::vector<std::uint8_t> pixels;  // [height, width, channels]
+/// Row-major, interleaved.
+template <class Value>
+struct Raster {
+  int width = 0, height = 0, channels = 1;
+  std::vector<Value> pixels;  // [height, width, channels]
 
-  Image8() = default;
-  Image8(int w, int h, int c) : width(w), height(h), channels(c), pixels(static_cast<std::size_t>(w) * h * c) {}
+  Raster() = default;
+  Raster(int w, int h, int c = 1) : width(w), height(h), channels(c), pixels(static_cast<std::size_t>(w) * h * c) {}
 
+  ImageSize size() const { return {width, height}; }
   /// The channels of a pixel.
-  std::uint8_t* at(int x, int y) { return pixels.data() + (static_cast<std::size_t>(y) * width + x) * channels; }
-  const std::uint8_t* at(int x, int y) const { return const_cast<Image8*>(this)->at(x, y); }
+  Value* at(int x, int y) { return pixels.data() + (static_cast<std::size_t>(y) * width + x) * channels; }
+  const Value* at(int x, int y) const { return const_cast<Raster*>(this)->at(x, y); }
 };
-
-/// Row-major, 16 bits: an inverse depth map, up to scale and offset.
-struct Depth16 {
-  int width = 0, height = 0;
-  std::vector<std::uint16_t> values;  // [height, width]
-
-  Depth16() = default;
-  Depth16(int w, int h) : width(w), height(h), values(static_cast<std::size_t>(w) * h) {}
-};
+using Image8 = Raster<std::uint8_t>;    // three channels are RGB
+using Depth16 = Raster<std::uint16_t>;  // an inverse depth map, up to scale and offset
 
 // The size that a photograph is trained at: the rules of -r and of a missing images_N folder; aspect ratios.
 
@@ -71,7 +66,6 @@ std::string image_damage(const std::vector<std::uint8_t>& file);
 
 /// The orientation that the first bytes of a JPEG file give, 1 to 8; 1 is upright, and what is taken if there is none.
 int exif_orientation(const std::vector<std::uint8_t>& beginning);
-
 /// The same for a file; 1 if it is not a JPEG file that can be read.
 int read_exif_orientation(const std::filesystem::path& path);
 
@@ -96,15 +90,19 @@ std::optional<Image8> read_alpha(const std::filesystem::path& path);
 /// Width and height of an image file, from its header where possible. @throws InputError
 ImageSize read_image_size(const std::filesystem::path& path);
 
-/// Averages areas when shrinking, interpolates bilinearly when enlarging.
-Image8 resize_image(const Image8& image, int width, int height);
-/// The same, written to size.width x size.height x image.channels bytes.
-void resize_image_into(const Image8& image, ImageSize size, std::uint8_t* pixels);
+/// Averages areas when shrinking, interpolates bilinearly when enlarging. `pixels`: size.width x size.height x
+/// image.channels values.
+template <class Value>  // of Image8 or Depth16
+void resize_into(const Raster<Value>& image, ImageSize size, Value* pixels);
+template <class Value>
+Raster<Value> resize_image(const Raster<Value>& image, int width, int height) {
+  Raster<Value> result(width, height, image.channels);
+  resize_into(image, {width, height}, result.pixels.data());
+  return result;
+}
 
 /// Reads a grey image of 16 bits. @throws InputError with the file's name if it is missing, damaged or something else
 Depth16 read_depth_map(const std::filesystem::path& path);
-/// Averages areas when shrinking, interpolates bilinearly when enlarging.
-Depth16 resize_depth_map(const Depth16& map, ImageSize size);
 
 /// Writes a grey PNG of 16 bits. The file appears complete or not at all. @throws IoError
 void write_depth_map(const std::filesystem::path& path, const Depth16& map);

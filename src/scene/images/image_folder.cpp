@@ -186,7 +186,7 @@ fs::path find_mask(const fs::path& folder, const std::string& image, const std::
 
 Image8 read_mask(const fs::path& file, ImageSize size, bool invert) {
   const Image8 image = read_image(file, /*white_background=*/false);
-  if (!has_same_aspect({image.width, image.height}, size)) {
+  if (!has_same_aspect(image.size(), size)) {
     input_error(file.string(), ": expected the aspect ratio of its photograph, ", size.width, " x ", size.height,
                 " px, found a mask of ", image.width, " x ", image.height, " px");
   }

@@ -113,20 +113,6 @@ void encode_to_file(const fs::path& path, const std::string& extension, const cv
   file.commit();
 }
 
-// Averages areas when shrinking, interpolates bilinearly when enlarging. Both images have OpenCV's `type`.
-void resize(ImageSize from_size, int type, const void* from, ImageSize size, void* to) {
-  B3DGS_CHECK(size.width > 0 && size.height > 0 && from_size.width > 0 && from_size.height > 0,
-              "sizes must be positive");
-  const cv::Mat image(from_size.height, from_size.width, type, const_cast<void*>(from));  // OpenCV only reads it
-  cv::Mat result(size.height, size.width, type, to);
-  if (size == from_size) {
-    image.copyTo(result);
-    return;
-  }
-  const bool is_smaller = size.width <= from_size.width && size.height <= from_size.height;
-  cv::resize(image, result, result.size(), 0, 0, is_smaller ? cv::INTER_AREA : cv::INTER_LINEAR);
-}
-
 }  // namespace
 
 Image8 read_image(const fs::path& path, bool white_background) {
@@ -175,15 +161,21 @@ ImageSize read_image_size(const fs::path& path) {
   return *size;
 }
 
-Image8 resize_image(const Image8& image, int width, int height) {
-  Image8 result(width, height, image.channels);
-  resize_image_into(image, {width, height}, result.pixels.data());
-  return result;
+template <class Value>
+void resize_into(const Raster<Value>& image, ImageSize size, Value* pixels) {
+  B3DGS_CHECK(size.width > 0 && size.height > 0 && image.width > 0 && image.height > 0, "sizes must be positive");
+  const int type = CV_MAKETYPE(cv::DataType<Value>::depth, image.channels);
+  const cv::Mat from(image.height, image.width, type, const_cast<Value*>(image.pixels.data()));  // OpenCV only reads it
+  cv::Mat to(size.height, size.width, type, pixels);
+  if (size == image.size()) {
+    from.copyTo(to);
+    return;
+  }
+  const bool is_smaller = size.width <= image.width && size.height <= image.height;
+  cv::resize(from, to, to.size(), 0, 0, is_smaller ? cv::INTER_AREA : cv::INTER_LINEAR);
 }
-
-void resize_image_into(const Image8& image, ImageSize size, std::uint8_t* pixels) {
-  resize({image.width, image.height}, CV_8UC(image.channels), image.pixels.data(), size, pixels);
-}
+template void resize_into(const Image8&, ImageSize, std::uint8_t*);
+template void resize_into(const Depth16&, ImageSize, std::uint16_t*);
 
 Depth16 read_depth_map(const fs::path& path) {
   const cv::Mat decoded = decode(path);
@@ -194,19 +186,13 @@ Depth16 read_depth_map(const fs::path& path) {
                 " bits; write inverse depth as a 16-bit grey PNG");
   }
   Depth16 map(decoded.cols, decoded.rows);
-  decoded.copyTo(cv::Mat(map.height, map.width, CV_16UC1, map.values.data()));
+  decoded.copyTo(cv::Mat(map.height, map.width, CV_16UC1, map.pixels.data()));
   return map;
-}
-
-Depth16 resize_depth_map(const Depth16& map, ImageSize size) {
-  Depth16 result(size.width, size.height);
-  resize({map.width, map.height}, CV_16UC1, map.values.data(), size, result.values.data());
-  return result;
 }
 
 void write_depth_map(const fs::path& path, const Depth16& map) {
   B3DGS_CHECK(map.width > 0 && map.height > 0, "an empty map");
-  encode_to_file(path, ".png", {map.height, map.width, CV_16UC1, const_cast<std::uint16_t*>(map.values.data())});
+  encode_to_file(path, ".png", {map.height, map.width, CV_16UC1, const_cast<std::uint16_t*>(map.pixels.data())});
 }
 
 void write_exr(const fs::path& path, ImageSize size, const float* values) {

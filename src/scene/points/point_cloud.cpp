@@ -4,7 +4,6 @@
 #include <array>
 #include <cmath>
 #include <cstddef>
-#include <cstring>
 
 #include "core/check.h"
 #include "core/files/atomic_file.h"
@@ -12,34 +11,6 @@
 #include "core/files/ply_reader.h"
 
 namespace b3dgs {
-namespace {
-
-constexpr std::int64_t kRowsPerBlock = 4096;
-
-template <class Value>
-void write_rows(AtomicFile& file, const WorldPoints& points) {
-  constexpr std::size_t kRowBytes = 3 * sizeof(Value) + 3;
-  const std::int64_t n = points.size();
-  const char* const type = sizeof(Value) == sizeof(float) ? "float" : "double";
-  file.write(
-      ply_header(n, {{"x", type}, {"y", type}, {"z", type}, {"red", "uchar"}, {"green", "uchar"}, {"blue", "uchar"}}));
-  std::vector<char> block;
-  for (std::int64_t begin = 0; begin < n; begin += kRowsPerBlock) {
-    const std::int64_t end = std::min(n, begin + kRowsPerBlock);
-    block.resize(static_cast<std::size_t>(end - begin) * kRowBytes);
-    char* to = block.data();
-    for (std::int64_t row = begin; row < end; ++row, to += kRowBytes) {
-      const double* const from = points.positions.data() + 3 * row;
-      const Value position[3]{static_cast<Value>(from[0]), static_cast<Value>(from[1]), static_cast<Value>(from[2])};
-      std::memcpy(to, position, sizeof position);
-      std::memcpy(to + sizeof position, points.colors.data() + 3 * row, 3);
-    }
-    file.write(block.data(), block.size());
-  }
-}
-
-}  // namespace
-
 PointCloud in_frame(const CoordinateFrame& frame, const WorldPoints& points) {
   PointCloud cloud{{}, points.colors};
   cloud.positions.reserve(points.positions.size());
@@ -88,10 +59,18 @@ void refuse_other_ply(const PlyReader& reader) {
 void write_point_ply(const std::filesystem::path& path, const PointCloud& points, const CoordinateFrame& frame) {
   B3DGS_CHECK(points.positions.size() == points.colors.size(), points.positions.size(), " coordinates, ",
               points.colors.size(), " colour values");
-  AtomicFile file(path);
-  const WorldPoints world = in_world(frame, points);
-  frame.is_far() ? write_rows<double>(file, world) : write_rows<float>(file, world);
-  file.commit();
+  const bool is_far = frame.is_far();
+  const char* const type = is_far ? "double" : "float";
+  std::string bytes = ply_header(
+      points.size(), {{"x", type}, {"y", type}, {"z", type}, {"red", "uchar"}, {"green", "uchar"}, {"blue", "uchar"}});
+  const auto put = [&](auto value) { bytes.append(reinterpret_cast<const char*>(&value), sizeof value); };
+  for (std::size_t i = 0; i < points.positions.size(); i += 3) {
+    for (const double value : frame.to_world(&points.positions[i])) {
+      is_far ? put(value) : put(static_cast<float>(value));
+    }
+    bytes.append(reinterpret_cast<const char*>(&points.colors[i]), 3);
+  }
+  write_file(path, bytes);
 }
 
 WorldPoints read_point_ply(const std::filesystem::path& path) {
@@ -113,20 +92,18 @@ WorldPoints read_point_ply(FileReader& file) {
   WorldPoints points;
   points.positions.resize(vertices.count * 3);
   points.colors.assign(vertices.count * 3, 128);
-  reader.read_vertices(columns, [&](std::uint64_t first, std::uint64_t n_rows, const double* rows) {
-    for (std::uint64_t i = 0; i < n_rows; ++i) {
-      const double* row = rows + i * columns.size();
-      for (std::size_t k = 0; k < columns.size(); ++k) {
-        if (!std::isfinite(static_cast<float>(row[k]))) {
-          input_error(reader.name(), ": row ", first + i, " (counted from 0): expected a finite ", columns[k],
-                      ", found ", row[k], "; remove this point or export the file again");
+  reader.read_vertices(columns, [&](std::uint64_t first, std::uint64_t n_rows, const double* values) {
+    for (std::uint64_t row = first; row < first + n_rows; ++row) {
+      for (std::size_t k = 0; k < columns.size(); ++k, ++values) {
+        if (!std::isfinite(static_cast<float>(*values))) {
+          input_error(reader.name(), ": row ", row, " (counted from 0): expected a finite ", columns[k], ", found ",
+                      *values, "; remove this point or export the file again");
         }
-        const std::uint64_t at = (first + i) * 3;
         if (k < 3) {
-          points.positions[at + k] = row[k];
+          points.positions[3 * row + k] = *values;
         } else {
-          points.colors[at + k - 3] =
-              static_cast<std::uint8_t>(std::lround(std::clamp(row[k] * to_8_bits, 0.0, 255.0)));
+          const double color = std::clamp(*values * to_8_bits, 0.0, 255.0);
+          points.colors[3 * row + k - 3] = static_cast<std::uint8_t>(std::lround(color));
         }
       }
     }

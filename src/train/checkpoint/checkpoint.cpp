@@ -134,14 +134,17 @@ void check_shapes(const TrainState& state, std::int64_t n, const TrainConfig& co
   }
 }
 
-/// @throws InputError if a count or a sum of squares is negative. Tensors are on the CPU.
+/// @throws InputError if a count or a sum of squares is negative. Those that are not finite are accepted: training
+/// removes Gaussians that have them, so that a few of these do not make a checkpoint useless.
 void check_values(const TrainState& state, const std::string& place) {
   for (const Row<const torch::Tensor>& row : rows_of(state)) {
     if (!row.tensor->defined()) continue;
-    if (row.values == Values::kNotNegative && row.type == torch::kInt32) {
-      check_not_negative(row.tensor->data_ptr<std::int32_t>(), row.tensor->numel(), row.name, place);
-    } else if (row.values == Values::kNotNegative) {
-      check_not_negative(row.tensor->data_ptr<float>(), row.tensor->numel(), row.name, place);
+    if (row.values == Values::kNotNegative) {
+      const torch::Tensor values = row.tensor->flatten(), negative = torch::nonzero(values < 0);
+      if (negative.numel() == 0) continue;
+      const auto index = negative[0].item<std::int64_t>();
+      input_error(place, ": tensor ", row.name, ": expected values of at least 0, found ", values[index].item<double>(),
+                  " at index ", index, "; resume from another checkpoint");
     } else if (row.values == Values::kFinite && !torch::isfinite(*row.tensor).all().item<bool>()) {
       input_error(place, ": tensor ", row.name, " has values that are not finite");
     }

@@ -77,7 +77,7 @@ double sample(const Depth16& map, double x, double y) {
   const double u = column - left, v = row - above;
   const auto at = [&](int i, int j) {
     return static_cast<double>(
-        map.values[static_cast<std::size_t>(j) * static_cast<std::size_t>(map.width) + static_cast<std::size_t>(i)]);
+        map.pixels[static_cast<std::size_t>(j) * static_cast<std::size_t>(map.width) + static_cast<std::size_t>(i)]);
   };
   return (1 - v) * ((1 - u) * at(left, above) + u * at(right, above)) +
          v * ((1 - u) * at(left, below) + u * at(right, below));
@@ -191,7 +191,7 @@ void DepthPriors::reserve_memory() {
 torch::Tensor DepthPriors::to_host_tensor(const Depth16& map) const {
   const torch::TensorOptions options = torch::TensorOptions(torch::kInt16).pinned_memory(device_.is_cuda());
   torch::Tensor tensor = torch::empty({map.height, map.width}, options);
-  std::copy_n(map.values.data(), map.values.size(), reinterpret_cast<std::uint16_t*>(tensor.data_ptr<std::int16_t>()));
+  std::copy_n(map.pixels.data(), map.pixels.size(), reinterpret_cast<std::uint16_t*>(tensor.data_ptr<std::int16_t>()));
   return tensor;
 }
 

@@ -60,7 +60,7 @@ TEST(RenderedDepth, IsTheSameInFilesOfNumbers) {
     for (int at = 0; at < 64 * 48; ++at) {
       const float depth = expected[static_cast<std::size_t>(at)];
       ASSERT_NEAR(exr.at<float>(at / 64, at % 64), depth, 1e-5 * depth);
-      const int value = png.values[static_cast<std::size_t>(at)];
+      const int value = png.pixels[static_cast<std::size_t>(at)];
       if (depth == 0) {
         ASSERT_EQ(value, 0);
       } else if (value < 65535) {
@@ -75,7 +75,7 @@ TEST(RenderedDepth, IsTheSameInFilesOfNumbers) {
 
 TEST(InverseDepth, CountsPixelsThatAreTooNear) {
   const InverseDepth16 inverse = inverse_depth_16({0, 0.5f, 1, 2, 1e9f, 65535}, {3, 2}, 65535);
-  EXPECT_EQ(inverse.map.values, (std::vector<std::uint16_t>{0, 65535, 65535, 32768, 0, 1}));
+  EXPECT_EQ(inverse.map.pixels, (std::vector<std::uint16_t>{0, 65535, 65535, 32768, 0, 1}));
   EXPECT_EQ(inverse.n_too_near, 1);
 }
 

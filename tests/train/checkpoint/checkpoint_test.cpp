@@ -241,7 +241,7 @@ TEST_F(ChangedCheckpoints, WithAnInvalidViewOrderAreRefused) {
   const auto refuses_views = [&](const nlohmann::ordered_json& views, const std::string& part) {
     return refused(part, [&](CheckpointFile& file) { file.header["view_order"]["remaining"] = views; });
   };
-  EXPECT_TRUE(refuses_views({2, 0, 2}, "view 2 twice"));
+  EXPECT_TRUE(refuses_views({2, 0, 2}, "view 2"));
   EXPECT_TRUE(refuses_views({-1}, "-1"));
   EXPECT_TRUE(refuses_views({4294967296}, "4294967296"));
   EXPECT_TRUE(refused("n_refills", [](CheckpointFile& file) { file.header["view_order"]["n_refills"] = -1; }));

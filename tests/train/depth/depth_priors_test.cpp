@@ -144,7 +144,7 @@ TEST(DepthPriors, GradientIsThatOfTheMeanAbsoluteDifference) {
           for (int j = reduction * y; j < reduction * (y + 1); ++j) {
             for (int i = reduction * x; i < reduction * (x + 1); ++i) {
               if (!is_valid(i, j)) continue;
-              sum += map.values[static_cast<std::size_t>(j * width + i)];
+              sum += map.pixels[static_cast<std::size_t>(j * width + i)];
               ++count;
             }
           }
@@ -179,8 +179,8 @@ TEST(DepthPriors, LeaveOutViewsAndCountThem) {
   fs::remove(with.file(0));
   with.scene.train[1].points.resize(10);
   Depth16 map = read_depth_map(with.file(2));
-  for (std::uint16_t& value : map.values) value = static_cast<std::uint16_t>(value / 30);
-  test::write_depth_png(with.file(2), map.width, map.height, map.values);
+  for (std::uint16_t& value : map.pixels) value = static_cast<std::uint16_t>(value / 30);
+  test::write_depth_png(with.file(2), map.width, map.height, map.pixels);
   const DepthPriors priors = with.priors();
   ASSERT_EQ(priors.warnings().size(), 3u);
   EXPECT_EQ(priors.warnings()[0].rfind("1 of 6 training views have no depth map (first: view1.png)", 0), 0u)
@@ -198,7 +198,7 @@ TEST(DepthPriors, RefuseFilesThatAreNoDepthMaps) {
   EXPECT_TRUE(with.is_refused({with.file(3).string(), "one channel with 16 bits", "1 channel with 8 bits"}));
   write_image(with.file(3), Image8(60, 44, 3));
   EXPECT_TRUE(with.is_refused({with.file(3).string(), "found 3 channels with 8 bits"}));
-  test::write_depth_png(with.file(3), map.height, map.width, map.values);
+  test::write_depth_png(with.file(3), map.height, map.width, map.pixels);
   EXPECT_TRUE(with.is_refused({with.file(3).string(), "60 x 44 px", "44 x 60 px"}));
   write_file(with.file(3), "no image");
   EXPECT_TRUE(with.is_refused({with.file(3).string()}));
@@ -209,10 +209,10 @@ TEST(DepthPriors, MapsOfAnotherSizeAreResized) {
   const Depth16 map = read_depth_map(with.file(0));
   Depth16 large(2 * map.width, 2 * map.height);
   for (std::size_t y = 0; y < 88; ++y) {
-    for (std::size_t x = 0; x < 120; ++x) large.values[y * 120 + x] = map.values[y / 2 * 60 + x / 2];
+    for (std::size_t x = 0; x < 120; ++x) large.pixels[y * 120 + x] = map.pixels[y / 2 * 60 + x / 2];
   }
   const DepthAlignment before = with.priors().alignment(0).value();
-  test::write_depth_png(with.file(0), large.width, large.height, large.values);
+  test::write_depth_png(with.file(0), large.width, large.height, large.pixels);
   const DepthAlignment after = with.priors().alignment(0).value();
   EXPECT_NEAR(after.scale, before.scale, 1e-9);
   EXPECT_NEAR(after.offset, before.offset, 1e-6);
@@ -233,10 +233,10 @@ TEST(DepthPriors, MapsOfDistortedPhotographsAreUndistortedAndReducedLikeThem) {
   test::write_depth_png(temp / "map.png", photograph.width, photograph.height, values);
   const Depth16 map = view.image->read_depth(temp / "map.png");
   const std::shared_ptr<const Image8> image = view.image->read();
-  ASSERT_EQ(map.values.size(), view.valid->pixels.size());
-  for (std::size_t p = 0; p < map.values.size(); ++p) {
+  ASSERT_EQ(map.pixels.size(), view.valid->pixels.size());
+  for (std::size_t p = 0; p < map.pixels.size(); ++p) {
     if (view.valid->pixels[p] == 0) continue;
-    EXPECT_NEAR(map.values[p] / 257.0, static_cast<double>(image->pixels[3 * p]), 1.5) << p;
+    EXPECT_NEAR(map.pixels[p] / 257.0, static_cast<double>(image->pixels[3 * p]), 1.5) << p;
   }
 }
 
