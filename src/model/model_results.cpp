@@ -53,16 +53,6 @@ std::vector<fs::path> later_files(const ModelFolder& folder, int iteration) {
   return files;
 }
 
-/// The entries of a results file up to the iteration, and those after it.
-std::pair<Json, Json> divide_results(const fs::path& path, int iteration) {
-  std::pair<Json, Json> parts{Json::object(), Json::object()};
-  const Json all = read_results(path);
-  for (const auto& [key, value] : all.items()) {
-    (iteration_of(key) > iteration ? parts.second : parts.first)[key] = value;
-  }
-  return parts;
-}
-
 /// The log's lines of later iterations.
 std::string later_lines(const fs::path& log, int iteration) {
   std::string lines;
@@ -73,22 +63,6 @@ std::string later_lines(const fs::path& log, int iteration) {
     if (is_line && json["iteration"].get<std::int64_t>() > iteration) lines += line + "\n";
   }
   return lines;
-}
-
-void move_below(const fs::path& from, const ModelFolder& folder, const fs::path& aside) {
-  const fs::path to = aside / from.lexically_relative(folder.root());
-  create_folder(to.parent_path());
-  OwnFiles(folder.root()).move(from, to);
-}
-
-fs::path new_folder(const ModelFolder& folder, int iteration) {
-  const fs::path parent = folder.root() / "set_aside";
-  for (int i = 1;; ++i) {
-    const fs::path path = parent / detail::concat("after_iteration_", iteration, "_", i);
-    if (fs::exists(path)) continue;
-    create_folder(path);
-    return path;
-  }
 }
 
 }  // namespace
@@ -148,27 +122,41 @@ void ModelFolder::write_results(const std::string& key, const Evaluation& evalua
 }
 
 fs::path set_aside_after(const ModelFolder& folder, int iteration) {
-  const std::vector<fs::path> files = later_files(folder, iteration);
-  std::vector<std::pair<fs::path, std::pair<Json, Json>>> results;
+  struct Results {
+    fs::path path;
+    Json kept = Json::object(), later = Json::object();  // entries up to the iteration, and those after it
+  };
+  std::vector<Results> results;
   bool has_results = false;
   for (const fs::path& path : folder.results()) {
-    results.emplace_back(path, divide_results(path, iteration));
-    has_results = has_results || !results.back().second.second.empty();
+    Results& own = results.emplace_back(Results{path});
+    const Json all = read_results(path);
+    for (const auto& [key, value] : all.items()) (iteration_of(key) > iteration ? own.later : own.kept)[key] = value;
+    has_results = has_results || !own.later.empty();
   }
+  std::vector<fs::path> files = later_files(folder, iteration);
   const std::string lines = later_lines(folder.log(), iteration);
   if (files.empty() && !has_results && lines.empty()) return {};
 
-  const fs::path aside = new_folder(folder, iteration);
-  for (const auto& [path, parts] : results) {
-    if (parts.second.empty()) continue;
-    write_json_file(aside / path.filename(), parts.second);
-    write_json_file(path, parts.first);
+  fs::path aside;
+  for (int i = 1; aside.empty() || fs::exists(aside); ++i) {
+    aside = folder.root() / "set_aside" / detail::concat("after_iteration_", iteration, "_", i);
+  }
+  create_folder(aside);
+  for (const Results& own : results) {
+    if (own.later.empty()) continue;
+    write_json_file(aside / own.path.filename(), own.later);
+    write_json_file(own.path, own.kept);
   }
   if (!lines.empty()) write_file(aside / folder.log().filename(), lines);
-  for (const char* report : {"report.html", "report"}) {
-    if (fs::exists(folder.root() / report)) move_below(folder.root() / report, folder, aside);
+  for (const char* report : {"report", "report.html"}) {
+    if (fs::exists(folder.root() / report)) files.insert(files.begin(), folder.root() / report);
   }
-  for (const fs::path& path : files) move_below(path, folder, aside);
+  for (const fs::path& path : files) {
+    const fs::path to = aside / path.lexically_relative(folder.root());
+    create_folder(to.parent_path());
+    OwnFiles(folder.root()).move(path, to);
+  }
   return aside;
 }
 

@@ -38,10 +38,6 @@ double dot(const std::array<double, 4>& a, const std::array<double, 4>& b) {
   return a[0] * b[0] + a[1] * b[1] + a[2] * b[2] + a[3] * b[3];
 }
 
-double distance(const std::array<double, 3>& a, const std::array<double, 3>& b) {
-  return std::hypot(a[0] - b[0], a[1] - b[1], a[2] - b[2]);
-}
-
 Candidate candidate_of(const ColmapImage& image, const Camera& face) {
   Camera camera;
   camera.cam_from_world = {rotation_from_quaternion(image.quat), image.translation};

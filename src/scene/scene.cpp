@@ -29,14 +29,6 @@ std::map<std::string, fs::path> find_photographs(const SceneModel& model, const 
   return files;
 }
 
-// The order of the views, and so of the split.
-std::vector<const ColmapImage*> sorted_by_name(const ColmapModel& model) {
-  std::vector<const ColmapImage*> images;
-  for (const ColmapImage& image : model.images) images.push_back(&image);
-  std::sort(images.begin(), images.end(), [](const ColmapImage* a, const ColmapImage* b) { return a->name < b->name; });
-  return images;
-}
-
 /// Cameras of whole photographs without poses, by camera ID and size of the photograph.
 using PhotographCameras = std::map<std::tuple<std::uint32_t, int, int>, Camera>;
 
@@ -116,17 +108,20 @@ Scene load_scene(const SceneOptions& options, const ProgressFn& progress) {
   const ImageFolder folder(source_path, options.images);
   SceneModel model = read_scene_model(options, folder);
 
+  std::vector<ColmapImage>& registered = model.model.images;
+  std::sort(registered.begin(), registered.end(),  // the order of the views, and so of the split
+            [](const ColmapImage& a, const ColmapImage& b) { return a.name < b.name; });
   const std::map<std::string, fs::path> files = find_photographs(model, folder);
   std::vector<ViewSource> sources;
   std::vector<std::string> missing;
   PhotographCameras cameras;
-  for (const ColmapImage* image : sorted_by_name(model.model)) {
-    const auto file = files.find(image->name);
+  for (const ColmapImage& image : registered) {
+    const auto file = files.find(image.name);
     if (file == files.end()) {
-      missing.push_back(image->name);
+      missing.push_back(image.name);
       continue;
     }
-    sources.push_back(view_source(*image, model, file->second, folder.divisor(), options, cameras));
+    sources.push_back(view_source(image, model, file->second, folder.divisor(), options, cameras));
     if (progress) progress("reading image headers", sources.size(), files.size());
   }
   if (sources.empty()) {
@@ -173,14 +168,17 @@ Scene load_scene(const SceneOptions& options, const ProgressFn& progress) {
   if (options.seed_points && options.load_images && !(has_points && is_resumed)) {
     const std::int64_t n_found = add_points_of_photographs(scene, progress);
     std::string& text = model.points_description;
-    if (!has_points) text = "found in the photographs, since the scene has none";
-    if (has_points && n_found > 0) {
+    if (!has_points) {
+      text = "found in the photographs, since the scene has none";
+    } else if (n_found > 0) {
       text += detail::concat(text.empty() ? "" : "; ", n_found, " found in parts of the photographs without points");
       scene.n_added_points = n_found;
     }
   }
   std::set<std::string> lens_warnings;
+  std::set<fs::path> used;
   for (const ViewSource& source : sources) {
+    used.insert(source.file);
     if (!source.warning.empty() && lens_warnings.insert(source.warning).second) {
       scene.warnings.push_back(source.warning);
     }
@@ -191,12 +189,10 @@ Scene load_scene(const SceneOptions& options, const ProgressFn& progress) {
                                             "); training and evaluation leave them out"));
   }
   if (!missing.empty()) {
-    scene.warnings.push_back(detail::concat(
-        folder.folder().string(), ": ", missing.size(), " of ", model.model.images.size(),
-        " registered images not found (first: ", missing.front(), "); training and evaluation leave them out"));
+    scene.warnings.push_back(detail::concat(folder.folder().string(), ": ", missing.size(), " of ", registered.size(),
+                                            " registered images not found (first: ", missing.front(),
+                                            "); training and evaluation leave them out"));
   }
-  std::set<fs::path> used;
-  for (const ViewSource& source : sources) used.insert(source.file);
   scene.summary = summarize(scene, {options, model, folder, sources, missing, folder.count_others(used)});
   return scene;
 }

@@ -19,45 +19,37 @@ namespace {
 
 constexpr std::int64_t kMapShare = 8;  // undistortion maps get an eighth of the memory
 
-// The mask of a camera that keeps its lens, and what to say about it.
-std::pair<std::shared_ptr<const Image8>, std::string> shown_by(const ViewSource& source) {
-  std::shared_ptr<const Image8> mask = lens_mask(source.camera);
-  if (!mask || source.camera.lens.kind == LensKind::kEquirectangular) return {mask, ""};
-  const auto n_left_out = std::count(mask->pixels.begin(), mask->pixels.end(), 0);
-  return {mask,
-          detail::concat(source.camera_place, ": the formula of the lens ends ",
-                         std::round(10 * source.camera.lens.max_angle * 180 / kPi) / 10,
-                         " degrees from the axis, inside the image; ",
-                         std::max<std::int64_t>(1, 100 * n_left_out / static_cast<std::int64_t>(mask->pixels.size())),
-                         "% of the pixels are beyond and left out")};
+// The warning about a lens that is kept and shows only a part of the image, that of `mask`.
+std::string lens_warning(const ViewSource& source, const Image8& mask) {
+  if (source.camera.lens.kind == LensKind::kEquirectangular) return "";
+  const auto n_left_out = std::count(mask.pixels.begin(), mask.pixels.end(), 0);
+  return detail::concat(source.camera_place, ": the formula of the lens ends ",
+                        std::round(10 * source.camera.lens.max_angle / kDegree) / 10,
+                        " degrees from the axis, inside the image; ",
+                        std::max<std::int64_t>(1, 100 * n_left_out / static_cast<std::int64_t>(mask.pixels.size())),
+                        "% of the pixels are beyond and left out");
 }
 
-// Photographs with the same lens and file size share a group and a mask.
+// Photographs with the same lens and file size share a group, a mask and a warning.
 void assign_lens_groups(std::vector<ViewSource>& sources, UndistorterCache& cache) {
-  struct Group {
-    int number = -1;
-    std::shared_ptr<const Image8> valid;
-    std::string warning;
-  };
-  std::map<std::tuple<std::uint32_t, int, int>, Group> groups;  // by camera, width and height of the file
+  std::map<std::tuple<std::uint32_t, int, int>, const ViewSource*> first;  // by camera, width and height of the file
   for (ViewSource& source : sources) {
     const bool keeps_lens = !source.camera.is_pinhole();
     if (!keeps_lens && source.file_camera.is_pinhole()) continue;
     const auto [known, is_new] =
-        groups.try_emplace({source.camera_id, source.file_size.width, source.file_size.height});
-    Group& group = known->second;
-    if (is_new && keeps_lens) {
-      std::tie(group.valid, group.warning) = shown_by(source);
-    } else if (is_new) {
-      group.number = cache.add_group(source.file_camera, source.camera_place);
-      group.valid = cache.get(group.number)->valid();
-      if (group.valid) {
-        group.valid = std::make_shared<Image8>(shrink_mask(*group.valid, source.size.width, source.size.height));
-      }
+        first.try_emplace({source.camera_id, source.file_size.width, source.file_size.height}, &source);
+    if (!is_new) {
+      source.lens_group = known->second->lens_group;
+      source.valid = known->second->valid;
+      source.warning = known->second->warning;
+    } else if (keeps_lens) {
+      source.valid = lens_mask(source.camera);
+      if (source.valid) source.warning = lens_warning(source, *source.valid);
+    } else {
+      source.lens_group = cache.add_group(source.file_camera, source.camera_place);
+      const std::shared_ptr<const Image8> valid = cache.get(source.lens_group)->valid();
+      if (valid) source.valid = std::make_shared<Image8>(shrink_mask(*valid, source.size.width, source.size.height));
     }
-    source.lens_group = group.number;
-    source.valid = group.valid;
-    source.warning = group.warning;
   }
 }
 
@@ -97,16 +89,15 @@ struct ByPixels {
 };
 
 void read_masks(std::vector<ViewSource>& sources, const SceneOptions& options, UndistorterCache& cache) {
-  std::vector<ViewSource*> masked;
-  for (ViewSource& source : sources) {
-    if (!source.mask_file.empty()) masked.push_back(&source);
-  }
-  parallel_pool(static_cast<std::int64_t>(masked.size()),
-                [&](std::int64_t i, int) { read_mask_of(*masked[static_cast<std::size_t>(i)], options, cache); });
+  parallel_pool(static_cast<std::int64_t>(sources.size()), [&](std::int64_t i, int) {
+    ViewSource& source = sources[static_cast<std::size_t>(i)];
+    if (!source.mask_file.empty()) read_mask_of(source, options, cache);
+  });
   // Masks with the same pixels become one: those of a camera that shows a part of its vehicle, for example.
   std::set<std::shared_ptr<const Image8>, ByPixels> different;
-  for (ViewSource* source : masked) {
-    for (std::shared_ptr<const Image8>* mask : {&source->valid, &source->empty}) {
+  for (ViewSource& source : sources) {
+    if (source.mask_file.empty()) continue;
+    for (std::shared_ptr<const Image8>* mask : {&source.valid, &source.empty}) {
       if (*mask) *mask = *different.insert(*mask).first;
     }
   }

@@ -185,14 +185,13 @@ Json poses_to_json(const std::vector<View>& given, const std::vector<View>& refi
   for (std::size_t i = 0; i < given.size(); ++i) {
     const Camera before = change_frame(frame, {}, given[i].camera), after = change_frame(frame, {}, refined[i].camera);
     const Pose &from = before.cam_from_world, &to = after.cam_from_world;
-    const std::array<double, 3> a = before.center(), b = after.center();
     poses.push_back({{"img_name", given[i].name},
                      {"qvec", quaternion_from_rotation(to.rotation)},
                      {"tvec", to.translation},
                      {"given_qvec", quaternion_from_rotation(from.rotation)},
                      {"given_tvec", from.translation},
                      {"turned_degrees", angle_between(from, to)},
-                     {"moved", std::hypot(b[0] - a[0], b[1] - a[1], b[2] - a[2])}});
+                     {"moved", distance(after.center(), before.center())}});
   }
   return poses;
 }

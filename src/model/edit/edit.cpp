@@ -38,17 +38,6 @@ UnitQuat product(const UnitQuat& a, const UnitQuat& b) {
           a[0] * b[2] - a[1] * b[3] + a[2] * b[0] + a[3] * b[1], a[0] * b[3] + a[1] * b[2] - a[2] * b[1] + a[3] * b[0]};
 }
 
-/// coefficients [n_rest, 3] of one Gaussian.
-void rotate_sh(const std::array<double, kRest * kRest>& matrix, std::size_t n_rest, float* coefficients) {
-  std::array<double, 3 * kRest> rotated{};
-  for (std::size_t j = 0; j < n_rest; ++j) {
-    for (std::size_t k = 0; k < n_rest; ++k) {
-      for (std::size_t c = 0; c < 3; ++c) rotated[3 * j + c] += matrix[kRest * j + k] * coefficients[3 * k + c];
-    }
-  }
-  for (std::size_t i = 0; i < 3 * n_rest; ++i) coefficients[i] = static_cast<float>(rotated[i]);
-}
-
 }  // namespace
 
 UnitQuat rotation_between(const std::array<double, 3>& from, const std::array<double, 3>& to) {
@@ -98,7 +87,7 @@ std::array<double, kRest * kRest> sh_rotation(const UnitQuat& rotation) {
 void rotate_splats(const UnitQuat& rotation, SplatCloud& cloud) {
   const Mat3<double> matrix = to_matrix(rotation);
   const std::array<double, kRest* kRest> sh_matrix = sh_rotation(rotation);
-  const auto n_rest = static_cast<std::size_t>(sh_coefficient_count(cloud.sh_degree) - 1);
+  const std::size_t n_rest = sh_rest_count(cloud.sh_degree) / 3;
   const std::array<double, 3> from = cloud.frame.origin;
   const Vec origin = matrix * Vec{from[0], from[1], from[2]};
   cloud.frame.origin = {origin.x, origin.y, origin.z};
@@ -113,30 +102,17 @@ void rotate_splats(const UnitQuat& rotation, SplatCloud& cloud) {
       float* const quat = &cloud.quats[4 * row];
       const UnitQuat turned = product(rotation, {quat[0], quat[1], quat[2], quat[3]});
       for (std::size_t i = 0; i < 4; ++i) quat[i] = static_cast<float>(turned[i]);
-      rotate_sh(sh_matrix, n_rest, cloud.shN.data() + 3 * n_rest * row);
+      float* const sh = cloud.shN.data() + 3 * n_rest * row;
+      std::array<double, 3 * kRest> rotated{};
+      for (std::size_t j = 0; j < n_rest; ++j) {
+        for (std::size_t k = 0; k < n_rest; ++k) {
+          for (std::size_t c = 0; c < 3; ++c) rotated[3 * j + c] += sh_matrix[kRest * j + k] * sh[3 * k + c];
+        }
+      }
+      for (std::size_t i = 0; i < 3 * n_rest; ++i) sh[i] = static_cast<float>(rotated[i]);
     }
   });
 }
-
-namespace {
-
-constexpr std::size_t kBoxNumbers = 6, kSphereNumbers = 4;
-
-std::size_t sh_rest_floats(int degree) {
-  return 3 * static_cast<std::size_t>(sh_coefficient_count(degree) - 1);
-}
-
-template <class Visit>
-void visit_arrays(SplatCloud& cloud, Visit&& visit) {
-  visit(cloud.means, std::size_t{3});
-  visit(cloud.log_scales, std::size_t{3});
-  visit(cloud.quats, std::size_t{4});
-  visit(cloud.logit_opacities, std::size_t{1});
-  visit(cloud.sh0, std::size_t{3});
-  visit(cloud.shN, sh_rest_floats(cloud.sh_degree));
-}
-
-}  // namespace
 
 bool CropRegion::contains(const std::array<double, 3>& position) const {
   double squared = 0;
@@ -151,6 +127,7 @@ bool CropRegion::contains(const std::array<double, 3>& position) const {
 
 CropRegion parse_crop(const std::string& text) {
   const auto place = [&] { return "--crop " + text; };
+  constexpr std::size_t kBoxNumbers = 6, kSphereNumbers = 4;
   const std::string expected =
       ": expected a box \"x0,y0,z0,x1,y1,z1\" or a sphere \"x,y,z,radius\" with finite numbers";
   std::vector<double> numbers;
@@ -159,14 +136,13 @@ CropRegion parse_crop(const std::string& text) {
     if (!std::isfinite(numbers.back())) input_error(place(), expected);
   }
   CropRegion region;
-  if (numbers.size() == kSphereNumbers && numbers[3] > 0) {
+  if (numbers.size() == kSphereNumbers) {
     std::copy_n(numbers.begin(), 3, region.center.begin());
     region.radius = numbers[3];
+    if (!(region.radius > 0)) input_error(place(), expected, "; the radius is not above 0");
     return region;
   }
-  if (numbers.size() != kBoxNumbers) {
-    input_error(place(), expected, numbers.size() == kSphereNumbers ? "; the radius is not above 0" : "");
-  }
+  if (numbers.size() != kBoxNumbers) input_error(place(), expected);
   for (std::size_t axis = 0; axis < 3; ++axis) {
     region.low[axis] = std::min(numbers[axis], numbers[axis + 3]);
     region.high[axis] = std::max(numbers[axis], numbers[axis + 3]);
@@ -181,12 +157,14 @@ std::int64_t keep_if(const std::function<bool(std::size_t row)>& keeps, SplatClo
   for (std::size_t row = 0; row < n; ++row) {
     if (keeps(row)) rows.push_back(row);
   }
-  visit_arrays(cloud, [&](std::vector<float>& values, std::size_t width) {
+  for (std::vector<float>* values :
+       {&cloud.means, &cloud.log_scales, &cloud.quats, &cloud.logit_opacities, &cloud.sh0, &cloud.shN}) {
+    const std::size_t width = n > 0 ? values->size() / n : 0;
     for (std::size_t to = 0; to < rows.size(); ++to) {
-      std::copy_n(values.data() + rows[to] * width, width, values.data() + to * width);
+      std::copy_n(values->data() + rows[to] * width, width, values->data() + to * width);
     }
-    values.resize(rows.size() * width);
-  });
+    values->resize(rows.size() * width);
+  }
   return static_cast<std::int64_t>(n - rows.size());
 }
 
@@ -218,7 +196,7 @@ std::vector<double> opacity_times_area(const SplatCloud& cloud) {
 
 void limit_sh_degree(int degree, SplatCloud& cloud) {
   if (degree >= cloud.sh_degree) return;
-  const std::size_t from = sh_rest_floats(cloud.sh_degree), to = sh_rest_floats(degree);
+  const std::size_t from = sh_rest_count(cloud.sh_degree), to = sh_rest_count(degree);
   const auto n = static_cast<std::size_t>(cloud.size());
   for (std::size_t row = 0; row < n; ++row) {
     std::copy_n(cloud.shN.data() + row * from, to, cloud.shN.data() + row * to);

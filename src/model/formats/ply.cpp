@@ -32,11 +32,6 @@ struct Property {
   std::size_t width, column;
 };
 
-// Number of f_rest properties for a degree.
-int rest_count(int degree) {
-  return 3 * (sh_coefficient_count(degree) - 1);
-}
-
 // In the order of the file. Normals, after x, y and z, are not included: they are written as 0 and not read.
 std::vector<Property> properties_of(int sh_degree) {
   std::vector<Property> properties{
@@ -45,7 +40,7 @@ std::vector<Property> properties_of(int sh_degree) {
     for (std::size_t i = 0; i < width; ++i) properties.push_back({prefix + std::to_string(i), values, width, i});
   };
   add("f_dc_", &SplatCloud::sh0, 3);
-  const auto n_rest = static_cast<std::size_t>(rest_count(sh_degree)), n_coefficients = n_rest / 3;
+  const std::size_t n_rest = sh_rest_count(sh_degree), n_coefficients = n_rest / 3;
   for (std::size_t i = 0; i < n_rest; ++i) {  // [channel, coefficient] in the file
     const std::size_t column = i % n_coefficients * 3 + i / n_coefficients;
     properties.push_back({"f_rest_" + std::to_string(i), &SplatCloud::shN, n_rest, column});
@@ -59,11 +54,11 @@ std::vector<Property> properties_of(int sh_degree) {
 /// @throws InputError for formats of other programs that resemble a PLY of Gaussians
 int sh_degree_of(const PlyReader& reader) {
   const PlyElement& vertices = reader.vertices();
-  const auto n_rest = static_cast<int>(
+  const auto n_rest = static_cast<std::size_t>(
       std::count_if(vertices.properties.begin(), vertices.properties.end(),
                     [](const PlyProperty& property) { return property.name.rfind("f_rest_", 0) == 0; }));
   for (int degree = 0; degree <= kMaxShDegree; ++degree) {
-    if (rest_count(degree) == n_rest) return degree;
+    if (sh_rest_count(degree) == n_rest) return degree;
   }
   input_error(reader.name(), ": expected 0, 9, 24 or 45 properties f_rest_* (SH degree 0 to 3), found ", n_rest);
 }

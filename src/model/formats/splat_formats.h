@@ -20,6 +20,11 @@ constexpr int sh_coefficient_count(int degree) {
   return (degree + 1) * (degree + 1);
 }
 
+/// Number of values of a Gaussian in SplatCloud::shN.
+constexpr std::size_t sh_rest_count(int degree) {
+  return 3 * static_cast<std::size_t>(sh_coefficient_count(degree) - 1);
+}
+
 /// The highest that PLY and SPZ files have here.
 constexpr int kMaxShDegree = 3;
 

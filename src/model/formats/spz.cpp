@@ -15,8 +15,7 @@
 namespace b3dgs {
 namespace {
 
-constexpr char kMagic[4] = {'N', 'G', 'S', 'P'};
-constexpr std::size_t kHeaderBytes = 16;
+constexpr std::array<char, 4> kMagic{'N', 'G', 'S', 'P'};
 constexpr std::uint32_t kWrittenVersion = 3, kLastGzipVersion = 3;
 constexpr std::uint8_t kAntialiased = 1;      // the other flags announce data after the arrays
 constexpr int kGzipWindow = 15 + 16;          // zlib's way to ask for a gzip header and checksum
@@ -38,17 +37,20 @@ constexpr std::size_t kMaxExtensionBytes = 1 << 20;  // after the arrays
 constexpr std::array<float, 3> kAxisSigns{1, -1, -1};
 constexpr std::array<float, 15> kShSigns{-1, -1, 1, -1, 1, 1, -1, 1, -1, 1, -1, -1, 1, -1, 1};
 
+/// As it is in the file; machines are little-endian (ply.cpp).
 struct Header {
-  std::uint32_t version = kWrittenVersion;
-  std::uint64_t count = 0;
-  int sh_degree = 0, fractional_bits = kDefaultFractionalBits;
-  std::uint8_t flags = 0;
+  std::array<char, 4> magic = kMagic;
+  std::uint32_t version = kWrittenVersion, count = 0;
+  std::uint8_t sh_degree = 0, fractional_bits = 0, flags = 0, unused = 0;
 
-  std::size_t rest() const { return static_cast<std::size_t>(sh_coefficient_count(sh_degree)) - 1; }
   std::size_t position_bytes() const { return version == 1 ? 6 : 9; }
   std::size_t rotation_bytes() const { return version < 3 ? 3 : 4; }
-  std::size_t bytes_each() const { return position_bytes() + 1 + 3 + 3 + rotation_bytes() + 3 * rest(); }
+  std::size_t bytes() const {
+    return count * (position_bytes() + 1 + 3 + 3 + rotation_bytes() + sh_rest_count(sh_degree));
+  }  // of arrays
 };
+constexpr std::size_t kHeaderBytes = 16;
+static_assert(sizeof(Header) == kHeaderBytes);
 
 /// The content of a gzip stream, but at most `most` bytes of it. @throws InputError if it is damaged, or ends earlier
 /// than the file
@@ -107,41 +109,30 @@ void write_compressed(AtomicFile& file, const std::string& content) {
   }
 }
 
-std::uint32_t load_u32(const std::uint8_t* bytes) {
-  return bytes[0] | bytes[1] << 8 | bytes[2] << 16 | static_cast<std::uint32_t>(bytes[3]) << 24;
-}
-
-void store_u32(std::uint32_t value, std::uint8_t* bytes) {
-  for (int i = 0; i < 4; ++i) bytes[i] = static_cast<std::uint8_t>(value >> (8 * i));
-}
-
 /// Rounded and clamped; NaN becomes 0.
 std::uint8_t to_byte(double value) {
   return value >= 0 ? static_cast<std::uint8_t>(std::lround(std::min(value, 255.0))) : std::uint8_t{0};
 }
 
 /// @throws InputError also for a count that `compressed_bytes`, the size of the file, cannot hold
-Header parse_header(const std::uint8_t* bytes, std::uint64_t compressed_bytes, const std::string& name) {
-  if (std::memcmp(bytes, kMagic, sizeof kMagic) != 0) {
+void check_header(const Header& header, std::uint64_t compressed_bytes, const std::string& name) {
+  const int degree = header.sh_degree, bits = header.fractional_bits;
+  if (header.magic != kMagic) {
     input_error(name, ": not an SPZ file (expected the content to begin with \"NGSP\"); it is of another format");
   }
-  const Header header{load_u32(bytes + 4), load_u32(bytes + 8), bytes[12], bytes[13], bytes[14]};
   if (header.version < 1 || header.version > kLastGzipVersion) {
     input_error(name, ": expected SPZ version 1 to 3, found ", header.version);
   }
-  if (header.sh_degree > kMaxShDegree) {
-    input_error(name, ": expected SH degree 0 to 3, found ", header.sh_degree,
-                "; export it again with at most degree 3");
+  if (degree > kMaxShDegree) {
+    input_error(name, ": expected SH degree 0 to 3, found ", degree, "; export it again with at most degree 3");
   }
-  if (header.version > 1 && header.fractional_bits >= kPositionBits) {
-    input_error(name, ": expected 0 to 23 fractional bits, found ", header.fractional_bits, "; the file is damaged");
+  if (header.version > 1 && bits >= kPositionBits) {
+    input_error(name, ": expected 0 to 23 fractional bits, found ", bits, "; the file is damaged");
   }
-  const std::uint64_t claimed = header.count * header.bytes_each();
-  if (claimed > kAlwaysAllowed + kMaxRatio * compressed_bytes) {
-    input_error(name, ": claims ", header.count, " Gaussians, ", claimed, " bytes, in a file of ", compressed_bytes,
-                " bytes; it is damaged");
+  if (header.bytes() > kAlwaysAllowed + kMaxRatio * compressed_bytes) {
+    input_error(name, ": claims ", header.count, " Gaussians, ", header.bytes(), " bytes, in a file of ",
+                compressed_bytes, " bytes; it is damaged");
   }
-  return header;
 }
 
 float half_to_float(std::uint32_t half) {
@@ -169,40 +160,27 @@ void decode_fixed(const std::uint8_t* bytes, int fractional_bits, float* xyz) {
 }
 
 /// x, y, z, w in the file's axes to w, x, y, z in those of a PLY.
-void store_quat(const std::array<double, 4>& xyzw, float* wxyz) {
+void decode_rotation(const Header& header, const std::uint8_t* bytes, float* wxyz) {
+  std::array<double, 4> xyzw{};
+  std::size_t missing = 3;  // not in the file, since the length is 1
+  if (header.version < 3) {
+    for (std::size_t i = 0; i < 3; ++i) xyzw[i] = bytes[i] / 127.5 - 1;
+  } else {
+    std::uint32_t packed = 0;
+    std::memcpy(&packed, bytes, sizeof packed);
+    missing = packed >> 30;
+    for (std::size_t i = 4; i-- > 0;) {
+      if (i == missing) continue;
+      const double magnitude = (packed & 511) / kQuatMagnitude * kSqrtHalf;
+      xyzw[i] = (packed & 512) != 0 ? -magnitude : magnitude;
+      packed >>= 10;
+    }
+  }
+  double sum = 0;
+  for (const double value : xyzw) sum += value * value;
+  xyzw[missing] = std::sqrt(std::max(0.0, 1 - sum));
   wxyz[0] = static_cast<float>(xyzw[3]);
   for (std::size_t axis = 0; axis < 3; ++axis) wxyz[axis + 1] = kAxisSigns[axis] * static_cast<float>(xyzw[axis]);
-}
-
-double last_component(double sum_of_squares) {
-  return std::sqrt(std::max(0.0, 1 - sum_of_squares));
-}
-
-void decode_smallest_three(const std::uint8_t* bytes, float* quat) {
-  std::uint32_t packed = load_u32(bytes);
-  const std::size_t largest = packed >> 30;
-  std::array<double, 4> xyzw{};
-  double sum = 0;
-  for (std::size_t i = 4; i-- > 0;) {
-    if (i == largest) continue;
-    const double magnitude = (packed & 511) / kQuatMagnitude * kSqrtHalf;
-    xyzw[i] = (packed & 512) != 0 ? -magnitude : magnitude;
-    sum += magnitude * magnitude;
-    packed >>= 10;
-  }
-  xyzw[largest] = last_component(sum);
-  store_quat(xyzw, quat);
-}
-
-void decode_first_three(const std::uint8_t* bytes, float* quat) {
-  std::array<double, 4> xyzw{};
-  double sum = 0;
-  for (std::size_t i = 0; i < 3; ++i) {
-    xyzw[i] = bytes[i] / 127.5 - 1;
-    sum += xyzw[i] * xyzw[i];
-  }
-  xyzw[3] = last_component(sum);
-  store_quat(xyzw, quat);
 }
 
 float decode_opacity(std::uint8_t byte) {
@@ -234,7 +212,7 @@ void encode_smallest_three(const float* quat, std::uint8_t* bytes) {
     const double magnitude = std::min(std::round(std::abs(value) / kSqrtHalf * kQuatMagnitude), kQuatMagnitude);
     packed = packed << 10 | (value < 0 ? 512u : 0u) | static_cast<std::uint32_t>(magnitude);
   }
-  store_u32(packed, bytes);
+  std::memcpy(bytes, &packed, sizeof packed);
 }
 
 }  // namespace
@@ -268,24 +246,19 @@ int spz_fractional_bits(const SplatCloud& cloud) {
 }
 
 void write_spz(const std::filesystem::path& path, const SplatCloud& cloud, int sh_bits) {
-  Header header;
-  header.count = static_cast<std::uint64_t>(cloud.size());
-  header.sh_degree = cloud.sh_degree;
-  header.fractional_bits = spz_fractional_bits(cloud);
-  header.flags = cloud.antialiased ? kAntialiased : 0;
   B3DGS_CHECK(cloud.sh_degree >= 0 && cloud.sh_degree <= kMaxShDegree, "SH degree ", cloud.sh_degree);
-  B3DGS_CHECK(header.count <= 0xffffffffu, header.count, " Gaussians");
+  B3DGS_CHECK(cloud.size() <= 0xffffffff, cloud.size(), " Gaussians");
   B3DGS_CHECK(sh_bits >= 1 && sh_bits <= kSpzShBits, sh_bits, " bits");
+  Header header;
+  header.count = static_cast<std::uint32_t>(cloud.size());
+  header.sh_degree = static_cast<std::uint8_t>(cloud.sh_degree);
+  header.fractional_bits = static_cast<std::uint8_t>(spz_fractional_bits(cloud));
+  header.flags = cloud.antialiased ? kAntialiased : 0;
   const double log_unit = std::log(cloud.frame.unit), sh_step = 1 << (kSpzShBits - sh_bits);
-  const std::size_t n = header.count, n_sh = 3 * header.rest();
-  std::string content(kHeaderBytes + n * header.bytes_each(), '\0');
+  const std::size_t n = header.count, n_sh = sh_rest_count(header.sh_degree);
+  std::string content(kHeaderBytes + header.bytes(), '\0');
   auto* to = reinterpret_cast<std::uint8_t*>(content.data());
-  std::memcpy(to, kMagic, sizeof kMagic);
-  store_u32(header.version, to + 4);
-  store_u32(static_cast<std::uint32_t>(header.count), to + 8);
-  to[12] = static_cast<std::uint8_t>(header.sh_degree);
-  to[13] = static_cast<std::uint8_t>(header.fractional_bits);
-  to[14] = header.flags;
+  std::memcpy(to, &header, kHeaderBytes);
   to += kHeaderBytes;
   for (std::size_t row = 0; row < n; ++row, to += 9) {
     encode_fixed(cloud.frame.to_world(&cloud.means[3 * row]), header.fractional_bits, to);
@@ -312,7 +285,7 @@ SplatCloud read_spz(FileReader& file) {
   const std::string name = file.name();
   std::string compressed(file.remaining(), '\0');
   file.read_bytes(compressed.data(), compressed.size());
-  if (compressed.compare(0, sizeof kMagic, kMagic, sizeof kMagic) == 0) {
+  if (compressed.compare(0, kMagic.size(), kMagic.data(), kMagic.size()) == 0) {
     input_error(name, ": expected SPZ version 1 to 3, found version 4 or later, which is compressed in another way; ",
                 "convert it first: splat-transform IN.spz OUT.ply");
   }
@@ -323,9 +296,10 @@ SplatCloud read_spz(FileReader& file) {
   };
   std::string content = decompress(compressed, kHeaderBytes, name);
   expect_bytes(content, kHeaderBytes);
-  const Header header = parse_header(reinterpret_cast<std::uint8_t*>(content.data()), compressed.size(), name);
-  const std::size_t n = header.count, n_sh = 3 * header.rest();
-  const std::size_t expected = kHeaderBytes + n * header.bytes_each();
+  Header header;
+  std::memcpy(&header, content.data(), kHeaderBytes);
+  check_header(header, compressed.size(), name);
+  const std::size_t n = header.count, n_sh = sh_rest_count(header.sh_degree), expected = kHeaderBytes + header.bytes();
   const std::size_t most = expected + ((header.flags & ~kAntialiased) != 0 ? kMaxExtensionBytes : 0);
   content = decompress(compressed, most + 1, name);
   expect_bytes(content, expected);
@@ -351,8 +325,7 @@ SplatCloud read_spz(FileReader& file) {
   for (float& scale : cloud.log_scales) scale = static_cast<float>(*from++) / 16 - 10;
   cloud.quats.resize(4 * n);
   for (std::size_t row = 0; row < n; ++row, from += header.rotation_bytes()) {
-    float* const quat = &cloud.quats[4 * row];
-    header.version < 3 ? decode_first_three(from, quat) : decode_smallest_three(from, quat);
+    decode_rotation(header, from, &cloud.quats[4 * row]);
   }
   cloud.shN.resize(n * n_sh);
   for (std::size_t i = 0; i < n * n_sh; ++i) {

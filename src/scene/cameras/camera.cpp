@@ -92,6 +92,10 @@ std::array<double, 3> rotated_back(const std::array<double, 9>& r, const std::ar
           r[2] * v[0] + r[5] * v[1] + r[8] * v[2]};
 }
 
+double distance(const std::array<double, 3>& a, const std::array<double, 3>& b) {
+  return std::hypot(a[0] - b[0], a[1] - b[1], a[2] - b[2]);
+}
+
 Camera Camera::with_field_of_view(int width, int height, double fov, const Pose& cam_from_world) {
   const double focal = 0.5 * height / std::tan(0.5 * fov * kPi / 180);
   return {width, height, focal, focal, 0.5 * width, 0.5 * height, cam_from_world, {}};

@@ -30,6 +30,8 @@ std::array<double, 4> quaternion_from_rotation(const std::array<double, 9>& rota
 std::array<double, 3> rotated(const std::array<double, 9>& rotation, const std::array<double, 3>& v);
 std::array<double, 3> rotated_back(const std::array<double, 9>& rotation, const std::array<double, 3>& v);
 
+double distance(const std::array<double, 3>& a, const std::array<double, 3>& b);
+
 /// Where a point is in an image, px, and its depth (lens_depth() in raster/math/lens.h).
 struct ImagePoint {
   double x = 0, y = 0, depth = 0;

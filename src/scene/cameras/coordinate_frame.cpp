@@ -85,9 +85,8 @@ double usual_spacing(const std::vector<Camera>& cameras) {
     const std::array<double, 3> own = cameras[i].center();
     double nearest = 0;
     for (std::size_t k = 0; k < cameras.size(); ++k) {
-      const std::array<double, 3> other = cameras[k].center();
-      const double distance = std::hypot(other[0] - own[0], other[1] - own[1], other[2] - own[2]);
-      if (k != i && distance > 0 && (nearest == 0 || distance < nearest)) nearest = distance;
+      const double from_other = distance(cameras[k].center(), own);
+      if (from_other > 0 && (nearest == 0 || from_other < nearest)) nearest = from_other;
     }
     spacings.push_back(nearest);
   }
@@ -127,10 +126,7 @@ CoordinateFrame choose_frame(const std::vector<Camera>& cameras, const std::vect
 double camera_radius(const std::vector<Camera>& cameras) {
   const std::array<double, 3> mean = mean_center(cameras);
   double largest = 0;
-  for (const Camera& camera : cameras) {
-    const std::array<double, 3> center = camera.center();
-    largest = std::max(largest, std::hypot(center[0] - mean[0], center[1] - mean[1], center[2] - mean[2]));
-  }
+  for (const Camera& camera : cameras) largest = std::max(largest, distance(camera.center(), mean));
   return largest;
 }
 

@@ -20,6 +20,11 @@ std::string key_of(const fs::path& relative) {
   return lower_case(fs::path(relative).replace_extension().generic_string());
 }
 
+bool is_folder(const fs::path& path) {
+  std::error_code error;
+  return fs::is_directory(path, error);
+}
+
 // 4, and "images" in `base`, for "images_4"; 0 for names of another form.
 int divisor_of(const std::string& images, std::string& base) {
   const std::size_t underscore = images.rfind('_');
@@ -27,18 +32,16 @@ int divisor_of(const std::string& images, std::string& base) {
   int divisor = 0;
   const char* end = images.data() + images.size();
   const auto result = std::from_chars(images.data() + underscore + 1, end, divisor);
-  if (result.ec != std::errc() || result.ptr != end || divisor < 1) return 0;
   base = images.substr(0, underscore);
-  return divisor;
+  return result.ec == std::errc() && result.ptr == end ? std::max(divisor, 0) : 0;
 }
 
 std::string list_subfolders(const fs::path& source) {
-  std::vector<std::string> names;
+  std::set<std::string> names;
   std::error_code error;
   for (const fs::directory_entry& entry : fs::directory_iterator(source, error)) {
-    if (entry.is_directory(error)) names.push_back(entry.path().filename().string());
+    if (is_folder(entry.path())) names.insert(entry.path().filename().string());
   }
-  std::sort(names.begin(), names.end());
   std::string list;
   for (const std::string& name : names) list += (list.empty() ? "" : ", ") + name;
   return list.empty() ? "no folders" : list;
@@ -55,11 +58,6 @@ std::vector<std::string> names_in_folder(const std::string& name, const std::str
   return names;
 }
 
-bool is_folder(const fs::path& path) {
-  std::error_code error;
-  return fs::is_directory(path, error);
-}
-
 }  // namespace
 
 bool is_file(const fs::path& path) {
@@ -74,27 +72,22 @@ bool has_image_extension(const fs::path& path) {
 
 ImageFolder::ImageFolder(const fs::path& source, const std::string& images)
     : source_(source), folder_(source / images), images_(images) {
-  if (fs::is_directory(folder_)) {
-    list_files();
-    return;
+  if (!is_folder(folder_)) {
+    std::string base;
+    const int divisor = divisor_of(images, base);
+    if (divisor > 0 && is_folder(source / base)) {
+      folder_ = source / base;
+      divisor_ = divisor;
+      note_ = detail::concat(images, "/ not found: using ", base, "/ with images reduced by ", divisor);
+    } else if (images == "images") {  // the names may be relative to the scene folder
+      folder_ = source;
+      note_ = "images/ not found: searching the scene folder itself";
+      return;
+    } else {
+      input_error(folder_.string(), ": image folder not found; the scene folder contains ", list_subfolders(source),
+                  "; choose one with -i");
+    }
   }
-  std::string base;
-  const int divisor = divisor_of(images, base);
-  if (divisor > 0 && fs::is_directory(source / base)) {
-    folder_ = source / base;
-    divisor_ = divisor;
-    note_ = detail::concat(images, "/ not found: using ", base, "/ with images reduced by ", divisor);
-    list_files();
-  } else if (images == "images") {  // the names may be relative to the scene folder
-    folder_ = source;
-    note_ = "images/ not found: searching the scene folder itself";
-  } else {
-    input_error(folder_.string(), ": image folder not found; the scene folder contains ", list_subfolders(source),
-                "; choose one with -i");
-  }
-}
-
-void ImageFolder::list_files() {
   std::error_code error;
   const auto options = fs::directory_options::skip_permission_denied;
   for (fs::recursive_directory_iterator entry(folder_, options, error), end; !error && entry != end;
@@ -146,17 +139,17 @@ fs::path ImageFolder::find(const std::string& name) const {
 }
 
 fs::path ImageFolder::find_similar(const std::string& name) const {
+  const auto find_in = [](const Index& index, const fs::path& path) {
+    const auto entry = index.find(key_of(path));
+    return entry == index.end() ? fs::path() : entry->second;
+  };
   const std::vector<std::string> names = names_in_folder(name, images_);
   for (const std::string& candidate : names) {
-    const auto entry = by_path_.find(key_of(candidate));
-    if (entry != by_path_.end() && !entry->second.empty()) return entry->second;
+    if (const fs::path file = find_in(by_path_, candidate); !file.empty()) return file;
   }
-  const fs::path shortest = names.back();
-  const auto entry = by_name_.find(key_of(shortest.filename()));
-  if (entry == by_name_.end() || entry->second.empty()) return {};
+  const fs::path shortest = names.back(), file = find_in(by_name_, shortest.filename());
   // left/0001.jpg is not right/0001.jpg.
-  const bool is_flat = !shortest.has_parent_path() || entry->second.parent_path() == folder_;
-  return is_flat ? entry->second : fs::path();
+  return !shortest.has_parent_path() || file.parent_path() == folder_ ? file : fs::path();
 }
 
 std::size_t ImageFolder::count_others(const std::set<fs::path>& used) const {

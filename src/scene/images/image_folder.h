@@ -47,8 +47,6 @@ class ImageFolder {
   /// has no sub-folder; empty if there is none, or more than one.
   std::filesystem::path find_similar(const std::string& name) const;
 
-  void list_files();
-
   std::filesystem::path source_, folder_;
   std::string images_;
   int divisor_ = 1;

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <array>
+#include <cmath>
 #include <cstdlib>
 #include <cstring>
 #include <fstream>
@@ -87,9 +88,7 @@ bool begins_with(const Bytes& bytes, const Segment& segment, std::uint8_t marker
          std::memcmp(bytes.data() + segment.begin + 4, text.data(), text.size()) == 0;
 }
 
-bool is_exif(const Bytes& bytes, const Segment& segment) {
-  return begins_with(bytes, segment, kApp1, {"Exif\0\0", 6});
-}
+constexpr std::string_view kExif("Exif\0\0", 6), kColorProfile("ICC_PROFILE", 12);
 
 struct Orientation {
   std::size_t at = 0;  // of its two bytes
@@ -102,15 +101,14 @@ std::optional<Orientation> orientation_in(const Bytes& bytes, const Segment& seg
   constexpr std::size_t kEntryBytes = 12;
   constexpr std::uint32_t kOrientationTag = 0x0112, kShort = 3;
   const std::size_t tiff = segment.begin + 10;
-  if (tiff + 8 > segment.end) return std::nullopt;
+  if (!begins_with(bytes, segment, kApp1, kExif) || tiff + 8 > segment.end) return std::nullopt;
   const bool is_little = bytes[tiff] == 'I';
   if (bytes[tiff + 1] != bytes[tiff] || (!is_little && bytes[tiff] != 'M')) return std::nullopt;
   const auto number = [&](std::size_t at, std::size_t count) { return value_at(bytes, at, count, is_little); };
   const std::size_t directory = tiff + number(tiff + 4, 4);
   if (directory + 2 > segment.end) return std::nullopt;
-  const std::size_t n_entries = number(directory, 2);
-  for (std::size_t i = 0; i < n_entries; ++i) {
-    const std::size_t entry = directory + 2 + i * kEntryBytes;
+  std::size_t entry = directory + 2;
+  for (std::size_t left = number(directory, 2); left > 0; --left, entry += kEntryBytes) {
     if (entry + kEntryBytes > segment.end) return std::nullopt;
     if (number(entry, 2) != kOrientationTag || number(entry + 2, 2) != kShort) continue;
     const auto value = static_cast<int>(number(entry + 8, 2));
@@ -122,7 +120,6 @@ std::optional<Orientation> orientation_in(const Bytes& bytes, const Segment& seg
 
 std::optional<Orientation> find_orientation(const Bytes& bytes) {
   for (const Segment& segment : segments_of(bytes)) {
-    if (!is_exif(bytes, segment)) continue;
     if (const auto found = orientation_in(bytes, segment)) return found;
   }
   return std::nullopt;
@@ -131,13 +128,17 @@ std::optional<Orientation> find_orientation(const Bytes& bytes) {
 /// As EXIF 2.3 defines the values: where row 0 and column 0 of the stored image belong. OpenCV would turn it only if
 /// EXIF is the first of the application segments of its kind.
 cv::Mat upright(const cv::Mat& stored, int orientation) {
+  constexpr std::array<bool, 9> kFlipsColumns{false, false, true, true, false, false, true, true, false},
+      kFlipsRows{false, false, false, true, true, false, false, true, true};
   cv::Mat image = stored;
   if (orientation >= 5) cv::transpose(image, image);
-  const bool flips_columns = orientation == 2 || orientation == 3 || orientation == 6 || orientation == 7;
-  const bool flips_rows = orientation == 3 || orientation == 4 || orientation == 7 || orientation == 8;
-  if (flips_columns) cv::flip(image, image, 1);
-  if (flips_rows) cv::flip(image, image, 0);
+  if (kFlipsColumns[orientation]) cv::flip(image, image, 1);
+  if (kFlipsRows[orientation]) cv::flip(image, image, 0);
   return image;
+}
+
+bool is_divisor(int resolution) {
+  return resolution == 1 || resolution == 2 || resolution == 4 || resolution == 8;
 }
 
 }  // namespace
@@ -207,7 +208,7 @@ std::optional<Bytes> turned_upright(const Bytes& jpeg) {
   const auto place = encoded.begin() + static_cast<std::ptrdiff_t>(first.marker == kApp0 ? first.end : 2);
   Bytes result(encoded.begin(), place);
   for (const Segment& segment : segments_of(source)) {
-    if (is_exif(source, segment) || begins_with(source, segment, kApp2, {"ICC_PROFILE", 12})) {
+    if (begins_with(source, segment, kApp1, kExif) || begins_with(source, segment, kApp2, kColorProfile)) {
       result.insert(result.end(), source.data() + segment.begin, source.data() + segment.end);
     }
   }
@@ -217,28 +218,17 @@ std::optional<Bytes> turned_upright(const Bytes& jpeg) {
 
 ImageSize divided_size(ImageSize size, int divisor) {
   const auto divided = [&](std::int64_t side) {
-    return std::max(1, static_cast<int>((2 * side + divisor) / (2 * divisor)));
+    return std::max(1, static_cast<int>((2 * side + divisor) / (2 * std::int64_t{divisor})));
   };
   return {divided(size.width), divided(size.height)};
 }
 
-namespace {
-
-bool is_divisor(int resolution) {
-  return resolution == 1 || resolution == 2 || resolution == 4 || resolution == 8;
-}
-
-int divide_halves_to_even(int side, int divisor) {
-  const int quotient = side / divisor, twice_rest = 2 * (side % divisor);
-  const bool is_up = twice_rest > divisor || (twice_rest == divisor && quotient % 2 == 1);
-  return std::max(1, quotient + (is_up ? 1 : 0));
-}
-
-}  // namespace
-
 ImageSize training_size(ImageSize size, int resolution) {
   if (is_divisor(resolution)) {
-    return {divide_halves_to_even(size.width, resolution), divide_halves_to_even(size.height, resolution)};
+    const auto divided = [&](double side) {  // halves to even
+      return std::max(1, static_cast<int>(std::nearbyint(side / resolution)));
+    };
+    return {divided(size.width), divided(size.height)};
   }
   const int width = resolution == -1 ? kMaxDefaultWidth : resolution;
   if (width >= size.width) return size;

@@ -60,12 +60,11 @@ std::vector<std::size_t> neighbours_of(const std::vector<SeedView>& views, std::
   const std::array<double, 9>& own = views[view].camera.cam_from_world.rotation;
   std::vector<std::pair<double, std::size_t>> others;
   for (std::size_t i = 0; i < views.size(); ++i) {
-    const Vec other = views[i].camera.center();
     const std::array<double, 9>& r = views[i].camera.cam_from_world.rotation;
     const double cosine = own[6] * r[6] + own[7] * r[7] + own[8] * r[8];
-    const double distance = std::hypot(other[0] - center[0], other[1] - center[1], other[2] - center[2]);
-    if (i == view || distance < kLeastDistance || cosine < kLeastCosine) continue;
-    others.emplace_back(distance, i);
+    const double apart = distance(views[i].camera.center(), center);
+    if (i == view || apart < kLeastDistance || cosine < kLeastCosine) continue;
+    others.emplace_back(apart, i);
   }
   std::sort(others.begin(), others.end());
   std::vector<std::size_t> chosen;
