@@ -71,18 +71,6 @@ void write_json_file(const fs::path& path, const Json& json, int indent) {
   write_file(path, json.dump(indent, ' ', false, Json::error_handler_t::replace) + "\n");
 }
 
-fs::path ModelFolder::ply(int iteration) const {
-  return root_ / "point_cloud" / ("iteration_" + std::to_string(iteration)) / "point_cloud.ply";
-}
-
-fs::path ModelFolder::exposures(int iteration) const {
-  return ply(iteration).replace_filename("exposure.json");
-}
-
-fs::path ModelFolder::checkpoint(int iteration) const {
-  return root_ / "checkpoints" / ("iteration_" + std::to_string(iteration) + ".b3dgs");
-}
-
 std::vector<int> ModelFolder::ply_iterations() const {
   std::vector<int> iterations = list_iterations(root_ / "point_cloud", "");
   const auto has_no_ply = [&](int iteration) { return !fs::exists(ply(iteration)); };

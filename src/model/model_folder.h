@@ -17,8 +17,7 @@
 namespace b3dgs {
 
 struct ImageQuality {
-  double psnr = 0;  // dB
-  double ssim = 0;
+  double psnr = 0, ssim = 0;               // PSNR in dB
   std::optional<double> corrected_psnr{};  // dB, of the render with its colours fitted to the photograph
   std::optional<double> lpips{};           // by Evaluation::lpips_network
 };
@@ -36,12 +35,11 @@ struct Evaluation {
   std::vector<std::string> unmeasured{};  // names of views without a valid pixel
 };
 
-/// "", or what follows a number of views: "; 2 more have no valid pixel (first: b.png)".
+/// "", or what follows a number of views: "; 2 without a valid pixel (first: b.png)".
 inline std::string describe_unmeasured(const Evaluation& evaluation) {
-  const std::size_t n = evaluation.unmeasured.size();
-  if (n == 0) return "";
-  return "; " + std::to_string(n) + (n == 1 ? " more has no valid pixel (" : " more have no valid pixel (first: ") +
-         evaluation.unmeasured.front() + ")";
+  if (evaluation.unmeasured.empty()) return "";
+  return "; " + std::to_string(evaluation.unmeasured.size()) +
+         " without a valid pixel (first: " + evaluation.unmeasured.front() + ")";
 }
 
 // The folder of a trained model, with the layout of the original 3DGS. All file names are defined here.
@@ -61,13 +59,17 @@ class ModelFolder {
   explicit ModelFolder(std::filesystem::path root) : root_(std::move(root)) {}
 
   const std::filesystem::path& root() const { return root_; }
-  std::filesystem::path ply(int iteration) const;         // point_cloud/iteration_N/point_cloud.ply
-  std::filesystem::path checkpoint(int iteration) const;  // checkpoints/iteration_N.b3dgs
+  std::filesystem::path ply(int iteration) const {
+    return root_ / "point_cloud" / ("iteration_" + std::to_string(iteration)) / "point_cloud.ply";
+  }
+  std::filesystem::path checkpoint(int iteration) const {
+    return root_ / "checkpoints" / ("iteration_" + std::to_string(iteration) + ".b3dgs");
+  }
   std::filesystem::path cameras() const { return root_ / "cameras.json"; }
   std::filesystem::path poses() const { return root_ / "poses.json"; }              // refined poses (cameras_json.h)
   std::filesystem::path photographs() const { return root_ / "photographs.json"; }  // fingerprints (photographs.h)
   std::filesystem::path exposures() const { return root_ / "exposure.json"; }       // of the last PLY
-  std::filesystem::path exposures(int iteration) const;                             // beside the PLY
+  std::filesystem::path exposures(int iteration) const { return ply(iteration).replace_filename("exposure.json"); }
   std::filesystem::path log() const { return root_ / "train.jsonl"; }
 
   /// Iterations with a PLY, or with a checkpoint file (valid or not), ascending.

@@ -4,6 +4,7 @@
 #include <atomic>
 #include <cmath>
 #include <map>
+#include <mutex>
 #include <set>
 #include <tuple>
 
@@ -125,27 +126,15 @@ std::shared_ptr<SceneImages> prepare_images(std::vector<ViewSource>& sources, co
   return std::make_shared<SceneImages>(plan, std::move(undistorters), options.white_background);
 }
 
-ViewImage::ViewImage(Image8 image) : size_{image.width, image.height} {
+ViewImage::ViewImage(Image8 image) {
   B3DGS_CHECK(image.channels == 3, "expected 3 channels, found ", image.channels);
+  source_.size = source_.file_size = image.size();
   held_ = std::make_shared<const Image8>(std::move(image));
-}
-
-ViewImage::ViewImage(ViewSource source, std::shared_ptr<SceneImages> shared)
-    : size_(source.size), source_(std::move(source)), shared_(std::move(shared)) {}
-
-std::shared_ptr<const Image8> ViewImage::held() const {
-  const std::lock_guard<std::mutex> lock(mutex_);
-  return held_;
-}
-
-void ViewImage::hold(std::shared_ptr<const Image8> image) {
-  const std::lock_guard<std::mutex> lock(mutex_);
-  held_ = std::move(image);
 }
 
 std::shared_ptr<const Image8> ViewImage::read() const {
   if (auto image = held()) return image;
-  auto image = std::make_shared<Image8>(size_.width, size_.height, 3);
+  auto image = std::make_shared<Image8>(size().width, size().height, 3);
   decode_into(image->pixels.data());
   return image;
 }
@@ -159,22 +148,17 @@ void ViewImage::read_into(std::uint8_t* rgb) const {
 }
 
 void ViewImage::decode_into(std::uint8_t* rgb) const {
+  const ImageSize full = source_.file_size;
   const bool is_pinhole = source_.lens_group < 0;
-  if (is_pinhole && !source_.is_reduced()) {
-    read_image_into(source_.file, shared_->white_background, source_.file_size, rgb);
-    return;
-  }
-  Image8 image(source_.file_size.width, source_.file_size.height, 3);
-  read_image_into(source_.file, shared_->white_background, source_.file_size, image.pixels.data());
+  if (is_pinhole && !source_.is_reduced()) return read_image_into(source_.file, shared_->white_background, full, rgb);
+  Image8 image(full.width, full.height, 3);
+  read_image_into(source_.file, shared_->white_background, full, image.pixels.data());
   if (!is_pinhole) {
     const std::shared_ptr<const Undistorter> undistorter = shared_->undistorters->get(source_.lens_group);
-    if (!source_.is_reduced()) {
-      undistorter->apply_into(image, rgb);
-      return;
-    }
+    if (!source_.is_reduced()) return undistorter->apply_into(image, rgb);
     image = undistorter->apply(image);
   }
-  resize_into(image, size_, rgb);
+  resize_into(image, size(), rgb);
 }
 
 std::optional<Image8> ViewImage::read_alpha() const {
@@ -182,11 +166,11 @@ std::optional<Image8> ViewImage::read_alpha() const {
   std::optional<Image8> alpha = b3dgs::read_alpha(source_.file);
   if (!alpha) return std::nullopt;
   if (source_.lens_group >= 0) alpha = shared_->undistorters->get(source_.lens_group)->apply(*alpha);
-  return source_.is_reduced() ? resize_image(*alpha, size_.width, size_.height) : *alpha;
+  return resize_image(*alpha, size().width, size().height);
 }
 
 Depth16 ViewImage::read_depth(const std::filesystem::path& file) const {
-  const ImageSize photograph = shared_ ? source_.file_size : size_;
+  const ImageSize photograph = source_.file_size;
   Depth16 map = read_depth_map(file);
   if (!has_same_aspect(map.size(), photograph)) {
     input_error(file.string(), ": expected the aspect ratio of its photograph, ", photograph.width, " x ",
@@ -195,7 +179,7 @@ Depth16 ViewImage::read_depth(const std::filesystem::path& file) const {
   if (source_.lens_group >= 0) {
     map = shared_->undistorters->get(source_.lens_group)->apply(resize_image(map, photograph.width, photograph.height));
   }
-  return resize_image(map, size_.width, size_.height);
+  return resize_image(map, size().width, size().height);
 }
 
 void hold_images(const std::vector<View>& views, const ProgressFn& progress) {

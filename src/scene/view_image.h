@@ -5,7 +5,6 @@
 #include <cstdint>
 #include <filesystem>
 #include <memory>
-#include <mutex>
 #include <optional>
 #include <string>
 #include <utility>
@@ -53,17 +52,18 @@ class ViewImage {
   /// An image that exists only in memory.
   explicit ViewImage(Image8 image);
   /// A photograph on disk.
-  ViewImage(ViewSource source, std::shared_ptr<SceneImages> shared);
+  ViewImage(ViewSource source, std::shared_ptr<SceneImages> shared)
+      : source_(std::move(source)), shared_(std::move(shared)) {}
 
-  ImageSize size() const { return size_; }  // px
-  std::int64_t n_bytes() const { return std::int64_t{3} * size_.width * size_.height; }
+  ImageSize size() const { return source_.size; }  // px
+  std::int64_t n_bytes() const { return std::int64_t{3} * size().width * size().height; }
   /// -1: none. Reading the images of one group together avoids building its undistortion map more than once.
   int lens_group() const { return source_.lens_group; }
   /// The scene's; null for an image that exists only in memory.
   ImageMemory* memory() const { return shared_ ? &shared_->memory : nullptr; }
 
   /// The image if it is in memory; else null.
-  std::shared_ptr<const Image8> held() const;
+  std::shared_ptr<const Image8> held() const { return std::atomic_load(&held_); }
   /// The image from memory, or decoded from disk, undistorted and reduced to size(). @throws InputError with the file's
   /// name if it is missing or damaged, or its size has changed since the scene was loaded
   std::shared_ptr<const Image8> read() const;
@@ -78,15 +78,13 @@ class ViewImage {
   Depth16 read_depth(const std::filesystem::path& file) const;
 
   /// Keeps the image in memory, which the caller has reserved (ImageMemory::try_hold).
-  void hold(std::shared_ptr<const Image8> image);
+  void hold(std::shared_ptr<const Image8> image) { std::atomic_store(&held_, std::move(image)); }
 
  private:
   void decode_into(std::uint8_t* rgb) const;
 
-  ImageSize size_;
   ViewSource source_;
   std::shared_ptr<SceneImages> shared_;
-  mutable std::mutex mutex_;
   std::shared_ptr<const Image8> held_;
 };
 

@@ -21,7 +21,6 @@ constexpr const char* kAntialiasedComment = "SplatRenderMode: mip";
 static_assert(__BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__, "values are written in memory order");
 #endif
 
-constexpr const char* kOpacity = "opacity";
 // Opacities of 8 bits are often exactly 0 or 1, whose logits are infinite. At this one, opacity is 1 - 3e-7.
 constexpr double kLargestLogit = 15;
 
@@ -45,7 +44,7 @@ std::vector<Property> properties_of(int sh_degree) {
     const std::size_t column = i % n_coefficients * 3 + i / n_coefficients;
     properties.push_back({"f_rest_" + std::to_string(i), &SplatCloud::shN, n_rest, column});
   }
-  properties.push_back({kOpacity, &SplatCloud::logit_opacities, 1, 0});
+  properties.push_back({"opacity", &SplatCloud::logit_opacities, 1, 0});
   add("scale_", &SplatCloud::log_scales, 3);
   add("rot_", &SplatCloud::quats, 4);
   return properties;
@@ -61,23 +60,6 @@ int sh_degree_of(const PlyReader& reader) {
     if (sh_rest_count(degree) == n_rest) return degree;
   }
   input_error(reader.name(), ": expected 0, 9, 24 or 45 properties f_rest_* (SH degree 0 to 3), found ", n_rest);
-}
-
-void check_splat_row(const PlyReader& reader, const std::vector<std::string>& columns, std::uint64_t row,
-                     const double* values) {
-  const std::string remedy = "; remove this Gaussian or export the file again";
-  for (std::size_t i = 0; i < columns.size(); ++i) {
-    if (columns[i] == kOpacity && !std::isnan(values[i])) continue;  // limited when it is read
-    if (!std::isfinite(static_cast<float>(values[i]))) {
-      input_error(reader.name(), ": row ", row, " (counted from 0): expected a finite ", columns[i], ", found ",
-                  values[i], remedy);
-    }
-  }
-  const double* quat = values + columns.size() - 4;
-  if (quat[0] == 0 && quat[1] == 0 && quat[2] == 0 && quat[3] == 0) {
-    input_error(reader.name(), ": row ", row,
-                " (counted from 0): expected a rotation quaternion rot_0..3, found one of length 0", remedy);
-  }
 }
 
 /// The world's, unless it is too far from the Gaussians for single precision.
@@ -124,28 +106,23 @@ void SplatPlyWriter::append(const SplatCloud& rows) {
   for (std::int64_t begin = 0; begin < n; begin += kRowsPerBlock) {
     const std::int64_t end = std::min(n, begin + kRowsPerBlock);
     block.assign(static_cast<std::size_t>(end - begin) * row_bytes, 0);  // normals stay 0
-    const auto put = [&](std::int64_t row, std::size_t offset, auto value) {
-      std::memcpy(block.data() + static_cast<std::size_t>(row - begin) * row_bytes + offset, &value, sizeof value);
-    };
-    for (std::int64_t row = begin; row < end; ++row) {
-      const std::array<double, 3> world = frame_.to_world(&rows.means[static_cast<std::size_t>(3 * row)]);
-      for (std::size_t axis = 0; axis < kMeans; ++axis) {
-        if (is_far) {
-          put(row, axis * sizeof(double), world[axis]);
+    std::size_t offset = 0;
+    for (const Property& property : properties) {
+      const bool is_mean = property.values == &SplatCloud::means, is_scale = property.values == &SplatCloud::log_scales;
+      const float* from =
+          (rows.*property.values).data() + static_cast<std::size_t>(begin) * property.width + property.column;
+      char* to = block.data() + offset;
+      const auto put = [&](auto value) { std::memcpy(to, &value, sizeof value); };
+      for (std::int64_t row = begin; row < end; ++row, from += property.width, to += row_bytes) {
+        if (is_mean) {
+          const double world = frame_.origin[property.column] + frame_.unit * *from;
+          is_far ? put(world) : put(static_cast<float>(world));
         } else {
-          put(row, axis * sizeof(float), static_cast<float>(world[axis]));
+          put(is_scale ? static_cast<float>(*from + log_unit) : *from);
         }
       }
-    }
-    std::size_t offset = mean_bytes + kNormals * sizeof(float);
-    for (std::size_t i = kMeans; i < properties.size(); ++i, offset += sizeof(float)) {
-      const Property& property = properties[i];
-      const float* const values = (rows.*property.values).data() + property.column;
-      const bool is_scale = property.values == &SplatCloud::log_scales;
-      for (std::int64_t row = begin; row < end; ++row) {
-        const float value = values[static_cast<std::size_t>(row) * property.width];
-        put(row, offset, is_scale ? static_cast<float>(value + log_unit) : value);
-      }
+      offset += is_mean && is_far ? sizeof(double) : sizeof(float);
+      if (offset == mean_bytes) offset += kNormals * sizeof(float);
     }
     file_.write(block.data(), block.size());
   }
@@ -176,6 +153,7 @@ SplatCloud read_splat_ply(const std::filesystem::path& path) {
 }
 
 SplatCloud read_splat_ply(FileReader& file) {
+  constexpr const char *kCounted = " (counted from 0): ", *kRemedy = "; remove this Gaussian or export the file again";
   PlyReader reader(file);
   refuse_other_ply(reader);
   if (!reader.vertices().find("f_dc_0") && !reader.vertices().find("opacity")) {
@@ -195,22 +173,31 @@ SplatCloud read_splat_ply(FileReader& file) {
     (cloud.*property.values).resize(n * property.width);
   }
   reader.read_vertices(columns, [&](std::uint64_t first, std::uint64_t n_rows, const double* rows) {
-    for (std::uint64_t i = 0; i < n_rows; ++i) check_splat_row(reader, columns, first + i, rows + i * columns.size());
     for (std::size_t k = 0; k < properties.size(); ++k) {
       const Property& property = properties[k];
+      const bool is_mean = property.values == &SplatCloud::means;
+      const bool is_opacity = property.values == &SplatCloud::logit_opacities;
       float* const to = (cloud.*property.values).data() + property.column;
       for (std::uint64_t i = 0; i < n_rows; ++i) {
         const double value = rows[i * columns.size() + k];
-        if (property.values == &SplatCloud::means) {
-          positions[3 * (first + i) + property.column] = value;
-          continue;
+        const auto single = static_cast<float>(value);
+        if (is_opacity ? std::isnan(value) : !std::isfinite(single)) {
+          input_error(reader.name(), ": row ", first + i, kCounted, "expected a finite ", property.name, ", found ",
+                      value, kRemedy);
         }
-        const bool is_infinite = std::isinf(static_cast<float>(value));  // only of an opacity
+        if (is_mean) positions[3 * (first + i) + property.column] = value;
+        const bool is_limited = is_opacity && std::isinf(single);
         to[(first + i) * property.width] =
-            static_cast<float>(is_infinite ? std::copysign(kLargestLogit, value) : value);
+            is_limited ? static_cast<float>(std::copysign(kLargestLogit, value)) : single;
       }
     }
   });
+  for (std::uint64_t row = 0; row < n; ++row) {
+    const float* const quat = &cloud.quats[4 * row];
+    if (quat[0] != 0 || quat[1] != 0 || quat[2] != 0 || quat[3] != 0) continue;
+    input_error(reader.name(), ": row ", row, kCounted,
+                "expected a rotation quaternion rot_0..3, found one of length 0", kRemedy);
+  }
   cloud.frame = frame_of_file(positions);
   for (std::size_t i = 0; i < positions.size(); i += 3) {
     const std::array<double, 3> local = cloud.frame.from_world(&positions[i]);

@@ -15,12 +15,6 @@ constexpr double kTolerance = 1e-2;
 
 constexpr const char* kRemedy = "; export the cameras again";
 
-double dot_of_columns(const OpenGlMatrix& m, int a, int b) {
-  double sum = 0;
-  for (int row = 0; row < 3; ++row) sum += m[4 * row + a] * m[4 * row + b];
-  return sum;
-}
-
 double determinant(const OpenGlMatrix& m) {
   return m[0] * (m[5] * m[10] - m[6] * m[9]) - m[1] * (m[4] * m[10] - m[6] * m[8]) + m[2] * (m[4] * m[9] - m[5] * m[8]);
 }
@@ -43,14 +37,10 @@ double check_matrix(const OpenGlMatrix& m, const std::string& place) {
   }
   for (int a = 0; a < 3; ++a) {
     for (int b = a; b < 3; ++b) {
-      const double dot = dot_of_columns(m, a, b) / (scale * scale);
-      if (std::abs(dot - (a == b ? 1 : 0)) <= kTolerance) continue;
-      if (a == b) {
-        input_error(place, ": expected a rotation up to a uniform scale, found column ", a + 1, " of length ",
-                    std::sqrt(dot), " relative to the others", kRemedy);
-      }
-      input_error(place, ": expected a rotation, found columns ", a + 1, " and ", b + 1,
-                  " that are not perpendicular (cosine ", dot, ")", kRemedy);
+      const double product = (m[a] * m[b] + m[4 + a] * m[4 + b] + m[8 + a] * m[8 + b]) / (scale * scale);
+      if (std::abs(product - (a == b ? 1 : 0)) <= kTolerance) continue;
+      input_error(place, ": expected a rotation up to a uniform scale, found columns that ",
+                  a == b ? "differ in length" : "are not perpendicular", kRemedy);
     }
   }
   return scale;
@@ -162,15 +152,8 @@ OpenGlMatrix opengl_from_pose(const Pose& cam_from_world) {
   Camera camera;
   camera.cam_from_world = cam_from_world;
   const std::array<double, 3> center = camera.center();
-  OpenGlMatrix matrix{};
-  for (int row = 0; row < 3; ++row) {
-    for (int column = 0; column < 3; ++column) {
-      matrix[4 * row + column] = (column == 0 ? 1 : -1) * cam_from_world.rotation[3 * column + row];
-    }
-    matrix[4 * row + 3] = center[row];
-  }
-  matrix[15] = 1;
-  return matrix;
+  const std::array<double, 9>& r = cam_from_world.rotation;
+  return {r[0], -r[3], -r[6], center[0], r[1], -r[4], -r[7], center[1], r[2], -r[5], -r[8], center[2], 0, 0, 0, 1};
 }
 
 }  // namespace b3dgs

@@ -52,7 +52,7 @@ class ImageMemory {
   /// Bytes, Plan::fixed included, and the most so far.
   std::int64_t used() const {
     const std::lock_guard<std::mutex> lock(mutex_);
-    return held_ + buffers_;
+    return plan_.fixed + held_ + buffers_;
   }
   std::int64_t peak() const { return locked(peak_); }
 
@@ -62,14 +62,15 @@ class ImageMemory {
     const std::lock_guard<std::mutex> lock(mutex_);
     return value;
   }
-  void divide();
-  void note_peak() { peak_ = std::max(peak_, held_ + buffers_); }
+  // With the mutex locked: changes one of the amounts below and what follows from them.
+  void add(std::int64_t& amount, std::int64_t bytes);
+  Use use(std::int64_t& amount, std::int64_t bytes);
 
   Plan plan_;
   std::int64_t hold_limit_ = std::numeric_limits<std::int64_t>::max();
   int n_buffers_ = kMaxBuffers;
   mutable std::mutex mutex_;
-  std::int64_t held_ = 0, buffers_ = 0, peak_ = 0;  // bytes; held_ includes Plan::fixed
+  std::int64_t held_ = 0, buffers_ = 0, peak_ = 0;  // bytes
 };
 
 }  // namespace b3dgs

@@ -67,8 +67,9 @@ std::vector<std::size_t> neighbours_of(const std::vector<SeedView>& views, std::
     others.emplace_back(apart, i);
   }
   std::sort(others.begin(), others.end());
+  others.resize(std::min(kNeighbours, others.size()));
   std::vector<std::size_t> chosen;
-  for (std::size_t i = 0; i < std::min(kNeighbours, others.size()); ++i) chosen.push_back(others[i].second);
+  for (const auto& [apart, other] : others) chosen.push_back(other);
   return chosen;
 }
 
@@ -83,15 +84,16 @@ Vec in_pixels(const Camera& camera, const Vec& v) {
   return {camera.fx * v[0] + camera.cx * v[2], camera.fy * v[1] + camera.cy * v[2], v[2]};
 }
 
-/// A pixel whose depth is looked for.
-struct Pixel {
+/// A pixel whose depth is looked for, and what was found.
+struct Seed {
   std::size_t view = 0;
   double x = 0, y = 0;
+  std::optional<double> depth{};
 };
 
 using Patch = std::array<std::array<float, 3>, kPatchPixels>;
 
-Sight sight(const SeedView& from, const SeedView& to, const Pixel& at) {
+Sight sight(const SeedView& from, const SeedView& to, const Seed& at) {
   Sight result;
   result.image = &to.image;
   const Pose &own = from.camera.cam_from_world, &other = to.camera.cam_from_world;
@@ -101,9 +103,8 @@ Sight sight(const SeedView& from, const SeedView& to, const Pixel& at) {
     const Vec ray = direction(from.camera, at.x + kPatchStep * column, at.y + kPatchStep * row);
     result.directions[i] = in_pixels(to.camera, turned(ray));
   }
-  Vec offset = turned(own.translation);
-  for (std::size_t i = 0; i < 3; ++i) offset[i] = other.translation[i] - offset[i];
-  result.offset = in_pixels(to.camera, offset);
+  const Vec t = turned(own.translation), &to_other = other.translation;
+  result.offset = in_pixels(to.camera, {to_other[0] - t[0], to_other[1] - t[1], to_other[2] - t[2]});
   return result;
 }
 
@@ -177,11 +178,10 @@ double depth_of_step(double step) {
 
 /// Nothing if no depth is clearly better than others.
 std::optional<double> sweep(const std::vector<SeedView>& views, const std::vector<std::size_t>& neighbours,
-                            const Pixel& at) {
+                            const Seed& at) {
   const SeedView& own = views[at.view];
   Patch patch;
-  Sight itself = sight(own, own, at);
-  if (!look(itself, kTypicalDepth, patch)) return std::nullopt;
+  if (!look(sight(own, own, at), kTypicalDepth, patch)) return std::nullopt;
   std::vector<Sight> sights;
   sights.reserve(neighbours.size());
   for (const std::size_t other : neighbours) sights.push_back(sight(own, views[other], at));
@@ -210,12 +210,6 @@ std::optional<double> sweep(const std::vector<SeedView>& views, const std::vecto
   return depth_of_step(finest);
 }
 
-/// A pixel and what was found for it.
-struct Seed {
-  Pixel at;
-  std::optional<double> depth;
-};
-
 std::vector<Seed> seeds_of(const std::vector<SeedView>& views, std::size_t view, std::int64_t n) {
   const std::vector<std::size_t> neighbours = neighbours_of(views, view);
   const RandomKey key{0, RandomStream::kScenePoints, static_cast<std::uint32_t>(view)};
@@ -223,10 +217,10 @@ std::vector<Seed> seeds_of(const std::vector<SeedView>& views, std::size_t view,
   std::vector<Seed> seeds;
   for (std::int64_t i = 0; i < 4 * n && static_cast<std::int64_t>(seeds.size()) < n; ++i) {
     const std::array<float, 4> random = random_uniform(key, static_cast<std::uint64_t>(i));
-    const Pixel at{view, double{random[0]} * own.camera.width, double{random[1]} * own.camera.height};
-    if (!is_set(own.content, at.x, at.y) || !is_set(own.valid, at.x, at.y)) continue;
-    Seed seed{at, sweep(views, neighbours, at)};
-    if (seed.depth && !may_be(views, point_at(own.camera, at.x, at.y, *seed.depth))) seed.depth.reset();
+    Seed seed{view, double{random[0]} * own.camera.width, double{random[1]} * own.camera.height};
+    if (!is_set(own.content, seed.x, seed.y) || !is_set(own.valid, seed.x, seed.y)) continue;
+    seed.depth = sweep(views, neighbours, seed);
+    if (seed.depth && !may_be(views, point_at(own.camera, seed.x, seed.y, *seed.depth))) seed.depth.reset();
     seeds.push_back(seed);
   }
   return seeds;
@@ -239,16 +233,16 @@ void fill(const std::vector<SeedView>& views, std::vector<Seed>& seeds) {
   for (std::size_t i = 0; i < seeds.size(); ++i) {
     Seed& seed = seeds[i];
     if (seed.depth) continue;
-    const auto distance = [&](const Seed& other) { return std::hypot(other.at.x - seed.at.x, other.at.y - seed.at.y); };
+    const auto distance = [&](const Seed& other) { return std::hypot(other.x - seed.x, other.y - seed.y); };
     const auto nearest = std::min_element(clear.begin(), clear.end(),
                                           [&](const Seed& a, const Seed& b) { return distance(a) < distance(b); });
-    const Camera& camera = views[seed.at.view].camera;
+    const Camera& camera = views[seed.view].camera;
     const auto try_depth = [&](double depth) {
-      if (may_be(views, point_at(camera, seed.at.x, seed.at.y, depth))) seed.depth = depth;
+      if (may_be(views, point_at(camera, seed.x, seed.y, depth))) seed.depth = depth;
     };
     if (nearest != clear.end()) try_depth(*nearest->depth);
     constexpr std::uint64_t kTries = 16;
-    const RandomKey key{1, RandomStream::kScenePoints, static_cast<std::uint32_t>(seed.at.view)};
+    const RandomKey key{1, RandomStream::kScenePoints, static_cast<std::uint32_t>(seed.view)};
     for (std::uint64_t attempt = 0; attempt < kTries && !seed.depth; ++attempt) {
       const double u = 2.0 * random_uniform(key, kTries * i + attempt)[0] - 1;
       try_depth(kTypicalDepth * std::exp2(u));  // half to twice
@@ -270,11 +264,11 @@ PointCloud seed_points(const std::vector<SeedView>& views, std::int64_t n, SeedD
   for (const std::vector<Seed>& seeds : of_views) {
     for (const Seed& seed : seeds) {
       if (!seed.depth) continue;
-      const SeedView& view = views[seed.at.view];
-      for (const double value : point_at(view.camera, seed.at.x, seed.at.y, *seed.depth)) {
+      const SeedView& view = views[seed.view];
+      for (const double value : point_at(view.camera, seed.x, seed.y, *seed.depth)) {
         points.positions.push_back(static_cast<float>(value));
       }
-      const std::uint8_t* const color = pixel(view.image, seed.at.x, seed.at.y);
+      const std::uint8_t* const color = pixel(view.image, seed.x, seed.y);
       points.colors.insert(points.colors.end(), color, color + 3);
     }
   }

@@ -166,7 +166,7 @@ TEST_F(Evaluated, AViewWithoutValidPixelsIsNotInTheMean) {
   EXPECT_EQ(evaluation.views.size(), 1u);
   EXPECT_EQ(evaluation.unmeasured, (std::vector<std::string>{"hidden.png"}));
   EXPECT_EQ(without, evaluation.unmeasured);
-  EXPECT_EQ(describe_unmeasured(evaluation), "; 1 more has no valid pixel (hidden.png)");
+  EXPECT_EQ(describe_unmeasured(evaluation), "; 1 without a valid pixel (first: hidden.png)");
 }
 
 TEST_F(Evaluated, WithKnownExposuresAndCorrectedBesideRaw) {
