@@ -144,7 +144,7 @@ Scene load_scene(const SceneOptions& options, const ProgressFn& progress) {
       masked_out.push_back(sources[i].name);
       continue;
     }
-    const bool is_held_out = model.has_split ? model.held_out.count(sources[i].name) > 0 : i % kTestEvery == 0;
+    const bool is_held_out = model.split.empty() ? i % kTestEvery == 0 : model.held_out.count(sources[i].name) > 0;
     std::vector<View>& part = options.eval && is_held_out ? scene.test : scene.train;
     part.push_back(sources[i]);  // without what only loading needs
     if (images) part.back().image = std::make_shared<ViewImage>(sources[i], images);
@@ -155,10 +155,9 @@ Scene load_scene(const SceneOptions& options, const ProgressFn& progress) {
                 "and --invert_masks leaves out white instead");
   }
   if (scene.train.empty()) {
-    input_error(
-        options.source_path, ": --eval holds out ",
-        model.has_split ? "the views of " + model.split_description : detail::concat("every ", kTestEvery, "th image"),
-        ", which leaves none of ", scene.test.size(), " to train on; remove --eval");
+    input_error(options.source_path, ": --eval holds out ",
+                model.split.empty() ? detail::concat("every ", kTestEvery, "th image") : "the views of " + model.split,
+                ", which leaves none of ", scene.test.size(), " to train on; remove --eval");
   }
   scene.extent = scene_extent(scene.train);
   change_frame_of_views(options.frame ? *options.frame : choose_frame(cameras_of(scene.train), model.points.positions),

@@ -6,6 +6,7 @@
 
 #include "core/check.h"
 #include "core/files/file_reader.h"
+#include "core/files/own_files.h"
 #include "scene/images/image.h"
 #include "scene/transforms/transforms.h"
 
@@ -70,8 +71,7 @@ fs::path reach_of(const fs::path& source) {
 // the folder were made by the user and are followed.
 bool is_within_reach(const fs::path& file, const fs::path& source) {
   if (lies_in(reach_of(fs::absolute(source)), fs::absolute(file).lexically_normal())) return true;
-  std::error_code error;
-  return lies_in(reach_of(fs::weakly_canonical(source, error)), fs::weakly_canonical(file, error));
+  return lies_in(reach_of(real_path(source)), real_path(file));
 }
 
 void check_reach(const fs::path& file, const fs::path& source, const std::string& place) {
@@ -88,8 +88,7 @@ void hold_out_listed(const TransformsModel& transforms, const std::string& file,
         &listed = has_test ? transforms.listed_as_test : validation;
   if (listed.empty()) return;
   const char* key = has_test ? "test_filenames" : "val_filenames";
-  scene.has_split = true;
-  scene.split_description = detail::concat(key, " of ", fs::path(file).filename().string());
+  scene.split = detail::concat(key, " of ", fs::path(file).filename().string());
   std::vector<ColmapImage> others;
   for (const ColmapImage& image : scene.model.images) {
     if (listed.count(image.name) > 0) scene.held_out.insert(image.name);
@@ -151,8 +150,7 @@ SceneModel read_transforms_scene(const SceneOptions& options, const TransformsFi
   if (files.held_out.empty()) {
     hold_out_listed(transforms, files.train.string(), options.eval, scene);
   } else {
-    scene.has_split = true;
-    scene.split_description = files.held_out.filename().string();
+    scene.split = files.held_out.filename().string();
     for (std::size_t i = n_train; i < scene.model.images.size(); ++i) scene.held_out.insert(scene.model.images[i].name);
   }
   if (!transforms.points.empty()) {

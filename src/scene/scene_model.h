@@ -30,11 +30,11 @@ struct SceneModel {
   /// Files that the scene names itself, by image name. They come before those of the image folder if they exist.
   std::map<std::string, std::filesystem::path> files, masks;
 
-  /// Whether the scene says which views to hold out, and which, by image name. If not, every kTestEvery-th is.
-  bool has_split = false;
+  /// Where the scene says which views to hold out ("transforms_test.json"), and which, by image name. "": every
+  /// kTestEvery-th is.
+  std::string split;
   std::set<std::string> held_out;
   std::vector<std::string> warnings;
-  std::string split_description;  // "transforms_test.json"
 };
 
 /// Whether the folder holds a COLMAP model, complete or not, or transforms.json files. Reads nothing.

@@ -18,15 +18,6 @@ namespace {
 
 constexpr double kLargePart = 0.1;  // of the photographs
 
-/// At most 120, evenly spaced in the list.
-std::vector<const View*> chosen_views(const Scene& scene) {
-  constexpr std::size_t kMostViews = 120;
-  const std::size_t n = std::min(kMostViews, scene.train.size());
-  std::vector<const View*> views;
-  for (std::size_t i = 0; i < n; ++i) views.push_back(&scene.train[i * scene.train.size() / n]);
-  return views;
-}
-
 /// How many points a scene without any gets: at most two for each pixel of a photograph, of their mean size.
 double count_for(const Scene& scene) {
   constexpr double kMost = 50000;
@@ -49,12 +40,14 @@ std::vector<SeedView> faces_of(SeedView& view) {
     faces.push_back(std::move(view));
     return faces;
   }
+  if (view.valid.pixels.empty()) {
+    view.valid = Image8(view.camera.width, view.camera.height);
+    std::fill(view.valid.pixels.begin(), view.valid.pixels.end(), std::uint8_t{255});
+  }
   for (const Camera& camera : pinhole_faces(view.camera)) {
     SeedView& face = faces.emplace_back();
     face.camera = camera;
-    Image8 shown(view.camera.width, view.camera.height, 1);
-    std::fill(shown.pixels.begin(), shown.pixels.end(), std::uint8_t{255});
-    face.valid = warp_image(view.valid.pixels.empty() ? shown : view.valid, view.camera, camera).image;
+    face.valid = warp_image(view.valid, view.camera, camera).image;
     for (std::uint8_t& pixel : face.valid.pixels) pixel = pixel == 255 ? 255 : 0;
     if (!view.image.pixels.empty()) face.image = warp_image(view.image, view.camera, camera).image;
     if (!view.content.pixels.empty()) face.content = warp_image(view.content, view.camera, camera).image;
@@ -62,17 +55,17 @@ std::vector<SeedView> faces_of(SeedView& view) {
   return faces;
 }
 
-/// Small copies of the photographs of the chosen views; cameras are in `frame`. Without `decodes` they have masks only,
-/// neither colours nor alpha.
+/// Small copies of at most 120 photographs, evenly spaced in the list; cameras are in `frame`. Without `decodes` they
+/// have masks only, neither colours nor alpha.
 std::vector<SeedView> seed_views(const Scene& scene, const CoordinateFrame& frame, bool decodes,
                                  const ProgressFn& progress) {
-  const std::vector<const View*> views = chosen_views(scene);
-  const std::size_t n = views.size();
+  constexpr std::size_t kMostViews = 120;
+  const std::size_t n = std::min(kMostViews, scene.train.size());
   std::vector<std::vector<SeedView>> faces_of_views(n);
   std::mutex mutex;
   std::size_t n_done = 0;
   parallel_pool(static_cast<std::int64_t>(n), [&](std::int64_t i, int) {
-    const View& view = *views[i];
+    const View& view = scene.train[static_cast<std::size_t>(i) * scene.train.size() / n];
     SeedView seed;
     seed.camera = small_camera(change_frame(scene.frame, frame, view.camera));
     std::optional<Image8> content;

@@ -140,8 +140,8 @@ std::vector<std::string> summarize(const Scene& scene, const SceneOrigin& origin
   };
   const auto count_views = [](std::size_t n) { return concat(n, n == 1 ? " view" : " views"); };
   const std::string& points = origin.model.points_description;
-  const std::string rule = origin.model.has_split ? "the views of " + origin.model.split_description
-                                                  : concat("every ", kTestEvery, "th by name");
+  const std::string& split = origin.model.split;
+  const std::string rule = split.empty() ? concat("every ", kTestEvery, "th by name") : "the views of " + split;
   add("scene", scene.source_path);
   add("model", origin.model.description);
   add("images", describe_images(origin));

@@ -91,22 +91,22 @@ std::shared_ptr<const Undistorter> UndistorterCache::get(int group_number) {
   Group& group = *groups_.at(static_cast<std::size_t>(group_number));
   const std::lock_guard<std::mutex> building(group.build_mutex);
   std::unique_lock<std::mutex> lock(mutex_);
-  group.last_use = ++n_uses_;
-  if (group.map) return group.map;
+  if (const auto kept = std::find(kept_.begin(), kept_.end(), &group); kept != kept_.end()) {
+    std::rotate(kept, kept + 1, kept_.end());
+    return group.map;
+  }
   lock.unlock();
   auto map = std::make_shared<const Undistorter>(group.camera, group.place);
   const std::int64_t bytes = map_bytes(group.camera);
   if (bytes > max_bytes_) return map;
   lock.lock();
   while (kept_bytes_ + bytes > max_bytes_) {
-    Group* oldest = nullptr;
-    for (const auto& other : groups_) {
-      if (other->map && (oldest == nullptr || other->last_use < oldest->last_use)) oldest = other.get();
-    }
-    oldest->map.reset();
-    kept_bytes_ -= map_bytes(oldest->camera);
+    kept_bytes_ -= map_bytes(kept_.front()->camera);
+    kept_.front()->map.reset();
+    kept_.erase(kept_.begin());
   }
   group.map = map;
+  kept_.push_back(&group);
   kept_bytes_ += bytes;
   return map;
 }

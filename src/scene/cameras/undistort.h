@@ -61,14 +61,13 @@ class UndistorterCache {
     Camera camera;
     std::string place;
     std::mutex build_mutex;                  // one thread builds the map, the others wait for it
-    std::shared_ptr<const Undistorter> map;  // null: not cached; guarded by mutex_, as is last_use
-    std::uint64_t last_use = 0;
+    std::shared_ptr<const Undistorter> map;  // of a group in kept_
   };
 
   const std::int64_t max_bytes_;
   std::vector<std::unique_ptr<Group>> groups_;
   std::mutex mutex_;
-  std::uint64_t n_uses_ = 0;
+  std::vector<Group*> kept_;  // that used last at the end
   std::int64_t kept_bytes_ = 0;
 };
 

@@ -1,5 +1,6 @@
 // Finds the COLMAP model of a scene folder.
 #include <algorithm>
+#include <utility>
 
 #include "core/check.h"
 #include "scene/colmap/colmap.h"
@@ -9,23 +10,16 @@ namespace {
 
 namespace fs = std::filesystem;
 
-// 2 before 10.
-bool by_number_then_name(const fs::path& a, const fs::path& b) {
-  const std::string left = a.filename().string(), right = b.filename().string();
-  const auto is_number = [](const std::string& text) {
-    return text.find_first_not_of("0123456789") == std::string::npos;
-  };
-  if (is_number(left) && is_number(right) && left.size() != right.size()) return left.size() < right.size();
-  return left < right;
-}
-
 std::vector<fs::path> folders_to_search(const fs::path& source) {
   std::vector<fs::path> folders;
   std::error_code error;
   for (const fs::directory_entry& entry : fs::directory_iterator(source / "sparse", error)) {
     if (entry.is_directory(error)) folders.push_back(entry.path());
   }
-  std::sort(folders.begin(), folders.end(), by_number_then_name);
+  std::sort(folders.begin(), folders.end(), [](const fs::path& a, const fs::path& b) {  // 2 before 10
+    const std::string left = a.filename().string(), right = b.filename().string();
+    return std::pair(left.size(), left) < std::pair(right.size(), right);
+  });
   folders.push_back(source / "sparse");
   folders.push_back(source);
   return folders;

@@ -22,67 +22,60 @@ fs::path file_of(const fs::path& folder, const char* stem, ColmapFormat format) 
   return folder / (std::string(stem) + (format == ColmapFormat::kBinary ? ".bin" : ".txt"));
 }
 
+/// A kind of record.
+struct Kind {
+  const char *one, *many;
+  std::uint64_t min_bytes;
+  const char* header;
+};
+template <class Record>
+constexpr Kind kKind{};
+template <>  // with the parameters of EQUIRECTANGULAR
+constexpr Kind kKind<ColmapCamera>{
+    "camera", "cameras", 4 + 4 + 8 + 8 + 2 * 8,
+    "# Camera list with one line of data per camera:\n#   CAMERA_ID, MODEL, WIDTH, HEIGHT, PARAMS[]\n"};
+template <>  // with a name of one letter and no 2D points
+constexpr Kind kKind<ColmapImage>{
+    "image", "images", 4 + 4 * 8 + 3 * 8 + 4 + 2 + 8,
+    "# Image list with two lines of data per image:\n"
+    "#   IMAGE_ID, QW, QX, QY, QZ, TX, TY, TZ, CAMERA_ID, NAME\n#   POINTS2D[] as (X, Y, POINT3D_ID)\n"};
+template <>  // without a track
+constexpr Kind kKind<ColmapPoint>{"point", "points", 8 + 3 * 8 + 3 + 8 + 8,
+                                  "# 3D point list with one line of data per point:\n"
+                                  "#   POINT3D_ID, X, Y, Z, R, G, B, ERROR, TRACK[] as (IMAGE_ID, POINT2D_IDX)\n"};
+
 template <class Archive, class Values>
 void visit_numbers(Archive& archive, Values& values, const char* what) {
   for (auto& value : values) archive.number(value, what);
 }
 
-struct CameraRecord {
-  using Type = ColmapCamera;
-  static constexpr const char *kOne = "camera", *kMany = "cameras";
-  static constexpr std::uint64_t kMinBytes = 4 + 4 + 8 + 8 + 2 * 8;  // EQUIRECTANGULAR
-  static constexpr const char* kHeader =
-      "# Camera list with one line of data per camera:\n#   CAMERA_ID, MODEL, WIDTH, HEIGHT, PARAMS[]\n";
-  static constexpr const char* kStatistics = "";
+template <class Archive>
+void visit(Archive& archive, ColmapCamera& camera) {
+  archive.number(camera.id, "the camera's ID");
+  archive.model(camera);
+  archive.number(camera.width, "the camera's width");
+  archive.number(camera.height, "the camera's height");
+  archive.parameters(camera);
+}
 
-  template <class Archive, class Camera>
-  static void visit(Archive& archive, Camera& camera) {
-    archive.number(camera.id, "the camera's ID");
-    archive.model(camera);
-    archive.number(camera.width, "the camera's width");
-    archive.number(camera.height, "the camera's height");
-    archive.parameters(camera);
-  }
-};
+template <class Archive>
+void visit(Archive& archive, ColmapImage& image) {
+  archive.number(image.id, "the image's ID");
+  visit_numbers(archive, image.quat, "the quaternion qw, qx, qy, qz");
+  visit_numbers(archive, image.translation, "the translation tx, ty, tz");
+  archive.number(image.camera_id, "the ID of the image's camera");
+  archive.name(image.name);
+  archive.points_2d(image);
+}
 
-struct ImageRecord {
-  using Type = ColmapImage;
-  static constexpr const char *kOne = "image", *kMany = "images";
-  static constexpr std::uint64_t kMinBytes = 4 + 4 * 8 + 3 * 8 + 4 + 2 + 8;  // a name of one letter, no 2D points
-  static constexpr const char* kHeader =
-      "# Image list with two lines of data per image:\n"
-      "#   IMAGE_ID, QW, QX, QY, QZ, TX, TY, TZ, CAMERA_ID, NAME\n#   POINTS2D[] as (X, Y, POINT3D_ID)\n";
-  static constexpr const char* kStatistics = ", mean observations per image: 0";
-
-  template <class Archive, class Image>
-  static void visit(Archive& archive, Image& image) {
-    archive.number(image.id, "the image's ID");
-    visit_numbers(archive, image.quat, "the quaternion qw, qx, qy, qz");
-    visit_numbers(archive, image.translation, "the translation tx, ty, tz");
-    archive.number(image.camera_id, "the ID of the image's camera");
-    archive.name(image.name);
-    archive.points_2d(image);
-  }
-};
-
-struct PointRecord {
-  using Type = ColmapPoint;
-  static constexpr const char *kOne = "point", *kMany = "points";
-  static constexpr std::uint64_t kMinBytes = 8 + 3 * 8 + 3 + 8 + 8;  // no track
-  static constexpr const char* kHeader =
-      "# 3D point list with one line of data per point:\n"
-      "#   POINT3D_ID, X, Y, Z, R, G, B, ERROR, TRACK[] as (IMAGE_ID, POINT2D_IDX)\n";
-  static constexpr const char* kStatistics = ", mean track length: 0";
-
-  template <class Archive, class Point>
-  static void visit(Archive& archive, Point& point) {
-    archive.number(point.id, "the point's ID");
-    visit_numbers(archive, point.position, "the position x, y, z");
-    visit_numbers(archive, point.color, "the colour r, g, b from 0 to 255");
-    archive.number(point.error, "the reprojection error");
-    archive.track(point);
-  }
-};
+template <class Archive>
+void visit(Archive& archive, ColmapPoint& point) {
+  archive.number(point.id, "the point's ID");
+  visit_numbers(archive, point.position, "the position x, y, z");
+  visit_numbers(archive, point.color, "the colour r, g, b from 0 to 255");
+  archive.number(point.error, "the reprojection error");
+  archive.track(point);
+}
 
 struct BinaryReader {
   FileReader& file;
@@ -168,14 +161,14 @@ struct TextReader {
 };
 
 template <class Record>
-std::vector<typename Record::Type> read_records(FileReader& file, ColmapFormat format, bool tracks = false) {
-  std::vector<typename Record::Type> records;
+std::vector<Record> read_records(FileReader& file, ColmapFormat format, bool tracks = false) {
+  std::vector<Record> records;
   if (format == ColmapFormat::kBinary) {
     BinaryReader reader{file, tracks};
-    records.resize(reader.n_elements(Record::kMany, Record::kMinBytes));
+    records.resize(reader.n_elements(kKind<Record>.many, kKind<Record>.min_bytes));
     for (std::uint64_t i = 0; i < records.size(); ++i) {
-      file.begin_record(Record::kOne, i, records.size());
-      Record::visit(reader, records[i]);
+      file.begin_record(kKind<Record>.one, i, records.size());
+      visit(reader, records[i]);
     }
     file.expect_end();
     return records;
@@ -184,7 +177,7 @@ std::vector<typename Record::Type> read_records(FileReader& file, ColmapFormat f
     const std::size_t first = line.find_first_not_of(" \t");
     if (first == std::string_view::npos || line[first] == '#') continue;
     TextReader reader{file, tracks, TextFields(line)};
-    Record::visit(reader, records.emplace_back());
+    visit(reader, records.emplace_back());
   }
   return records;
 }
@@ -225,17 +218,17 @@ struct TextWriter {
 };
 
 template <class Record>
-std::string content_of(const std::vector<typename Record::Type>& records, ColmapFormat format) {
+std::string content_of(std::vector<Record> records, ColmapFormat format) {
   if (format == ColmapFormat::kBinary) {
     BinaryWriter writer;
     writer.number(static_cast<std::uint64_t>(records.size()));
-    for (const auto& record : records) Record::visit(writer, record);
+    for (Record& record : records) visit(writer, record);
     return std::move(writer.bytes);
   }
   TextWriter writer{
-      detail::concat(Record::kHeader, "# Number of ", Record::kMany, ": ", records.size(), Record::kStatistics, "\n")};
-  for (const auto& record : records) {
-    Record::visit(writer, record);
+      detail::concat(kKind<Record>.header, "# Number of ", kKind<Record>.many, ": ", records.size(), "\n")};
+  for (Record& record : records) {
+    visit(writer, record);
     writer.text += "\n";
   }
   return std::move(writer.text);
@@ -322,17 +315,17 @@ std::optional<ColmapFormat> colmap_format(const fs::path& folder) {
 
 ColmapModel read_colmap_model(const ColmapFiles& files, ColmapFormat format, bool tracks) {
   ColmapModel model;
-  const std::vector<ColmapCamera> cameras = read_records<CameraRecord>(files.cameras, format);
+  const std::vector<ColmapCamera> cameras = read_records<ColmapCamera>(files.cameras, format);
   expect_different(cameras, &ColmapCamera::id, "cameras have the ID", files.cameras);
   for (const ColmapCamera& camera : cameras) {
     check_camera(camera, files.cameras.name());
     model.cameras.emplace(camera.id, camera);
   }
-  model.images = read_records<ImageRecord>(files.images, format);
+  model.images = read_records<ColmapImage>(files.images, format);
   for (const ColmapImage& image : model.images) check_image(image, model, files.images.name());
   expect_different(model.images, &ColmapImage::id, "images have the ID", files.images);
   expect_different(model.images, &ColmapImage::name, "images have the name", files.images);
-  model.points = read_records<PointRecord>(files.points, format, tracks);
+  model.points = read_records<ColmapPoint>(files.points, format, tracks);
   const std::string point_file = files.points.name();
   for (const ColmapPoint& point : model.points) check_point(point, point_file);
   expect_different(model.points, &ColmapPoint::id, "points have the ID", files.points);
@@ -353,8 +346,8 @@ ColmapModel read_colmap_model(const fs::path& folder, bool tracks) {
 std::uint64_t count_colmap_images(const fs::path& folder) {
   const ColmapFormat format = colmap_format(folder).value_or(ColmapFormat::kBinary);
   FileReader file(file_of(folder, "images", format));
-  if (format == ColmapFormat::kText) return read_records<ImageRecord>(file, format).size();
-  return BinaryReader{file, false}.n_elements(ImageRecord::kMany, ImageRecord::kMinBytes);
+  if (format == ColmapFormat::kText) return read_records<ColmapImage>(file, format).size();
+  return BinaryReader{file, false}.n_elements(kKind<ColmapImage>.many, kKind<ColmapImage>.min_bytes);
 }
 
 void write_colmap_model(const fs::path& folder, const ColmapModel& model, ColmapFormat format) {
@@ -364,9 +357,9 @@ void write_colmap_model(const fs::path& folder, const ColmapModel& model, Colmap
                 " has ", camera.params.size(), " parameters");
     cameras.push_back(camera);
   }
-  write_file(file_of(folder, "cameras", format), content_of<CameraRecord>(cameras, format));
-  write_file(file_of(folder, "images", format), content_of<ImageRecord>(model.images, format));
-  write_file(file_of(folder, "points3D", format), content_of<PointRecord>(model.points, format));
+  write_file(file_of(folder, "cameras", format), content_of(cameras, format));
+  write_file(file_of(folder, "images", format), content_of(model.images, format));
+  write_file(file_of(folder, "points3D", format), content_of(model.points, format));
 }
 
 }  // namespace b3dgs

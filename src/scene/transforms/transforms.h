@@ -13,6 +13,7 @@
 #include <vector>
 
 #include "core/json_text.h"
+#include "scene/cameras/camera.h"
 #include "scene/colmap/colmap.h"
 #include "scene/images/image.h"
 
