@@ -6,7 +6,6 @@
 
 #include "core/check.h"
 #include "raster/args.h"
-#include "raster/splat_rows.h"
 #include "raster/stages.h"
 
 namespace b3dgs {
@@ -68,8 +67,10 @@ class RasterizerBackend {
   /// The first half of backward(), on a GPU: the backward blend and, if wanted, the gradient with respect to the
   /// camera. `rest`: the arguments of project_backward(), valid until the next forward(); its only gradient array is
   /// `means2d`.
-  virtual void backward_blend(const GaussianArrays& gaussians, const ImageGradArrays& grad, float* means2d,
-                              cuda::ProjectBackwardCudaArgs& rest);
+  virtual void backward_blend(const GaussianArrays& /*gaussians*/, const ImageGradArrays& /*grad*/, float* /*means2d*/,
+                              cuda::ProjectBackwardCudaArgs& /*rest*/) {
+    needs_gpu("backward_blend()");
+  }
 
   /// backward() up to the splats: keeps their sums for a later backward projection.
   virtual void backward_to_splats(const GaussianArrays& gaussians, const ImageGradArrays& grad,
@@ -83,11 +84,14 @@ class RasterizerBackend {
 
   /// project() for view number `index` of several, on a GPU, without waiting: writes at most `capacity` splats to
   /// `out`. Then the next one, or wait_for_projections().
-  virtual void queue_projection(std::size_t index, const GaussianArrays& gaussians, const CameraView& view,
-                                const RenderSettings& settings, const SplatRowArrays& out, std::int64_t capacity);
+  virtual void queue_projection(std::size_t /*index*/, const GaussianArrays& /*gaussians*/, const CameraView& /*view*/,
+                                const RenderSettings& /*settings*/, const SplatRowArrays& /*out*/,
+                                std::int64_t /*capacity*/) {
+    needs_gpu("queue_projection()");
+  }
   /// Numbers of splats of the views that were queued, in their order, all of them also if they exceed the capacity.
   /// @throws InvalidGaussianError naming the first invalid Gaussian of the first view that has one
-  virtual std::vector<SplatCounts> wait_for_projections();
+  virtual std::vector<SplatCounts> wait_for_projections() { needs_gpu("wait_for_projections()"); }
 
   /// The other passes of forward(), with the same view, culling and tiles as in project(). Splat::gaussian is ignored.
   /// A forward() for the functions below, except for those that need Gaussians: backward(), backward_blend(),
@@ -108,7 +112,9 @@ class RasterizerBackend {
   /// Runs a blending pass of the last forward() again with another kernel: into the same images, or, on a GPU, into
   /// splat_grads().
   virtual void reblend(ForwardKernel kernel) = 0;
-  virtual void reblend_backward(BackwardKernel kernel, const ImageGradArrays& grad);
+  virtual void reblend_backward(BackwardKernel /*kernel*/, const ImageGradArrays& /*grad*/) {
+    needs_gpu("reblend_backward()");
+  }
 
   /// Counts the load of the last forward() into two arrays, [H, W] each (CountLoadArgs).
   virtual void count_load(std::int32_t* processed, std::int32_t* contributing) const = 0;
@@ -152,20 +158,5 @@ class RasterizerBackend {
     throw LogicError(detail::concat(call, " on the CPU: needs a forward() on a GPU before"));
   }
 };
-
-inline void RasterizerBackend::backward_blend(const GaussianArrays&, const ImageGradArrays&, float*,
-                                              cuda::ProjectBackwardCudaArgs&) {
-  needs_gpu("backward_blend()");
-}
-inline void RasterizerBackend::queue_projection(std::size_t, const GaussianArrays&, const CameraView&,
-                                                const RenderSettings&, const SplatRowArrays&, std::int64_t) {
-  needs_gpu("queue_projection()");
-}
-inline std::vector<SplatCounts> RasterizerBackend::wait_for_projections() {
-  needs_gpu("wait_for_projections()");
-}
-inline void RasterizerBackend::reblend_backward(BackwardKernel, const ImageGradArrays&) {
-  needs_gpu("reblend_backward()");
-}
 
 }  // namespace b3dgs

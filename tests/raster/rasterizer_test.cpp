@@ -11,7 +11,7 @@ namespace b3dgs::test {
 namespace {
 
 RenderedViewGrad grad_for(const TestScene& scene) {
-  return uneven_grad(scene.view, torch::zeros({scene.view.height, scene.view.width}, torch::kBool));
+  return uneven_grad(scene.view);
 }
 
 TEST(Rasterizer, GivesWhatTheRasterizerBelowGives) {

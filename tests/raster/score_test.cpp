@@ -39,7 +39,7 @@ GaussianScores scores_of(const TestScene& scene, const RenderSettings& settings,
 }
 
 torch::Tensor error_of(const TestScene& scene) {
-  return uneven_error(scene.view, torch::zeros({scene.view.height, scene.view.width}, torch::kBool));
+  return uneven_error(scene.view);
 }
 
 TEST(Score, IsTheSameForAnyKernelAndNumberOfThreads) {
@@ -86,8 +86,7 @@ TEST(Score, LimitsErrors) {
 
 TEST(Score, LeavesRoomForAnotherBackwardPass) {
   const TestScene scene = anisotropic_cloud();
-  const RenderedViewGrad grad =
-      uneven_grad(scene.view, torch::zeros({scene.view.height, scene.view.width}, torch::kBool));
+  const RenderedViewGrad grad = uneven_grad(scene.view);
   CpuView view(scene, settings_of(scene));
   const DenseGradients before = view.backward(grad);
   view.score(error_of(scene), make_scores(scene.gaussians.size()));

@@ -23,6 +23,7 @@
 #endif
 
 #include <cmath>
+#include <cstdint>
 
 #if defined(HWY_NAMESPACE)
 HWY_BEFORE_NAMESPACE();
@@ -258,6 +259,23 @@ B3DGS_BLEND_FN void accumulate(Sums& sums, const Footprint<Real>& footprint, con
   sums.green = multiply_add(grad.weight, grad_green, sums.green);
   sums.blue = multiply_add(grad.weight, grad_blue, sums.blue);
   sums.depth = multiply_add(grad.weight, grad_depth, sums.depth);
+}
+
+/// How many entries of its tile's list a pixel evaluates and blends, front to back.
+struct PixelLoad {
+  PixelState<float> pixel{1, 0, 0, 0, 0};
+  std::int32_t processed = 0;     // entries evaluated, including the one that finishes the pixel
+  std::int32_t contributing = 0;  // entries blended
+};
+
+/// Counts one entry at a pixel centre (px). Returns false once the pixel is finished.
+B3DGS_BLEND_FN bool count_entry(PixelLoad& load, const SplatShape<float>& shape, float center_x, float center_y) {
+  ++load.processed;
+  const Footprint<float> footprint = evaluate_footprint(shape, center_x, center_y);
+  if (!footprint.contributes) return true;
+  if (!blend_over(load.pixel, true, evaluate_alpha(footprint.power).alpha, 0.0f, 0.0f, 0.0f, 0.0f)) return false;
+  ++load.contributing;
+  return true;
 }
 
 #undef B3DGS_BLEND_FN

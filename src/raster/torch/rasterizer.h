@@ -11,6 +11,7 @@
 #include "core/check.h"
 #include "raster/args.h"
 #include "raster/constants.h"
+#include "raster/rasterizer_backend.h"
 
 namespace b3dgs {
 
@@ -49,10 +50,6 @@ inline int sh_degree_of(const GaussianTensors& gaussians) {
 //
 // Forward and backward are explicit calls rather than autograd functions: the graph of a training step is fixed, so
 // there is no reason to record it, and all buffers are reused from step to step.
-
-namespace cuda {
-struct ProjectBackwardCudaArgs;  // raster/cuda/passes.h
-}
 
 /// A rendered view: float tensors on the rasterizer's device, overwritten by its next forward().
 struct RenderedView {
@@ -115,9 +112,6 @@ class Rasterizer {
  public:
   /// @throws InputError if this build does not support the device
   explicit Rasterizer(torch::Device device);
-  ~Rasterizer();
-  Rasterizer(Rasterizer&&) noexcept;
-  Rasterizer& operator=(Rasterizer&&) noexcept;
 
   /// Renders one view and, with settings.keep_for_backward, keeps what backward() needs. Parameters must be contiguous
   /// float tensors on the rasterizer's device.
@@ -194,8 +188,19 @@ class Rasterizer {
   void score(const torch::Tensor& error, const GaussianScores& scores);
 
  private:
-  struct Impl;
-  std::unique_ptr<Impl> impl_;
+  RasterizerBackend& backend() const;
+  ImageArrays begin_view(const CameraView& view, const torch::TensorOptions& options);
+  ImageGradArrays image_grad(const RenderedViewGrad& grad) const;
+  const float* error_image(const torch::Tensor& error) const;
+  ViewStatistics& begin_statistics(std::int64_t n);
+  const ViewStatistics& finish_statistics();
+
+  torch::Device device_;
+  mutable std::unique_ptr<RasterizerBackend> backend_;  // made when it is first used
+  RenderedView rendered_;
+  torch::Tensor color_storage_, depth_storage_, alpha_storage_, means2d_storage_;
+  ViewStatistics statistics_;
+  double seen_share_ = 0;  // largest share of the Gaussians that a view of project_views() has seen
 };
 
 }  // namespace b3dgs
