@@ -4,6 +4,7 @@
 #include <torch/types.h>
 
 #include <initializer_list>
+#include <map>
 #include <string>
 #include <vector>
 
@@ -30,43 +31,29 @@ class TensorCheck {
 
   /// A dimension: a number, or a name for a number.
   struct Dim {
-    Dim(int size) : size(size) {}                    // NOLINT(google-explicit-constructor): reads as a list of sizes
-    Dim(const char* name) : size(-1), name(name) {}  // NOLINT(google-explicit-constructor)
-    std::int64_t size;
-    std::string name;
+    Dim(int size) : size(size) {}          // NOLINT(google-explicit-constructor): reads as a list of sizes
+    Dim(const char* name) : name(name) {}  // NOLINT(google-explicit-constructor)
+    std::int64_t size = -1;
+    const char* name = nullptr;
   };
 
   /// Defines a dimension.
-  void bind(const std::string& name, std::int64_t size) { bound_.push_back({name, size, "the caller"}); }
+  void bind(const std::string& name, std::int64_t size) { sizes_[name] = size; }
 
-  /// Checks that `tensor` is of type `type` (float, int32 or uint8), contiguous, on the device, and has these
-  /// dimensions.
-  /// @throws LogicError such as "quats is [99, 4], expected [N, 4]; N is 100 from means"
+  /// Checks that `tensor` is of this type, contiguous, on the device, and has these dimensions.
+  /// @throws LogicError such as "quats is [99, 4], expected [100, 4]"; -1: any number
   void dims(const std::string& what, const torch::Tensor& tensor, std::initializer_list<Dim> wanted,
             torch::ScalarType type = torch::kFloat32) {
     B3DGS_CHECK(tensor.defined(), what, " is undefined");
-    bool fits = tensor.dim() == static_cast<std::int64_t>(wanted.size());
-    std::string expected, origins;
-    std::int64_t axis = 0;
+    std::vector<std::int64_t> expected;
     for (const Dim& dim : wanted) {
-      expected += (axis > 0 ? ", " : "") + (dim.name.empty() ? std::to_string(dim.size) : dim.name);
+      const auto axis = static_cast<std::int64_t>(expected.size());
       const std::int64_t found = axis < tensor.dim() ? tensor.size(axis) : -1;
-      ++axis;
-      if (dim.name.empty()) {
-        fits = fits && found == dim.size;
-      } else if (const Bound* bound = find(dim.name)) {
-        fits = fits && found == bound->size;
-        origins += "; " + dim.name + " is " + std::to_string(bound->size) + " from " + bound->from;
-      } else {
-        bound_.push_back({dim.name, found, what});
-      }
+      expected.push_back(dim.name == nullptr ? dim.size : sizes_.try_emplace(dim.name, found).first->second);
     }
-    B3DGS_CHECK(fits, what, " is ", tensor.sizes(), ", expected [", expected, "]", origins);
-    B3DGS_CHECK(tensor.device() == device_, what, " is on ", tensor.device().str(), ", expected ", device_.str());
-    B3DGS_CHECK(tensor.scalar_type() == type, what, " is ", tensor.scalar_type(), ", expected ",
-                type == torch::kInt32   ? "int32"
-                : type == torch::kUInt8 ? "uint8"
-                                        : "float");
+    B3DGS_CHECK(tensor.sizes() == expected, what, " is ", tensor.sizes(), ", expected ", torch::IntArrayRef(expected));
+    B3DGS_CHECK(tensor.device() == device_, what, " is on ", tensor.device(), ", expected ", device_);
+    B3DGS_CHECK(tensor.scalar_type() == type, what, " is ", tensor.scalar_type(), ", expected ", type);
     B3DGS_CHECK(tensor.is_contiguous(), what, " is not contiguous");
   }
 
@@ -81,20 +68,8 @@ class TensorCheck {
   }
 
  private:
-  struct Bound {
-    std::string name;
-    std::int64_t size;
-    std::string from;
-  };
-  const Bound* find(const std::string& name) const {
-    for (const Bound& bound : bound_) {
-      if (bound.name == name) return &bound;
-    }
-    return nullptr;
-  }
-
   torch::Device device_;
-  std::vector<Bound> bound_;
+  std::map<std::string, std::int64_t> sizes_;  // of named dimensions
 };
 
 // From checked tensors to the rasterizer's argument structs. @throws LogicError naming a tensor that does not fit

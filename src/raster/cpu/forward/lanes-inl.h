@@ -33,16 +33,10 @@ HWY_INLINE int lane_count() {
 
 struct LaneMask {
   hn::Mask<FloatTag> m;
+  friend HWY_INLINE LaneMask operator&(LaneMask a, LaneMask b) { return {hn::And(a.m, b.m)}; }
+  friend HWY_INLINE LaneMask operator!(LaneMask a) { return {hn::Not(a.m)}; }
+  friend HWY_INLINE bool none(LaneMask a) { return hn::AllFalse(FloatTag(), a.m); }
 };
-HWY_INLINE LaneMask operator&(LaneMask a, LaneMask b) {
-  return {hn::And(a.m, b.m)};
-}
-HWY_INLINE LaneMask operator!(LaneMask a) {
-  return {hn::Not(a.m)};
-}
-HWY_INLINE bool none(LaneMask a) {
-  return hn::AllFalse(FloatTag(), a.m);
-}
 
 struct Lanes {
   FloatVec v;
@@ -56,38 +50,20 @@ struct Lanes {
   /// start, start + 1, ...
   static HWY_INLINE Lanes iota(float start) { return Lanes(hn::Iota(FloatTag(), start)); }
   HWY_INLINE float sum() const { return hn::GetLane(hn::SumOfLanes(FloatTag(), v)); }
-};
 
-HWY_INLINE Lanes operator+(Lanes a, Lanes b) {
-  return Lanes(hn::Add(a.v, b.v));
-}
-HWY_INLINE Lanes operator-(Lanes a, Lanes b) {
-  return Lanes(hn::Sub(a.v, b.v));
-}
-HWY_INLINE Lanes operator*(Lanes a, Lanes b) {
-  return Lanes(hn::Mul(a.v, b.v));
-}
-HWY_INLINE Lanes operator/(Lanes a, Lanes b) {
-  return Lanes(hn::Div(a.v, b.v));
-}
-HWY_INLINE LaneMask operator>(Lanes a, Lanes b) {
-  return {hn::Gt(a.v, b.v)};
-}
-HWY_INLINE LaneMask operator>=(Lanes a, Lanes b) {
-  return {hn::Ge(a.v, b.v)};
-}
-HWY_INLINE LaneMask operator<(Lanes a, Lanes b) {
-  return {hn::Lt(a.v, b.v)};
-}
-HWY_INLINE Lanes select(LaneMask condition, Lanes if_true, Lanes if_false) {
-  return Lanes(hn::IfThenElse(condition.m, if_true.v, if_false.v));
-}
-HWY_INLINE Lanes multiply_add(Lanes a, Lanes b, Lanes c) {
-  return Lanes(hn::MulAdd(a.v, b.v, c.v));
-}
-HWY_INLINE Lanes magnitude(Lanes a) {
-  return Lanes(hn::Abs(a.v));
-}
+  friend HWY_INLINE Lanes operator+(Lanes a, Lanes b) { return Lanes(hn::Add(a.v, b.v)); }
+  friend HWY_INLINE Lanes operator-(Lanes a, Lanes b) { return Lanes(hn::Sub(a.v, b.v)); }
+  friend HWY_INLINE Lanes operator*(Lanes a, Lanes b) { return Lanes(hn::Mul(a.v, b.v)); }
+  friend HWY_INLINE Lanes operator/(Lanes a, Lanes b) { return Lanes(hn::Div(a.v, b.v)); }
+  friend HWY_INLINE LaneMask operator>(Lanes a, Lanes b) { return {hn::Gt(a.v, b.v)}; }
+  friend HWY_INLINE LaneMask operator>=(Lanes a, Lanes b) { return {hn::Ge(a.v, b.v)}; }
+  friend HWY_INLINE LaneMask operator<(Lanes a, Lanes b) { return {hn::Lt(a.v, b.v)}; }
+  friend HWY_INLINE Lanes multiply_add(Lanes a, Lanes b, Lanes c) { return Lanes(hn::MulAdd(a.v, b.v, c.v)); }
+  friend HWY_INLINE Lanes magnitude(Lanes a) { return Lanes(hn::Abs(a.v)); }
+  friend HWY_INLINE Lanes select(LaneMask condition, Lanes if_true, Lanes if_false) {
+    return Lanes(hn::IfThenElse(condition.m, if_true.v, if_false.v));
+  }
+};
 
 /// 2^a with an error of at most 2 ulp, for a in [-126, 126]. Blending needs [-8, 0]; smaller values are clamped, since
 /// masks discard their results.
