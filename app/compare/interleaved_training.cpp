@@ -185,7 +185,7 @@ double warm_up(const ComparisonPlan& plan, const Scene& scene) {
   // First load what every configuration needs, then what configurations with a choice of kernels need. Kernels that
   // fixed configurations need as well are counted too, so the result is rather too large than too small.
   Configuration common{"", plan.base};
-  common.config.kernel = std::string(forward_kernel_name(ForwardKernel::kNaive));
+  common.config.kernel = std::string(kernel_name(ForwardKernel::kNaive));
   common.config.backward_kernel = kStandardBackwardKernel;
   train(common);
   double loading_ms = 0;

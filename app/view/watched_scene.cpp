@@ -130,7 +130,7 @@ ViewState WatchedModel::state(int) const {
   ViewState state;
   state.iteration = state.iterations = model_.iteration;
   state.n_gaussians = model_.gaussians.size();
-  state.kernel = forward_kernel_name(model_.settings.kernel);
+  state.kernel = kernel_name(model_.settings.kernel);
   state.activity = "at rest";
   return state;
 }

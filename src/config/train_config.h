@@ -153,8 +153,7 @@ inline bool chooses_forward_kernel(const TrainConfig& config) {
 /// The forward kernels that training may use, beginning with the one that it starts with.
 inline std::vector<std::string> forward_candidates(const TrainConfig& config) {
   if (config.kernel == kPublishedKernel) {
-    return {std::string(forward_kernel_name(ForwardKernel::kCombined)),
-            std::string(forward_kernel_name(ForwardKernel::kSharedMemory))};
+    return {std::string(kernel_name(ForwardKernel::kCombined)), std::string(kernel_name(ForwardKernel::kSharedMemory))};
   }
   return config.kernel == kAdaptive ? config.kernel_candidates : std::vector<std::string>{config.kernel};
 }

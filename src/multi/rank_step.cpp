@@ -12,7 +12,7 @@
 #include "multi/rank_stepper.h"
 #include "multi/rows/sharded_rows.h"
 #include "raster/math/project_splat.h"
-#include "raster/torch/splat_owner.h"
+#include "raster/torch/rasterizer.h"
 #include "train/optimizer/adam.h"
 
 namespace b3dgs {

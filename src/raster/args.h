@@ -1,9 +1,10 @@
-// Inputs and outputs of the rasterizer and of each of its passes. The structs hold pointers and sizes only; the caller
-// owns the memory, which is contiguous and on one device. Shapes are given beside the pointers: N Gaussians, M splats
-// (Gaussians seen in the view), K = (sh_degree_max + 1)^2 SH coefficients per channel, H x W pixels.
+// Inputs and outputs of the rasterizer and of its passes. The structs hold pointers and sizes only; the caller owns the
+// memory, which is contiguous and on one device. Shapes are given beside the pointers: N Gaussians, M splats (Gaussians
+// seen in the view), K = (sh_degree_max + 1)^2 SH coefficients per channel, H x W pixels.
 #pragma once
 
 #include <cstdint>
+#include <functional>
 
 #include "core/vec.h"
 #include "raster/constants.h"
@@ -140,33 +141,6 @@ struct TileGrid {
   B3DGS_HD std::int32_t n_tiles() const { return columns * rows; }
 };
 
-/// Projection: Gaussians to the splats of one view, in the order of the Gaussians (CPU).
-struct ProjectArgs {
-  GaussianArrays gaussians{};
-  CameraView view{};
-  int sh_degree = 0;
-  float near_plane = kNearPlane;  // world units
-  Culling culling = Culling::kEllipse;
-  TileGrid grid{};
-  // [N] out, or [2 N] for a panorama, whose splats across the seam follow those of their Gaussians; the first M are
-  // written.
-  Splat* splats = nullptr;
-  Vec2f* extents = nullptr;       // the same: half size of the box around alpha >= 1/255, px
-  std::int32_t* radii = nullptr;  // [N] out: 3 standard deviations in px, rounded up; 0 if the Gaussian is not seen
-  bool antialiasing = false;
-  bool is_drawn = true;  // false: splats across the seam are counted, not written
-};
-
-/// Binning: splats to a list per tile, nearest first; equal depths in the order of the Gaussians (CPU).
-struct BinArgs {
-  const Splat* splats = nullptr;
-  const Vec2f* extents = nullptr;
-  const std::int32_t* radii = nullptr;  // [N]
-  std::int64_t n_splats = 0;            // M
-  TileGrid grid{};
-  Culling culling = Culling::kEllipse;
-};
-
 /// Result of binning: the (tile, splat) pairs, sorted by tile and then by depth. Each pair also has a slot. The slots
 /// of one splat are contiguous, so that gradients written to slots can be summed per splat in a fixed order. On CUDA,
 /// the id of a splat is its row in cuda::ProjectOutputs, and M is the number of rows.
@@ -178,42 +152,34 @@ struct BinnedSplats {
   std::int64_t n_pairs = 0;
 };
 
-/// Forward blend: lists of splats to pixels.
-struct BlendForwardArgs {
+/// What all blending passes read.
+struct TileLists {
   const Splat* splats = nullptr;   // [M]
-  const Vec2f* extents = nullptr;  // [M]
+  const Vec2f* extents = nullptr;  // [M] half size of the box around alpha >= 1/255, px
   BinnedSplats bins{};
   TileGrid grid{};
+};
+
+/// Forward blend: lists of splats to pixels.
+struct BlendForwardArgs : TileLists {
   Vec3f background{};
   ImageArrays out{};
   float* transmittance = nullptr;    // [H, W] out: final transmittance, more exact than 1 - alpha
   std::int32_t* last_ids = nullptr;  // [H, W] out: position in the tile's list of the last splat blended, -1 if none
 };
 
-/// Load counting: how many entries of its tile's list each pixel evaluates up to the one that finishes it, and how many
-/// it blends. The same for every kernel: entries that a schedule evaluates beyond the end are not counted.
-struct CountLoadArgs {
-  const Splat* splats = nullptr;  // [M]
-  BinnedSplats bins{};
-  TileGrid grid{};
-  std::int32_t* processed = nullptr;     // [H, W] out: entries evaluated
-  std::int32_t* contributing = nullptr;  // [H, W] out: entries blended
-};
-
-/// Backward blend: from gradients with respect to pixels to those with respect to splats, one SplatGrad per (tile,
-/// splat) pair.
-struct BlendBackwardArgs {
-  const Splat* splats = nullptr;
-  const Vec2f* extents = nullptr;
-  BinnedSplats bins{};
-  TileGrid grid{};
-  Vec3f background{};
-  // Outputs of the forward pass:
-  ImageArrays rendered{};
-  const float* transmittance = nullptr;    // [H, W]
-  const std::int32_t* last_ids = nullptr;  // [H, W]
+/// Backward blend, given the outputs of the forward blend: from gradients with respect to pixels to those with respect
+/// to splats, one SplatGrad per (tile, splat) pair.
+struct BlendBackwardArgs : BlendForwardArgs {
   ImageGradArrays grad{};
   SplatGrad* pair_grads = nullptr;  // [n_pairs] out, by slot; every one is written
+};
+
+/// Load counting: how many entries of its tile's list each pixel evaluates up to the one that finishes it, and how many
+/// it blends. The same for every kernel: entries that a schedule evaluates beyond the end are not counted.
+struct CountLoadArgs : TileLists {
+  std::int32_t* processed = nullptr;     // [H, W] out: entries evaluated
+  std::int32_t* contributing = nullptr;  // [H, W] out: entries blended
 };
 
 /// Sums over the pixels of a view, and what they are added to. Fixed point, so that a sum does not depend on the order
@@ -221,48 +187,92 @@ struct BlendBackwardArgs {
 struct ScoreSums {
   std::uint64_t error, weight;
   float max_weight;
-};
-
-/// What the pixels of a view say about the Gaussians that it sees. All [N]; other Gaussians' entries stay. The weight
-/// of a Gaussian in a pixel is alpha times the transmittance in front of it, as in blending.
-struct ScoreArrays {
-  float* error_sum = nullptr;   // in and out: plus the sum over pixels of weight times error
-  float* weight_sum = nullptr;  // in and out: plus the sum of weights, px; null: not wanted
-  float* max_weight = nullptr;  // in and out: the larger of it and the largest weight in a pixel
-  float* n_views = nullptr;     // in and out: plus 1
+  std::uint32_t unused = 0;  // ranks exchange all bytes
 };
 
 /// Scoring: sums of weights and of weighted errors. The blend's own arithmetic, entry by entry in list order, so that
 /// the result does not depend on the forward kernel.
-struct ScoreArgs {
-  const Splat* splats = nullptr;   // [M]
-  const Vec2f* extents = nullptr;  // [M]
-  BinnedSplats bins{};
-  TileGrid grid{};
+struct ScoreArgs : TileLists {
   const float* error = nullptr;  // [H, W] values outside [0, 1] count as the nearer limit, NaN as 0
   ScoreSums* sums = nullptr;     // CPU: [n_pairs] out, by slot; every one is written. CUDA: [M] in and out, added to
+};
+
+/// What the pixels of a view say about the Gaussians that it sees. All [N], in and out; other Gaussians' entries stay.
+/// The weight of a Gaussian in a pixel is alpha times the transmittance in front of it, as in blending.
+struct ScoreArrays {
+  float* error_sum = nullptr;   // plus the sum over pixels of weight times error
+  float* weight_sum = nullptr;  // plus the sum of weights, px; null: not wanted
+  float* max_weight = nullptr;  // the larger of it and the largest weight in a pixel
+  float* n_views = nullptr;     // plus 1
 };
 
 /// Adds the sums of each splat to the entries of its Gaussian.
 struct AddScoresArgs {
   const Splat* splats = nullptr;  // [M]
   std::int64_t n_splats = 0;
-  const std::int64_t* slot_offsets = nullptr;  // [M + 1] CPU only; null: sums are [M]
-  const ScoreSums* sums = nullptr;             // CPU: [n_pairs] by slot, see above. CUDA: [n_splats]
+  const ScoreSums* sums = nullptr;  // [M]
   ScoreArrays out{};
 };
 
-/// Backward projection: from gradients with respect to splats to those with respect to the stored parameters (CPU).
-struct ProjectBackwardArgs {
-  GaussianArrays gaussians{};
-  CameraView view{};
-  int sh_degree = 0;
-  const Splat* splats = nullptr;  // [M]
-  std::int64_t n_splats = 0;
-  const std::int64_t* slot_offsets = nullptr;  // [M + 1]
-  const SplatGrad* pair_grads = nullptr;       // [n_pairs] by slot
-  GaussianGradArrays grad{};
-  bool antialiasing = false;
+// Views that are split at the splats: rows of an array, so that Gaussians can be projected by one rasterizer and drawn
+// by another. A Gaussian that crosses the seam of a panorama has one row, too, of its first splat
+// (math/project_splat.h): whoever draws the rows makes the second, and adds its sums to those of the first.
+
+/// Numbers of splats of a view.
+struct SplatCounts {
+  std::int64_t n_first = 0;   // of Gaussians that the view sees
+  std::int64_t n_second = 0;  // of those that a panorama draws twice
+};
+
+/// M splats. Of two at the same depth, the earlier one is in front.
+struct SplatRows {
+  std::int64_t n_splats = 0;            // M
+  const Splat* splats = nullptr;        // [M]
+  const Vec2f* extents = nullptr;       // [M] as TileLists::extents
+  const std::int32_t* radii = nullptr;  // [M] 3 standard deviations in px, rounded up
+};
+
+/// Memory for SplatRows.
+struct SplatRowArrays {
+  Splat* splats = nullptr;
+  Vec2f* extents = nullptr;
+  std::int32_t* radii = nullptr;
+};
+
+/// Returns memory for M splats.
+using SplatAllocator = std::function<SplatRowArrays(std::int64_t n_splats)>;
+
+// Backward projections that follow later, after other views or on the rank that owns the Gaussians.
+
+/// Sums of one splat, with all that turns them into the gradient of its Gaussian.
+struct alignas(16) SplatRecord {
+  SplatGrad sum;
+  std::int32_t gaussian;  // < N
+  std::uint32_t clamped;  // as in Splat
+};
+static_assert(sizeof(SplatRecord) == 48, "three 16-byte words");
+
+/// Of one view with N Gaussians and M splats.
+struct SplatRecordArrays {
+  SplatRecord* records = nullptr;              // [M] out, in any order
+  std::int32_t* record_of_gaussian = nullptr;  // [N] out: index in `records`; -1 if the view does not see the Gaussian
+  float* means2d = nullptr;                    // [N, 2] out: gradient of the projected centre, 1/px; 0 if not seen
+};
+
+/// A splat's sums of the backward blend, in three 16-byte words for vector atomics.
+struct alignas(16) SplatGradSum {
+  SplatGrad sum;
+  float unused[2];  // 0
+};
+static_assert(sizeof(SplatGradSum) == 48, "three 16-byte words");
+
+/// Keeps the sums of splats that were drawn elsewhere, for a later backward projection.
+struct KeepSplatsArgs {
+  std::int64_t n_gaussians = 0;               // N
+  SplatRows rows{};                           // as projected: Splat::gaussian < N, each at most once
+  const SplatGradSum* splat_grads = nullptr;  // [M]
+  SplatRecordArrays out{};                    // record m is that of row m
+  std::int32_t* radii = nullptr;              // [N] out: 0 if not seen
 };
 
 }  // namespace b3dgs

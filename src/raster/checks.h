@@ -11,7 +11,8 @@
 
 namespace b3dgs {
 
-/// Largest number of elements that 32-bit indices can address, leaving one value for an end.
+/// Largest number of elements that 32-bit indices can address, leaving one value for an end. Also the limit of the
+/// (tile, splat) pairs of a view: at 57 bytes each (view_memory.h), more would need over 120 GB of GPU memory.
 inline constexpr std::int64_t kIndexMax = std::numeric_limits<std::int32_t>::max() - 1;
 
 inline void check_image_size(const CameraView& view) {
@@ -49,23 +50,10 @@ class InvalidGaussianError : public NumericError {
   std::int64_t row_;
 };
 
-// Limit on the number of (tile, splat) pairs of one view. Their indices are 32-bit; at 57 bytes per pair
-// (view_memory.h), training with more would need over 120 GB of GPU memory.
-
 /// The Gaussian, or row of splats, that touches the most tiles of a view.
 struct WidestGaussian {
   std::int64_t index = 0;
   std::int64_t n_tiles = 0;
-};
-
-inline bool has_too_many_pairs(std::int64_t n_pairs) {
-  return n_pairs > kIndexMax;
-}
-
-/// The limit of a view, and what its splats have the index of.
-struct PairLimit {
-  std::int64_t n_pairs = kIndexMax;
-  const char* indexed = "Gaussian";
 };
 
 /// Error message for a view with too many pairs. `what` is what `widest` has the index of.

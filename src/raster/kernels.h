@@ -25,29 +25,19 @@
   ROW(kSegmented, segmented, "segmented", true,                                                                        \
       "as shared-memory, with long lists cut into segments that are blended in parallel")
 
-// ROW(enumerator, ID, name on the command line, one line for the help text)
-#define B3DGS_BACKWARD_KERNELS(ROW)                                                                       \
-  ROW(kPerPixel, per_pixel, "per-pixel", "a thread per pixel, tiles assigned statically (the reference)") \
-  ROW(kPerBucket, per_bucket, "per-bucket", "a block per 128 entries of a tile's list (balanced)")
+#define B3DGS_BACKWARD_KERNELS(ROW)                                                                              \
+  ROW(kPerPixel, per_pixel, "per-pixel", false, "a thread per pixel, tiles assigned statically (the reference)") \
+  ROW(kPerBucket, per_bucket, "per-bucket", true, "a block per 128 entries of a tile's list (balanced)")
 
 namespace b3dgs {
 
-/// The kernel with this name, if there is one. `rows` is an array of structs with members `kernel` and `name`.
-template <class Rows>
-constexpr auto find_kernel(const Rows& rows, std::string_view name) -> std::optional<decltype(rows[0].kernel)> {
-  for (const auto& row : rows) {
-    if (row.name == name) return row.kernel;
-  }
-  return std::nullopt;
-}
-
-/// The kernel with this name. @throws LogicError if there is none: names from users are checked before.
-template <class Rows>
-auto kernel_named(const Rows& rows, std::string_view name) {
-  const auto kernel = find_kernel(rows, name);
-  B3DGS_CHECK(kernel.has_value(), "unknown kernel: ", name);
-  return *kernel;
-}
+template <class Kernel>
+struct KernelRow {
+  Kernel kernel;
+  std::string_view name;     // as on the command line
+  bool is_balanced;          // balances the load between blocks, lanes or both: the subject of the paper
+  std::string_view summary;  // one line for the help text
+};
 
 /// All kernels compute the same image. README.md of this folder compares their schedules on CPU and CUDA.
 enum class ForwardKernel {
@@ -56,12 +46,14 @@ enum class ForwardKernel {
 #undef B3DGS_ROW
 };
 
-struct ForwardKernelName {
-  ForwardKernel kernel;
-  std::string_view name;     // as on the command line
-  bool is_balanced;          // balances the load between blocks, lanes or both: the subject of the paper
-  std::string_view summary;  // one line for the help text
+enum class BackwardKernel {
+#define B3DGS_ROW(kernel, id, name, is_balanced, summary) kernel,
+  B3DGS_BACKWARD_KERNELS(B3DGS_ROW)
+#undef B3DGS_ROW
 };
+
+using ForwardKernelName = KernelRow<ForwardKernel>;
+using BackwardKernelName = KernelRow<BackwardKernel>;
 
 /// Indexed by ForwardKernel.
 inline constexpr std::array kForwardKernels{
@@ -70,56 +62,44 @@ inline constexpr std::array kForwardKernels{
     B3DGS_FORWARD_KERNELS(B3DGS_ROW)
 #undef B3DGS_ROW
 };
-
-constexpr std::string_view forward_kernel_name(ForwardKernel kernel) {
-  return kForwardKernels[static_cast<std::size_t>(kernel)].name;
-}
-
-constexpr std::optional<ForwardKernel> find_forward_kernel(std::string_view name) {
-  return find_kernel(kForwardKernels, name);
-}
-
-/// @throws LogicError if no kernel has this name
-inline ForwardKernel forward_kernel(std::string_view name) {
-  return kernel_named(kForwardKernels, name);
-}
-
-/// False for a name that no kernel has.
-constexpr bool is_balanced_kernel(std::string_view name) {
-  const std::optional<ForwardKernel> kernel = find_forward_kernel(name);
-  return kernel && kForwardKernels[static_cast<std::size_t>(*kernel)].is_balanced;
-}
-
-enum class BackwardKernel {
-#define B3DGS_ROW(kernel, id, name, summary) kernel,
-  B3DGS_BACKWARD_KERNELS(B3DGS_ROW)
-#undef B3DGS_ROW
-};
-
-struct BackwardKernelName {
-  BackwardKernel kernel;
-  std::string_view name;     // as on the command line
-  std::string_view summary;  // one line for the help text
-};
-
 /// Indexed by BackwardKernel.
 inline constexpr std::array kBackwardKernels{
-#define B3DGS_ROW(kernel, id, name, summary) BackwardKernelName{BackwardKernel::kernel, name, summary},
+#define B3DGS_ROW(kernel, id, name, is_balanced, summary) \
+  BackwardKernelName{BackwardKernel::kernel, name, is_balanced, summary},
     B3DGS_BACKWARD_KERNELS(B3DGS_ROW)
 #undef B3DGS_ROW
 };
 
-constexpr std::string_view backward_kernel_name(BackwardKernel kernel) {
+constexpr std::string_view kernel_name(ForwardKernel kernel) {
+  return kForwardKernels[static_cast<std::size_t>(kernel)].name;
+}
+constexpr std::string_view kernel_name(BackwardKernel kernel) {
   return kBackwardKernels[static_cast<std::size_t>(kernel)].name;
 }
 
-constexpr std::optional<BackwardKernel> find_backward_kernel(std::string_view name) {
-  return find_kernel(kBackwardKernels, name);
+/// The kernel with this name in one of the tables, if there is one.
+template <class Rows>
+constexpr auto find_kernel(const Rows& rows, std::string_view name) -> std::optional<decltype(rows[0].kernel)> {
+  for (const auto& row : rows) {
+    if (row.name == name) return row.kernel;
+  }
+  return std::nullopt;
 }
 
-/// @throws LogicError if no kernel has this name
-inline BackwardKernel backward_kernel(std::string_view name) {
-  return kernel_named(kBackwardKernels, name);
+/// The same. @throws LogicError if there is none: names from users are checked before
+template <class Rows>
+auto kernel_named(const Rows& rows, std::string_view name) {
+  const auto kernel = find_kernel(rows, name);
+  B3DGS_CHECK(kernel.has_value(), "unknown kernel: ", name);
+  return *kernel;
+}
+
+/// Whether it is a forward kernel that is balanced; false for a name that no kernel has.
+constexpr bool is_balanced_kernel(std::string_view name) {
+  for (const auto& row : kForwardKernels) {
+    if (row.name == name) return row.is_balanced;
+  }
+  return false;
 }
 
 }  // namespace b3dgs

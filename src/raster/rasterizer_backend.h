@@ -6,7 +6,6 @@
 
 #include "core/check.h"
 #include "raster/args.h"
-#include "raster/splat_rows.h"
 #include "raster/stages.h"
 
 namespace b3dgs {
@@ -48,73 +47,66 @@ struct ViewState {
   }
 };
 
-/// All arrays are in memory of the device. On a GPU the passes are asynchronous: only forward(), project(),
-/// wait_for_projections() and forward_splats() wait, for numbers of splats and pairs and for valid colours. On the CPU
-/// they use thread_count() threads (core/parallel.h); results do not depend on their number.
+/// Rasterizer (torch/rasterizer.h) without tensors: that describes the functions of the same name. All arrays are in
+/// memory of the device. On a GPU the passes are asynchronous: only forward(), project(), wait_for_projections() and
+/// forward_splats() wait, for numbers of splats and pairs and for valid colours. On the CPU they use thread_count()
+/// threads (core/parallel.h); results do not depend on their number.
 /// @throws what its passes throw: LogicError for arguments that do not fit, InvalidGaussianError naming the first
 /// invalid Gaussian, NumericError for too many pairs, CudaError
 class RasterizerBackend {
  public:
   virtual ~RasterizerBackend() = default;
 
-  /// Renders one view into `out` and, with settings.keep_for_backward, keeps what backward() needs.
   virtual void forward(const GaussianArrays& gaussians, const CameraView& view, const RenderSettings& settings,
                        const ImageArrays& out) = 0;
 
-  /// Gradients of the last forward(). `gaussians` and the images that forward() wrote must be unchanged.
+  /// `gaussians` and the images that forward() wrote must be unchanged.
   virtual void backward(const GaussianArrays& gaussians, const ImageGradArrays& grad,
                         const GaussianGradArrays& out) = 0;
 
-  /// The first half of backward(), on a GPU: the backward blend and, if wanted, the gradient with respect to the
-  /// camera. `rest`: the arguments of project_backward(), valid until the next forward(); its only gradient array is
-  /// `means2d`.
-  virtual void backward_blend(const GaussianArrays& gaussians, const ImageGradArrays& grad, float* means2d,
-                              cuda::ProjectBackwardCudaArgs& rest);
+  /// `rest`: the arguments of project_backward(), valid until the next forward().
+  virtual void backward_blend(const GaussianArrays& /*gaussians*/, const ImageGradArrays& /*grad*/, float* /*means2d*/,
+                              cuda::ProjectBackwardCudaArgs& /*rest*/) {
+    needs_gpu("backward_blend()");
+  }
 
-  /// backward() up to the splats: keeps their sums for a later backward projection.
   virtual void backward_to_splats(const GaussianArrays& gaussians, const ImageGradArrays& grad,
                                   const SplatRecordArrays& out) = 0;
 
-  /// The first pass of forward() alone: writes the splats of the Gaussians that the view sees, in the order of the
-  /// Gaussians, to the memory that `allocate` returns. Returns how many of them a panorama draws twice. There is no
-  /// last forward() after it.
+  /// Writes to the memory that `allocate` returns. Returns how many of the splats a panorama draws twice.
   virtual std::int64_t project(const GaussianArrays& gaussians, const CameraView& view, const RenderSettings& settings,
                                const SplatAllocator& allocate) = 0;
 
   /// project() for view number `index` of several, on a GPU, without waiting: writes at most `capacity` splats to
   /// `out`. Then the next one, or wait_for_projections().
-  virtual void queue_projection(std::size_t index, const GaussianArrays& gaussians, const CameraView& view,
-                                const RenderSettings& settings, const SplatRowArrays& out, std::int64_t capacity);
+  virtual void queue_projection(std::size_t /*index*/, const GaussianArrays& /*gaussians*/, const CameraView& /*view*/,
+                                const RenderSettings& /*settings*/, const SplatRowArrays& /*out*/,
+                                std::int64_t /*capacity*/) {
+    needs_gpu("queue_projection()");
+  }
   /// Numbers of splats of the views that were queued, in their order, all of them also if they exceed the capacity.
-  /// @throws InvalidGaussianError naming the first invalid Gaussian of the first view that has one
-  virtual std::vector<SplatCounts> wait_for_projections();
+  virtual std::vector<SplatCounts> wait_for_projections() { needs_gpu("wait_for_projections()"); }
 
-  /// The other passes of forward(), with the same view, culling and tiles as in project(). Splat::gaussian is ignored.
-  /// A forward() for the functions below, except for those that need Gaussians: backward(), backward_blend(),
-  /// backward_to_splats(), camera_gradient() and score(). @throws LogicError if settings.camera_gradient
   virtual void forward_splats(const SplatRows& rows, const CameraView& view, const RenderSettings& settings,
                               const ImageArrays& out) = 0;
-
-  /// The backward blend of the last forward_splats(): sums of each row, [M] out.
+  /// `out`: [M], a row for each of forward_splats().
   virtual void backward_splats(const ImageGradArrays& grad, SplatGradSum* out) = 0;
 
-  /// Adds what the pixels of the last forward() say about its Gaussians, given an error [H, W] (ScoreArgs). Overwrites
-  /// memory of backward(), so that it allocates nothing after one.
+  /// `error`: [H, W] (ScoreArgs). Overwrites memory of backward(), so that it allocates nothing after one.
   virtual void score(const float* error, const ScoreArrays& out) = 0;
-
-  /// score() of the last forward_splats(): sums of each row, [M] out; padding is 0.
+  /// `out`: [M] as for backward_splats().
   virtual void score_splats(const float* error, ScoreSums* out) = 0;
 
-  /// Runs a blending pass of the last forward() again with another kernel: into the same images, or, on a GPU, into
-  /// splat_grads().
   virtual void reblend(ForwardKernel kernel) = 0;
-  virtual void reblend_backward(BackwardKernel kernel, const ImageGradArrays& grad);
+  /// Into splat_grads().
+  virtual void reblend_backward(BackwardKernel /*kernel*/, const ImageGradArrays& /*grad*/) {
+    needs_gpu("reblend_backward()");
+  }
 
-  /// Counts the load of the last forward() into two arrays, [H, W] each (CountLoadArgs).
+  /// [H, W] each (CountLoadArgs).
   virtual void count_load(std::int32_t* processed, std::int32_t* contributing) const = 0;
 
-  /// [kCameraGradients] gradient with respect to the camera's pose (math/gaussian_grad.h), of the last backward(),
-  /// after a forward() with camera_gradient.
+  /// [kCameraGradients] of the last backward(), after a forward() with camera_gradient.
   virtual const double* camera_gradient() const = 0;
 
   /// Of a GPU: [n_rows(), 12] floats, the splats' sums of the last backward blend, of which the first 10 are a
@@ -134,9 +126,8 @@ class RasterizerBackend {
   /// There is no last forward() from here on.
   void forget_view() { state_.forget_view(); }
 
-  /// GPU memory of all buffers, which are kept from view to view (view_memory.h forecasts it); 0 on the CPU.
+  /// Of all buffers of a GPU, which are kept from view to view (view_memory.h forecasts it).
   virtual std::int64_t memory_bytes() { return 0; }
-  /// Frees all buffers of a GPU. The next call must be forward().
   virtual void release_memory() {}
 
  protected:
@@ -152,20 +143,5 @@ class RasterizerBackend {
     throw LogicError(detail::concat(call, " on the CPU: needs a forward() on a GPU before"));
   }
 };
-
-inline void RasterizerBackend::backward_blend(const GaussianArrays&, const ImageGradArrays&, float*,
-                                              cuda::ProjectBackwardCudaArgs&) {
-  needs_gpu("backward_blend()");
-}
-inline void RasterizerBackend::queue_projection(std::size_t, const GaussianArrays&, const CameraView&,
-                                                const RenderSettings&, const SplatRowArrays&, std::int64_t) {
-  needs_gpu("queue_projection()");
-}
-inline std::vector<SplatCounts> RasterizerBackend::wait_for_projections() {
-  needs_gpu("wait_for_projections()");
-}
-inline void RasterizerBackend::reblend_backward(BackwardKernel, const ImageGradArrays&) {
-  needs_gpu("reblend_backward()");
-}
 
 }  // namespace b3dgs

@@ -16,8 +16,8 @@ RenderSettings evaluation_settings(const TrainConfig& config, int sh_degree) {
   settings.near_plane = static_cast<float>(config.near_plane);
   settings.antialiasing = config.antialiasing;
   settings.culling = config.culling == "square" ? Culling::kSquare : Culling::kEllipse;
-  settings.kernel = forward_kernel(name);
-  settings.backward_kernel = backward_kernel(backward_name);
+  settings.kernel = kernel_named(kForwardKernels, name);
+  settings.backward_kernel = kernel_named(kBackwardKernels, backward_name);
   settings.deterministic = config.deterministic;
   settings.depth_gradient = false;  // only --depths needs it, and sets it itself
   return settings;

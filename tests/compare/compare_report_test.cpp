@@ -53,7 +53,7 @@ Comparison comparison_of(const std::vector<std::pair<std::string, std::vector<Tr
   for (const auto& [name, by_seed] : configurations) {
     comparison.configurations.push_back({name, comparison.plan.base, by_seed});
     TrainConfig& config = comparison.configurations.back().config;
-    config.kernel = find_forward_kernel(name) || name == kPublishedKernel ? name : kAdaptive;
+    config.kernel = find_kernel(kForwardKernels, name) || name == kPublishedKernel ? name : kAdaptive;
     if (name == "naive-kernels" || name == kPublishedKernel) config.backward_kernel = "per-pixel";
     if (name == "naive-kernels" || name == "naive_again") config.kernel = "naive";
     comparison.infos.emplace_back(by_seed.size());

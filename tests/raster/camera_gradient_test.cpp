@@ -19,8 +19,7 @@ std::vector<double> to_vector(const torch::Tensor& tensor) {
 
 /// Compares all six numbers with finite differences, without and with anti-aliasing.
 void expect_reference_gradients_of(const TestScene& scene) {
-  const torch::Tensor none = torch::zeros({scene.view.height, scene.view.width}, torch::kBool);
-  const RenderedViewGrad grad = uneven_grad(scene.view, none);
+  const RenderedViewGrad grad = uneven_grad(scene.view);
   const GaussianTensors leaves = to_dense_leaves(scene.gaussians);
   const auto loss_of = [&](const DenseView& view) {
     return ((view.color * grad.color).sum() + (view.depth * grad.depth).sum() + (view.alpha * grad.alpha).sum())
@@ -76,11 +75,10 @@ TEST(CameraGradient, DoesNotDependOnTheNumberOfThreads) {
   const TestScene scene = large_cloud();
   RenderSettings settings = settings_of(scene);
   settings.camera_gradient = true;
-  const torch::Tensor none = torch::zeros({scene.view.height, scene.view.width}, torch::kBool);
   const auto gradient_with = [&](int threads) {
     const ScopedThreadCount count(threads);
     CpuView view(scene, settings);
-    view.backward(uneven_grad(scene.view, none));
+    view.backward(uneven_grad(scene.view));
     EXPECT_GT(view.rasterizer().n_splats(), 4096) << "too few for several chunks";
     return view.camera_gradient();
   };
@@ -92,9 +90,8 @@ TEST(CameraGradient, DoesNotDependOnTheNumberOfThreads) {
 TEST(CameraGradient, IsComputedOnlyIfTheSettingsSaySo) {
   const TestScene scene = one_splat();
   RenderSettings settings = settings_of(scene);
-  const torch::Tensor none = torch::zeros({scene.view.height, scene.view.width}, torch::kBool);
   CpuView without(scene, settings);
-  without.backward(uneven_grad(scene.view, none));
+  without.backward(uneven_grad(scene.view));
   EXPECT_THROW(without.camera_gradient(), LogicError);
   settings.camera_gradient = true;
   const CpuView before_backward(scene, settings);
@@ -104,8 +101,7 @@ TEST(CameraGradient, IsComputedOnlyIfTheSettingsSaySo) {
 TEST(CameraGradient, IsPartOfTheStatisticsOfAView) {
   const TestScene scene = anisotropic_cloud();
   RenderSettings settings = settings_of(scene);
-  const torch::Tensor none = torch::zeros({scene.view.height, scene.view.width}, torch::kBool);
-  const RenderedViewGrad grad = uneven_grad(scene.view, none);
+  const RenderedViewGrad grad = uneven_grad(scene.view);
   Rasterizer rasterizer(torch::kCPU);
   GaussianTensors grads;
   settings.camera_gradient = true;

@@ -1,6 +1,7 @@
 // The dense reference compared with hand calculations, and its autograd gradients with finite differences.
 #include "support/raster/dense_reference.h"
 #include "support/raster/clamped_scene.h"
+#include "support/raster/cpu_harness.h"
 
 #include <gtest/gtest.h>
 
@@ -302,16 +303,6 @@ TEST(DenseReference, MarksPixelsNearADecision) {
   EXPECT_FALSE(dense_render(leaves_of(rows), axis_view(), {}).near_decision.any().item<bool>());
 }
 
-/// Gradients of a loss with different weights for every pixel, on all three outputs.
-RenderedViewGrad uneven_grad(const PinholeView& view) {
-  const std::int64_t h = view.height, w = view.width;
-  RenderedViewGrad grad;
-  grad.color = torch::cos(torch::arange(h * w * 3, torch::kFloat64) * 1.7).view({h, w, 3});
-  grad.depth = torch::sin(torch::arange(h * w, torch::kFloat64) * 0.9).view({h, w});
-  grad.alpha = torch::cos(torch::arange(h * w, torch::kFloat64) * 2.3 + 1.0).view({h, w});
-  return grad;
-}
-
 double loss_of(const DenseView& view, const RenderedViewGrad& grad) {
   return ((view.color * grad.color).sum() + (view.depth * grad.depth).sum() + (view.alpha * grad.alpha).sum())
       .item<double>();
@@ -324,9 +315,7 @@ std::vector<double> values_of(const torch::Tensor& tensor) {
 
 /// Compares the gradient with respect to each group with finite differences.
 void expect_gradients_of(const TestScene& scene) {
-  RenderSettings settings;
-  settings.background = scene.background;
-  settings.sh_degree = scene.sh_degree;
+  const RenderSettings settings = settings_of(scene);
   const RenderedViewGrad grad = uneven_grad(scene.view);
   const GaussianTensors leaves = to_dense_leaves(scene.gaussians);
   const DenseView view = dense_render(leaves, scene.view, settings);
@@ -357,8 +346,7 @@ TEST(DenseReference, GradientsAgreeWithFiniteDifferencesWhereTheProjectionIsClam
 
 TEST(DenseReference, GradientsByProjectedCentresAddUpToThatByThePrincipalPoint) {
   const TestScene scene = smooth_scene();
-  RenderSettings settings;
-  settings.sh_degree = scene.sh_degree;
+  const RenderSettings settings = settings_of(scene);
   const RenderedViewGrad grad = uneven_grad(scene.view);
   const GaussianTensors leaves = to_dense_leaves(scene.gaussians);
   const torch::Tensor found = dense_gradients(leaves, dense_render(leaves, scene.view, settings), grad).means2d.sum(0);
@@ -387,8 +375,7 @@ TEST(TestScenes, StayClearOfDecisionsThatConcernMoreThanAPixel) {
     SCOPED_TRACE(row.name);
     const TestScene scene = row.build();
     const GaussianTensors leaves = to_dense_leaves(scene.gaussians);
-    RenderSettings settings;
-    settings.sh_degree = scene.sh_degree;
+    RenderSettings settings = settings_of(scene);
     settings.culling = Culling::kSquare;
     const torch::NoGradGuard no_grad;
     const DenseView view = dense_render(leaves, scene.view, settings);
@@ -399,10 +386,8 @@ TEST(TestScenes, StayClearOfDecisionsThatConcernMoreThanAPixel) {
 
 TEST(TestScenes, ReachWhatTheyAreNamedFor) {
   const auto render = [](const TestScene& scene) {
-    RenderSettings settings;
-    settings.sh_degree = scene.sh_degree;
     const torch::NoGradGuard no_grad;
-    return dense_render(to_dense_leaves(scene.gaussians), scene.view, settings);
+    return dense_render(to_dense_leaves(scene.gaussians), scene.view, settings_of(scene));
   };
   EXPECT_FALSE(render(behind_the_camera()).contributes.any().item<bool>());
   EXPECT_EQ(render(thirty_three_in_one_tile()).contributes.sum().item<int>(), 33);

@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "support/finite_difference.h"
+#include "support/raster/projection_loss.h"
 
 namespace b3dgs {
 namespace {
@@ -124,47 +125,13 @@ TEST(Projection, KeepsTheDeterminantOfANeedleInSinglePrecision) {
   EXPECT_NEAR(p.det / (0.3 * (9e6 + 0.3)), 1, 1e-5);
 }
 
-/// Sum over a few pixels of q * ln(alpha), plus the depth: the function whose gradient project_backward() computes.
-struct Loss {
-  std::vector<Vec3<double>> pixels;  // x, y in px and q
-  double depth_weight = 0.4;
-
-  static Loss around(Vec2<double> mean, double size) {
-    return {{{mean.x + 0.7 * size, mean.y - 0.4 * size, 0.9},
-             {mean.x - 1.1 * size, mean.y + 0.3 * size, -0.6},
-             {mean.x + 0.2 * size, mean.y + 1.3 * size, 1.4}}};
-  }
-  double operator()(const Projection<double>& p, double depth) const {
-    double sum = depth_weight * depth;
-    for (const Vec3<double>& pixel : pixels) {
-      const double dx = pixel.x - p.mean2d.x, dy = pixel.y - p.mean2d.y;
-      sum -= pixel.z * 0.5 * (p.conic.xx * dx * dx + 2 * p.conic.xy * dx * dy + p.conic.yy * dy * dy);
-    }
-    return sum;
-  }
-  ProjectionGrad<double> gradient(const ViewTransform<double>& view, Vec3<double> point,
-                                  const Mat3<double>& factor) const {
-    const Projection<double> p = project_gaussian(view, Pinhole{}, point, factor);
-    Vec2<double> grad_mean{0, 0};
-    Sym2<double> grad_cov{0, 0, 0};
-    for (const Vec3<double>& pixel : pixels) {
-      const double dx = pixel.x - p.mean2d.x, dy = pixel.y - p.mean2d.y;
-      const double x = kConicScale * (p.conic.xx * dx + p.conic.xy * dy);
-      const double y = kConicScale * (p.conic.xy * dx + p.conic.yy * dy);
-      grad_mean = {grad_mean.x + pixel.z * x, grad_mean.y + pixel.z * y};
-      grad_cov = {grad_cov.xx + pixel.z * x * x, grad_cov.xy + pixel.z * x * y, grad_cov.yy + pixel.z * y * y};
-    }
-    return project_backward(view, Pinhole{}, point, factor, p, grad_mean, spread_grad(p, grad_cov), depth_weight);
-  }
-};
-
 TEST(Projection, GradientAgreesWithFiniteDifferences) {
   const auto view = make_view_transform<double>(turned_view());
   for (const Place& place : kPlaces) {
     SCOPED_TRACE(place.name);
     const Projection<double> p = project_gaussian(view, Pinhole{}, place.point, kFactor);
-    const Loss loss = Loss::around(p.mean2d, largest_sigma(p.cov));
-    const ProjectionGrad<double> grad = loss.gradient(view, place.point, kFactor);
+    const test::ProjectionLoss loss(p);
+    const ProjectionGrad<double> grad = loss.gradient(view, Pinhole{}, place.point, kFactor);
 
     const auto of_point = [&](const std::vector<double>& x) {
       return loss(project_gaussian(view, Pinhole{}, {x[0], x[1], x[2]}, kFactor), x[2]);
@@ -201,8 +168,8 @@ TEST(Projection, GradientByWorldParametersAgreesWithFiniteDifferences) {
   Vec3<double> point;
   Shape<double> shape;
   const Projection<double> p = projected(x, &point, &shape);
-  const Loss loss = Loss::around(p.mean2d, largest_sigma(p.cov));
-  const ProjectionGrad<double> grad = loss.gradient(view, point, shape.factor);
+  const test::ProjectionLoss loss(p);
+  const ProjectionGrad<double> grad = loss.gradient(view, Pinhole{}, point, shape.factor);
   const Vec3<double> mean = transpose_times(view.rotation, grad.point);
   const ShapeGrad<double> of_shape = shape_backward(shape, grad.factor);
 

@@ -39,7 +39,7 @@ GaussianScores scores_of(const TestScene& scene, const RenderSettings& settings,
 }
 
 torch::Tensor error_of(const TestScene& scene) {
-  return uneven_error(scene.view, torch::zeros({scene.view.height, scene.view.width}, torch::kBool));
+  return uneven_error(scene.view);
 }
 
 TEST(Score, IsTheSameForAnyKernelAndNumberOfThreads) {
@@ -86,8 +86,7 @@ TEST(Score, LimitsErrors) {
 
 TEST(Score, LeavesRoomForAnotherBackwardPass) {
   const TestScene scene = anisotropic_cloud();
-  const RenderedViewGrad grad =
-      uneven_grad(scene.view, torch::zeros({scene.view.height, scene.view.width}, torch::kBool));
+  const RenderedViewGrad grad = uneven_grad(scene.view);
   CpuView view(scene, settings_of(scene));
   const DenseGradients before = view.backward(grad);
   view.score(error_of(scene), make_scores(scene.gaussians.size()));
@@ -104,13 +103,13 @@ TEST(Score, OfTheTorchLayerIsTheRasterizersAndChecksItsTensors) {
   const GaussianScores scores = make_scores(n);
   rasterizer.score(error, scores);
   EXPECT_TRUE(is_equal(scores, scores_of(scene, settings_of(scene), error)));
-  EXPECT_TRUE(fails_with<LogicError>({"error is", "expected [H, W]"},
+  EXPECT_TRUE(fails_with<LogicError>({"error is", "expected [29, 37]"},
                                      [&] { rasterizer.score(error.t().contiguous(), make_scores(n)); }));
   const GaussianScores without{torch::zeros({n}), torch::zeros({n}), torch::zeros({n}), torch::Tensor()};
   rasterizer.score(error, without);
   EXPECT_TRUE(test::same(without.error_sum, scores.error_sum)) << "the sum of weights is optional";
   EXPECT_TRUE(
-      fails_with<LogicError>({"error_sum is", "expected [N]"}, [&] { rasterizer.score(error, make_scores(n + 1)); }));
+      fails_with<LogicError>({"error_sum is", "expected ["}, [&] { rasterizer.score(error, make_scores(n + 1)); }));
 }
 
 }  // namespace

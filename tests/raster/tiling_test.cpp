@@ -44,30 +44,6 @@ TEST(Tiling, TilesCoverEachPixelOnce) {
   });
 }
 
-TEST(Tiling, TasksCoverEachPixelOnceWithinTheirTile) {
-  for_all_grids([](const TileGrid& grid) {
-    std::vector<int> visits(static_cast<std::size_t>(grid.image_width * grid.image_height));
-    std::int32_t previous_tile = 0;
-    for (std::int64_t task = 0; task < n_quad_tasks(grid); ++task) {
-      const TaskPixels pixels = quad_task(grid, task);
-      EXPECT_GE(pixels.tile, previous_tile) << "tiles follow one another";
-      previous_tile = pixels.tile;
-      if (pixels.rect.empty()) continue;
-      const Rect tile = tile_pixels(grid, pixels.tile);
-      EXPECT_GE(pixels.rect.x_begin, tile.x_begin);
-      EXPECT_LE(pixels.rect.x_end, tile.x_end);
-      EXPECT_GE(pixels.rect.y_begin, tile.y_begin);
-      EXPECT_LE(pixels.rect.y_end, tile.y_end);
-      EXPECT_LE((pixels.rect.x_end - pixels.rect.x_begin) * (pixels.rect.y_end - pixels.rect.y_begin), 4);
-      for (std::int32_t y = pixels.rect.y_begin; y < pixels.rect.y_end; ++y) {
-        for (std::int32_t x = pixels.rect.x_begin; x < pixels.rect.x_end; ++x) ++visits.at(y * grid.image_width + x);
-      }
-    }
-    EXPECT_EQ(previous_tile, grid.n_tiles() - 1);
-    EXPECT_EQ(std::count(visits.begin(), visits.end(), 1), static_cast<std::ptrdiff_t>(visits.size()));
-  });
-}
-
 TEST(Tiling, SubTilesCoverATileOnceInBlocksOfEightByFour) {
   for (const std::int32_t n_threads : {128, 256}) {
     std::vector<int> visits(static_cast<std::size_t>(n_threads));
@@ -139,7 +115,7 @@ std::vector<bool> visited_tiles(const TileGrid& grid, Culling culling, const Ell
   std::vector<bool> visited(static_cast<std::size_t>(grid.n_tiles()));
   const Splat splat = ellipse.splat();
   const Vec2f extent = ellipse_extent(splat.log2_opacity, ellipse.covariance());
-  visit_tile_rows(grid, culling, splat, extent, ellipse.radius(), [&](std::int32_t row, TileSpan span) {
+  visit_tile_rows(grid, culling, splat, extent, ellipse.radius(), [&](std::int32_t row, Span span) {
     EXPECT_GE(row, 0);
     EXPECT_LT(row, grid.rows);
     EXPECT_GE(span.begin, 0);

@@ -6,7 +6,7 @@
 #include <cstdint>
 
 #include "core/vec.h"
-#include "raster/splat_rows.h"
+#include "raster/args.h"
 
 namespace b3dgs {
 

@@ -13,6 +13,7 @@
 
 #include <algorithm>
 #include <cstring>
+#include <utility>
 #include <vector>
 
 #include "core/check.h"
@@ -43,10 +44,7 @@ std::uint64_t* sort_by_depth(std::uint64_t* keys, std::uint64_t* swap, std::int6
     std::int64_t total = 0;
     for (int digit = 0; digit < kDigits; ++digit) {
       for (std::int64_t chunk = 0; chunk < chunks.count; ++chunk) {
-        std::int64_t& count = counts[static_cast<std::size_t>(chunk * kDigits + digit)];
-        const std::int64_t first = total;
-        total += count;
-        count = first;
+        total += std::exchange(counts[static_cast<std::size_t>(chunk * kDigits + digit)], total);
       }
     }
     parallel_pool(chunks.count, [&](std::int64_t chunk, int) {
@@ -66,7 +64,7 @@ std::int32_t splat_of(std::uint64_t key) {
 
 }  // namespace
 
-BinnedSplats bin(const BinArgs& args, BinBuffers& buffers, const PairLimit& limit) {
+BinnedSplats bin(const BinArgs& args, BinBuffers& buffers) {
   const std::int64_t n = args.n_splats, n_tiles = args.grid.n_tiles();
   std::uint64_t* keys = buffers.keys.resize(n);
   parallel_each(n, kGrain, [&](std::int64_t m) {
@@ -83,9 +81,7 @@ BinnedSplats bin(const BinArgs& args, BinBuffers& buffers, const PairLimit& limi
   const Chunks chunks = make_chunks(n, kGrain);
   std::int64_t* const counts = buffers.tile_counts.resize(chunks.count * n_tiles);
   std::int64_t* const slot_offsets = buffers.slot_offsets.resize(n + 1);
-  if (buffers.tiles.size() < static_cast<std::size_t>(chunks.count)) {
-    buffers.tiles.resize(static_cast<std::size_t>(chunks.count));
-  }
+  buffers.tiles.resize(std::max(buffers.tiles.size(), static_cast<std::size_t>(chunks.count)));
   parallel_pool(chunks.count, [&](std::int64_t chunk, int) {
     std::int64_t* const count = counts + chunk * n_tiles;
     std::fill(count, count + n_tiles, 0);
@@ -100,12 +96,12 @@ BinnedSplats bin(const BinArgs& args, BinBuffers& buffers, const PairLimit& limi
       const Splat& splat = args.splats[m];
       const std::int32_t radius = args.culling == Culling::kSquare ? args.radii[splat.gaussian] : 0;
       std::int64_t pairs = 0;
-      visit_tile_rows(args.grid, args.culling, splat, args.extents[m], radius, [&](std::int32_t row, TileSpan span) {
+      visit_tile_rows(args.grid, args.culling, splat, args.extents[m], radius, [&](std::int32_t row, Span span) {
         pairs += span.end - span.begin;
         for (std::int32_t column = span.begin; column < span.end; ++column) {
           const std::int32_t tile = row * args.grid.columns + column;
           ++count[tile];
-          if (n_pairs + pairs <= limit.n_pairs) tiles.push_back(tile);
+          if (n_pairs + pairs <= args.n_pairs_max) tiles.push_back(tile);
         }
       });
       slot_offsets[m] = pairs;
@@ -120,23 +116,16 @@ BinnedSplats bin(const BinArgs& args, BinBuffers& buffers, const PairLimit& limi
   for (std::int64_t tile = 0; tile < n_tiles; ++tile) {
     tile_offsets[tile] = n_pairs;
     for (std::int64_t chunk = 0; chunk < chunks.count; ++chunk) {
-      std::int64_t& count = counts[chunk * n_tiles + tile];
-      const std::int64_t first = n_pairs;
-      n_pairs += count;
-      count = first;
+      n_pairs += std::exchange(counts[chunk * n_tiles + tile], n_pairs);
     }
   }
   tile_offsets[n_tiles] = n_pairs;
-  if (n_pairs > limit.n_pairs) {
+  if (n_pairs > args.n_pairs_max) {
     const std::int64_t m = std::max_element(slot_offsets, slot_offsets + n) - slot_offsets;
-    throw NumericError(too_many_pairs(n_pairs, {args.splats[m].gaussian, slot_offsets[m]}, n_tiles, limit.indexed));
+    throw NumericError(too_many_pairs(n_pairs, {args.splats[m].gaussian, slot_offsets[m]}, n_tiles, args.indexed));
   }
   std::int64_t slots = 0;
-  for (std::int64_t m = 0; m < n; ++m) {
-    const std::int64_t pairs = slot_offsets[m];
-    slot_offsets[m] = slots;
-    slots += pairs;
-  }
+  for (std::int64_t m = 0; m < n; ++m) slots += std::exchange(slot_offsets[m], slots);
   slot_offsets[n] = slots;
   B3DGS_CHECK(slots == n_pairs, "pairs counted by splat: ", slots, ", by tile: ", n_pairs);
 

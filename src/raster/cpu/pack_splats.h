@@ -6,7 +6,7 @@
 #include <vector>
 
 #include "core/parallel.h"
-#include "raster/args.h"
+#include "raster/cpu/passes.h"
 #include "raster/math/project_splat.h"
 
 namespace b3dgs::cpu {
@@ -22,33 +22,31 @@ struct PackedSplats {
     extents[n] = projected.extent;
     splats[n++] = projected.splat;
   }
+  /// Of a panorama: adds the second splat of a Gaussian that crosses the seam.
+  void add_second(const ProjectArgs& args, const ProjectedGaussian& first) {
+    const ProjectedGaussian second = across_the_seam(first, full_turn(args.view.fx), args.settings.culling, args.grid);
+    if (second.outcome != Outcome::kSeen) return;
+    ++n_second;
+    if (args.is_drawn) add(second);
+  }
 };
-
-/// Of a panorama: adds the second splat of a Gaussian that crosses the seam.
-inline void add_second(const ProjectArgs& args, const ProjectedGaussian& first, PackedSplats& out) {
-  const ProjectedGaussian second =
-      across_the_seam<TileCount::kAny>(first, full_turn(args.view.fx), args.culling, args.grid);
-  if (second.n_tiles == 0) return;
-  ++out.n_second;
-  if (args.is_drawn) out.add(second);
-}
 
 /// Calls add_one(i, out) for each Gaussian, which adds its splats, at most n_each, and returns whether it is valid.
 /// Each chunk packs its splats where there is room for all of them; afterwards the chunks are moved together.
 template <class AddOne>
-PackedSplats pack_splats(std::int64_t n, std::int64_t n_each, const ProjectArgs& args, AddOne&& add_one) {
+PackedSplats pack_splats(std::int64_t n, std::int64_t n_each, const SplatRowArrays& room, AddOne&& add_one) {
   constexpr std::int64_t kGrain = 1024;  // Gaussians per chunk
   const Chunks chunks = make_chunks(n, kGrain);
   std::vector<PackedSplats> packed(static_cast<std::size_t>(chunks.count));
   parallel_pool(chunks.count, [&](std::int64_t chunk, int) {
     const std::int64_t first = n_each * chunks.begin(chunk);
-    PackedSplats own{args.splats + first, args.extents + first};
+    PackedSplats own{room.splats + first, room.extents + first};
     for (std::int64_t i = chunks.begin(chunk), end = chunks.end(chunk); i < end && own.invalid < 0; ++i) {
       if (!add_one(i, own)) own.invalid = i;
     }
     packed[static_cast<std::size_t>(chunk)] = own;
   });
-  PackedSplats all{args.splats, args.extents};
+  PackedSplats all{room.splats, room.extents};
   for (const PackedSplats& own : packed) {
     if (own.splats != all.splats + all.n) {
       std::copy_n(own.splats, own.n, all.splats + all.n);

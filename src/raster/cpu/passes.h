@@ -1,8 +1,9 @@
-// Memory that only grows and is not initialised: passes write every element before they read it.
+// The CPU rasterizer, and its passes in the order in which they run, each a function of its arguments.
 #pragma once
 
 #include <sys/mman.h>
 
+#include <algorithm>
 #include <cstddef>
 #include <cstdint>
 #include <cstdlib>
@@ -10,13 +11,19 @@
 #include <new>
 #include <vector>
 
+#include "core/parallel.h"
 #include "raster/args.h"
 #include "raster/checks.h"
 #include "raster/rasterizer_backend.h"
-#include "raster/splat_rows.h"
 
 namespace b3dgs::cpu {
 
+/// Largest tile side that the CPU kernels support, px.
+inline constexpr int kMaxTileSide = 32;
+
+std::unique_ptr<RasterizerBackend> make_rasterizer();
+
+/// Memory that only grows and is not initialised: passes write every element before they read it.
 template <class T>
 class Buffer {
  public:
@@ -60,26 +67,31 @@ void prefetch_object(const T& object) {
   if (sizeof(T) > alignof(T)) __builtin_prefetch(bytes + sizeof(T) - 1);  // it may end in another cache line
 }
 
-// The CPU rasterizer, and its passes, each a function of its arguments, in the order in which they run.
-
-/// Largest tile side that the CPU kernels support, px.
-inline constexpr int kMaxTileSide = 32;
-
-std::unique_ptr<RasterizerBackend> make_rasterizer();
-
+/// Projection: Gaussians to the splats of one view, in the order of the Gaussians.
+struct ProjectArgs {
+  GaussianArrays gaussians{};
+  CameraView view{};
+  RenderSettings settings{};
+  TileGrid grid{};
+  // Out. Splats and extents: [N], or [2 N] for a panorama, whose splats across the seam follow those of their
+  // Gaussians; the first M are written. Radii: [N], 0 if the Gaussian is not seen.
+  SplatRowArrays out{};
+  bool is_drawn = true;  // false: splats across the seam are counted, not written
+};
 /// @throws InvalidGaussianError naming the first invalid Gaussian
 SplatCounts project(const ProjectArgs& args);
 
-/// In place of project(): splats that were projected elsewhere, numbered as Gaussians, row by row. Returns M.
-/// Parameters of Gaussians are not used.
-std::int64_t load_rows(const SplatRows& rows, const ProjectArgs& args);
-
-/// Whether splat m is the second one of its Gaussian, across the seam of a panorama: it follows the first, and so do
-/// its slots.
-inline bool is_across_the_seam(const Splat* splats, std::int64_t m) {
-  return m > 0 && splats[m - 1].gaussian == splats[m].gaussian;
-}
-
+/// Binning: splats to a list per tile, nearest first; equal depths in the order of the Gaussians.
+struct BinArgs {
+  const Splat* splats = nullptr;
+  const Vec2f* extents = nullptr;
+  const std::int32_t* radii = nullptr;  // [N]
+  std::int64_t n_splats = 0;            // M
+  TileGrid grid{};
+  Culling culling = Culling::kEllipse;
+  const char* indexed = "Gaussian";      // what Splat::gaussian is, in errors
+  std::int64_t n_pairs_max = kIndexMax;  // (tile, splat) pairs of a view
+};
 /// Buffers of binning, reused from view to view.
 struct BinBuffers {
   Buffer<std::int64_t> tile_offsets, slot_offsets, pair_slots, tile_counts;
@@ -88,78 +100,85 @@ struct BinBuffers {
   Buffer<std::uint64_t> keys, keys_swap;
 };
 /// @throws NumericError naming the widest Gaussian if there are too many pairs, before memory is taken for them
-BinnedSplats bin(const BinArgs& args, BinBuffers& buffers, const PairLimit& limit = {});
+BinnedSplats bin(const BinArgs& args, BinBuffers& buffers);
 
 /// The forward kernels: blend_forward_naive(), ...
 #define B3DGS_ROW(kernel, id, name, is_balanced, summary) void blend_forward_##id(const BlendForwardArgs& args);
 B3DGS_FORWARD_KERNELS(B3DGS_ROW)
 #undef B3DGS_ROW
 
-/// Runs one of them.
-void blend_forward(ForwardKernel kernel, const BlendForwardArgs& args);
-
-void count_load(const CountLoadArgs& args);
-
 void score(const ScoreArgs& args);
-
 void add_scores(const AddScoresArgs& args);
-
-/// Sums of each splat's pairs, for splats whose Gaussians are elsewhere.
-struct SumScoresArgs {
-  std::int64_t n_splats = 0;
-  const std::int64_t* slot_offsets = nullptr;  // [M + 1]
-  const ScoreSums* sums = nullptr;             // [n_pairs] by slot
-  ScoreSums* out = nullptr;                    // [M] out; padding is 0
-};
-void sum_scores(const SumScoresArgs& args);
 
 void blend_backward(const BlendBackwardArgs& args);
 
-void project_backward(const ProjectBackwardArgs& args);
-
-/// The sum over a splat's pairs, in the order of their slots, [first, last).
-inline SplatGrad sum_slots(const SplatGrad* first, const SplatGrad* last) {
-  SplatGrad sum{};
-  for (const SplatGrad* part = first; part != last; ++part) {
-    sum.log_alpha += part->log_alpha;
-    sum.mean_x += part->mean_x;
-    sum.mean_y += part->mean_y;
-    sum.cov_xx += part->cov_xx;
-    sum.cov_xy += part->cov_xy;
-    sum.cov_yy += part->cov_yy;
-    sum.red += part->red;
-    sum.green += part->green;
-    sum.blue += part->blue;
-    sum.depth += part->depth;
-  }
-  return sum;
+inline void add(SplatGrad& sum, const SplatGrad& part) {
+  sum.log_alpha += part.log_alpha;
+  sum.mean_x += part.mean_x;
+  sum.mean_y += part.mean_y;
+  sum.cov_xx += part.cov_xx;
+  sum.cov_xy += part.cov_xy;
+  sum.cov_yy += part.cov_yy;
+  sum.red += part.red;
+  sum.green += part.green;
+  sum.blue += part.blue;
+  sum.depth += part.depth;
+}
+inline void add(ScoreSums& sum, const ScoreSums& part) {
+  sum.error += part.error;
+  sum.weight += part.weight;
+  sum.max_weight = std::max(sum.max_weight, part.max_weight);
 }
 
-/// Sums of each splat's pairs, for a later backward projection.
-struct SplatRecordArgs {
-  std::int64_t n_gaussians = 0, n_splats = 0;
+/// What the blending passes have summed for each (tile, splat) pair.
+template <class Sum>
+struct PairSums {
   const Splat* splats = nullptr;               // [M]
+  std::int64_t n_splats = 0;                   // M
   const std::int64_t* slot_offsets = nullptr;  // [M + 1]
-  const SplatGrad* pair_grads = nullptr;       // [n_pairs] by slot
-  SplatRecordArrays out{};
+  const Sum* pairs = nullptr;                  // [n_pairs] by slot
+
+  /// Whether splat m is the second one of its Gaussian, across the seam of a panorama: it follows the first, and so do
+  /// its slots.
+  bool is_second(std::int64_t m) const { return m > 0 && splats[m - 1].gaussian == splats[m].gaussian; }
+  /// The sum of splats [m, end), in the order of their slots.
+  Sum sum(std::int64_t m, std::int64_t end) const {
+    Sum sum{};
+    for (std::int64_t slot = slot_offsets[m]; slot < slot_offsets[end]; ++slot) add(sum, pairs[slot]);
+    return sum;
+  }
+  /// The sum of the Gaussian whose first splat is m.
+  Sum of_gaussian(std::int64_t m) const { return sum(m, m + 1 < n_splats && is_second(m + 1) ? m + 2 : m + 1); }
+  /// Calls visit(m, sum) for each Gaussian; m is its first splat.
+  template <class Visit>
+  void visit_gaussians(Visit&& visit) const {
+    constexpr std::int64_t kGrain = 1024;
+    parallel_each(n_splats, kGrain, [&](std::int64_t m) {
+      if (!is_second(m)) visit(m, of_gaussian(m));
+    });
+  }
 };
-void keep_splat_records(const SplatRecordArgs& args);
 
-/// Sums of each splat's pairs, for splats whose Gaussians are elsewhere.
-struct SumSplatGradsArgs {
-  std::int64_t n_splats = 0;
-  const std::int64_t* slot_offsets = nullptr;  // [M + 1]
-  const SplatGrad* pair_grads = nullptr;       // [n_pairs] by slot
-  SplatGradSum* out = nullptr;                 // [M] out
+/// What turns the sums of splats into gradients of Gaussians.
+struct ProjectBackwardArgs {
+  GaussianArrays gaussians{};
+  CameraView view{};
+  int sh_degree = 0;
+  bool antialiasing = false;
 };
-void sum_splat_grads(const SumSplatGradsArgs& args);
+/// Backward projection: gradients with respect to the stored parameters.
+void project_backward(const ProjectBackwardArgs& args, const PairSums<SplatGrad>& sums, const GaussianGradArrays& out);
 
-void keep_splats(const KeepSplatsArgs& args);
-
-/// Gradient with respect to the camera's pose; args.grad is not used. `out`: [kCameraGradients].
-void camera_gradient(const ProjectBackwardArgs& args, double* out);
-/// The same in two halves, for splats that were drawn elsewhere: what each of them adds, and the sum, in their order.
-void camera_parts(const CameraPartsArgs& args);
+/// Gradient with respect to the camera's pose. `out`: [kCameraGradients].
+void camera_gradient(const ProjectBackwardArgs& args, const PairSums<SplatGrad>& sums, double* out);
+/// The same in two halves, for splats that were drawn elsewhere: what each of M adds, and the sum, in their order.
+/// `parts`: [M, kCameraGradients].
+void camera_parts(const ProjectBackwardArgs& args, const SplatRows& rows, const SplatGradSum* splat_grads,
+                  float* parts);
 void sum_camera_parts(const float* parts, std::int64_t n_splats, double* out);
+
+/// Keeps the sums of splats for a later backward projection.
+void keep_splat_records(const PairSums<SplatGrad>& sums, std::int64_t n_gaussians, const SplatRecordArrays& out);
+void keep_splats(const KeepSplatsArgs& args);
 
 }  // namespace b3dgs::cpu

@@ -9,6 +9,7 @@
 #include "raster/cpu/pack_splats.h"
 #include "raster/cpu/passes.h"
 #include "raster/math/gaussian_grad.h"
+#include "raster/math/pixel_outputs.h"
 #include "raster/math/project_splat.h"
 #include "raster/math/sh.h"
 
@@ -23,30 +24,23 @@ Outcome project_one(const ProjectArgs& args, const ViewTransform<float>& view, c
                     PackedSplats& out) {
   const GaussianArrays& g = args.gaussians;
   ProjectedGaussian projected =
-      project_splat<TileCount::kAny, kAntialiasing>(g, i, view, lens, args.near_plane, args.culling, args.grid);
-  args.radii[i] = 0;
+      project_splat<kAntialiasing>(g, i, view, lens, args.settings.near_plane, args.settings.culling, args.grid);
+  args.out.radii[i] = 0;
   if (projected.outcome != Outcome::kSeen) return projected.outcome;
 
-  const ShColor<float> color = sh_color(args.sh_degree, load3(g.means, i) - args.view.center, g.sh0 + 3 * i,
+  const ShColor<float> color = sh_color(args.settings.sh_degree, load3(g.means, i) - args.view.center, g.sh0 + 3 * i,
                                         g.shN + rest_floats(g.sh_degree_max) * i);
   if (!is_usable_color(color.color.x, color.color.y, color.color.z)) return Outcome::kInvalid;
-  args.radii[i] = projected.radius;
+  args.out.radii[i] = projected.radius;
   projected.splat.red = color.color.x;
   projected.splat.green = color.color.y;
   projected.splat.blue = color.color.z;
   projected.splat.clamped = color.clamped;
   out.add(projected);
   if constexpr (!std::is_same_v<Lens, Pinhole>) {
-    if (splats_per_gaussian(args.view.lens) == 2) add_second(args, projected, out);
+    if (splats_per_gaussian(args.view.lens) == 2) out.add_second(args, projected);
   }
   return Outcome::kSeen;
-}
-
-/// The sums of splat m, the first of its Gaussian, and of the second, whose slots follow.
-SplatGrad sum_of_gaussian(const Splat* splats, std::int64_t n_splats, const std::int64_t* slot_offsets,
-                          const SplatGrad* pair_grads, std::int64_t m) {
-  const std::int64_t last = m + 1 < n_splats && is_across_the_seam(splats, m + 1) ? m + 2 : m + 1;
-  return sum_slots(pair_grads + slot_offsets[m], pair_grads + slot_offsets[last]);
 }
 
 [[noreturn]] void fail_invalid(const GaussianArrays& g, std::int64_t i) {
@@ -66,36 +60,36 @@ SplatCounts project(const ProjectArgs& args) {
   const std::int64_t n_each = args.is_drawn ? splats_per_gaussian(args.view.lens) : 1;
   const auto project_valid = [&](std::int64_t i, PackedSplats& out) {
     const Outcome outcome = with_lens(args.view.lens, [&](const auto& lens) {
-      return args.antialiasing ? project_one<true>(args, view, lens, i, out)
-                               : project_one<false>(args, view, lens, i, out);
+      return args.settings.antialiasing ? project_one<true>(args, view, lens, i, out)
+                                        : project_one<false>(args, view, lens, i, out);
     });
     return outcome != Outcome::kInvalid;
   };
-  const PackedSplats all = pack_splats(args.gaussians.n_gaussians, n_each, args, project_valid);
+  const PackedSplats all = pack_splats(args.gaussians.n_gaussians, n_each, args.out, project_valid);
   if (all.invalid >= 0) fail_invalid(args.gaussians, all.invalid);
   return {args.is_drawn ? all.n - all.n_second : all.n, all.n_second};
 }
 
-void project_backward(const ProjectBackwardArgs& args) {
+void project_backward(const ProjectBackwardArgs& args, const PairSums<SplatGrad>& sums, const GaussianGradArrays& out) {
   const GaussianArrays& g = args.gaussians;
   const ViewTransform<float> view = make_view_transform<float>(args.view);
   const std::int64_t rest = rest_floats(g.sh_degree_max);
 
   const auto backward_one = [&](std::int64_t i, const Splat& splat, const SplatGrad& sum) {
     const GaussianGrad grad = with_lens(args.view.lens, [&](const auto& lens) {
-      const auto grad_of = args.antialiasing ? gaussian_grad<true, std::decay_t<decltype(lens)>>
-                                             : gaussian_grad<false, std::decay_t<decltype(lens)>>;
+      using Lens = std::decay_t<decltype(lens)>;
+      const auto grad_of = args.antialiasing ? gaussian_grad<true, Lens> : gaussian_grad<false, Lens>;
       return grad_of(g, i, view, lens, args.view.center, args.sh_degree, sum, splat.clamped);
     });
-    store3(args.grad.means, i, grad.mean);
-    store3(args.grad.log_scales, i, grad.log_scales);
-    store4(args.grad.quats, i, grad.quat);
-    args.grad.logit_opacities[i] = grad.logit_opacity;
-    store3(args.grad.sh0, i, grad.sh0());
-    sh_rest_grad(args.sh_degree, grad.dir, grad.color, args.grad.shN + rest * i);
-    std::fill(args.grad.shN + rest * i + rest_floats(args.sh_degree), args.grad.shN + rest * (i + 1), 0.0f);
-    args.grad.means2d[2 * i] = grad.mean2d.x;
-    args.grad.means2d[2 * i + 1] = grad.mean2d.y;
+    store3(out.means, i, grad.mean);
+    store3(out.log_scales, i, grad.log_scales);
+    store4(out.quats, i, grad.quat);
+    out.logit_opacities[i] = grad.logit_opacity;
+    store3(out.sh0, i, grad.sh0());
+    sh_rest_grad(args.sh_degree, grad.dir, grad.color, out.shN + rest * i);
+    std::fill(out.shN + rest * i + rest_floats(args.sh_degree), out.shN + rest * (i + 1), 0.0f);
+    out.means2d[2 * i] = grad.mean2d.x;
+    out.means2d[2 * i + 1] = grad.mean2d.y;
   };
 
   // Rows of Gaussians [begin, end), which are not seen.
@@ -103,23 +97,21 @@ void project_backward(const ProjectBackwardArgs& args) {
     const auto fill = [&](float* array, std::int64_t columns) {
       std::fill(array + columns * begin, array + columns * end, 0.0f);
     };
-    fill(args.grad.means, 3);
-    fill(args.grad.log_scales, 3);
-    fill(args.grad.quats, 4);
-    fill(args.grad.logit_opacities, 1);
-    fill(args.grad.sh0, 3);
-    fill(args.grad.shN, rest);
-    fill(args.grad.means2d, 2);
+    for (float* array : {out.means, out.log_scales, out.sh0}) fill(array, 3);
+    fill(out.quats, 4);
+    fill(out.logit_opacities, 1);
+    fill(out.shN, rest);
+    fill(out.means2d, 2);
   };
   parallel_chunks(g.n_gaussians, kGrain, [&](std::int64_t begin, std::int64_t end) {
-    const Splat* splat = std::lower_bound(args.splats, args.splats + args.n_splats, begin,
-                                          [](const Splat& s, std::int64_t i) { return s.gaussian < i; });
-    for (; splat != args.splats + args.n_splats && splat->gaussian < end; ++splat) {
-      const std::int64_t m = splat - args.splats;
-      if (is_across_the_seam(args.splats, m)) continue;
+    const Splat* const splats_end = sums.splats + sums.n_splats;
+    const Splat* splat =
+        std::lower_bound(sums.splats, splats_end, begin, [](const Splat& s, std::int64_t i) { return s.gaussian < i; });
+    for (; splat != splats_end && splat->gaussian < end; ++splat) {
+      const std::int64_t m = splat - sums.splats;
+      if (sums.is_second(m)) continue;
       write_zeros(begin, splat->gaussian);
-      backward_one(splat->gaussian, *splat,
-                   sum_of_gaussian(args.splats, args.n_splats, args.slot_offsets, args.pair_grads, m));
+      backward_one(splat->gaussian, *splat, sums.of_gaussian(m));
       begin = splat->gaussian + 1;
     }
     write_zeros(begin, end);
@@ -134,13 +126,12 @@ namespace {
 using Part = std::array<float, kCameraGradients>;
 
 /// What a splat adds, given its sums over pixels.
-Part part_of(const CameraPartsView& view, const ViewTransform<float>& transform, const Splat& splat,
+Part part_of(const ProjectBackwardArgs& args, const ViewTransform<float>& view, const Splat& splat,
              const SplatGrad& sum) {
-  const CameraGrad part = with_lens(view.view.lens, [&](const auto& lens) {
+  const CameraGrad part = with_lens(args.view.lens, [&](const auto& lens) {
     using Lens = std::decay_t<decltype(lens)>;
-    const auto grad_of = view.antialiasing ? camera_grad<true, Lens> : camera_grad<false, Lens>;
-    return grad_of(view.gaussians, splat.gaussian, transform, lens, view.view.center, view.sh_degree, sum,
-                   splat.clamped);
+    const auto grad_of = args.antialiasing ? camera_grad<true, Lens> : camera_grad<false, Lens>;
+    return grad_of(args.gaussians, splat.gaussian, view, lens, args.view.center, args.sh_degree, sum, splat.clamped);
   });
   return {part.rotation.x,    part.rotation.y,    part.rotation.z,
           part.translation.x, part.translation.y, part.translation.z};
@@ -154,7 +145,7 @@ void add_parts(std::int64_t n, double* out, GetPart&& get_part) {
   parallel_pool(chunks.count, [&](std::int64_t chunk, int) {
     std::array<double, kCameraGradients>& sums = sums_of_chunks[static_cast<std::size_t>(chunk)];
     for (std::int64_t m = chunks.begin(chunk), end = chunks.end(chunk); m < end; ++m) {
-      const Part part = get_part(m);
+      const auto part = get_part(m);
       for (std::size_t k = 0; k < sums.size(); ++k) sums[k] += double{part[k]};
     }
   });
@@ -164,37 +155,7 @@ void add_parts(std::int64_t n, double* out, GetPart&& get_part) {
   }
 }
 
-}  // namespace
-
-void camera_gradient(const ProjectBackwardArgs& args, double* out) {
-  const ViewTransform<float> transform = make_view_transform<float>(args.view);
-  const CameraPartsView view{args.gaussians, args.view, args.sh_degree, args.antialiasing};
-  add_parts(args.n_splats, out, [&](std::int64_t m) {
-    const SplatGrad* const pairs = args.pair_grads;
-    return part_of(view, transform, args.splats[m],
-                   sum_slots(pairs + args.slot_offsets[m], pairs + args.slot_offsets[m + 1]));
-  });
-}
-
-void camera_parts(const CameraPartsArgs& args) {
-  const ViewTransform<float> transform = make_view_transform<float>(args.of.view);
-  parallel_each(args.n_splats, kGrain, [&](std::int64_t m) {
-    const Part part = part_of(args.of, transform, args.splats[m], args.splat_grads[m].sum);
-    std::copy(part.begin(), part.end(), args.out + m * kCameraGradients);
-  });
-}
-
-void sum_camera_parts(const float* parts, std::int64_t n_splats, double* out) {
-  add_parts(n_splats, out, [&](std::int64_t m) {
-    Part part;
-    std::copy_n(parts + m * kCameraGradients, kCameraGradients, part.begin());
-    return part;
-  });
-}
-
-namespace {
-
-/// The rows of Gaussians that the view does not see.
+/// Records of Gaussians that the view does not see.
 void write_unseen(const SplatRecordArrays& out, std::int64_t n_gaussians) {
   parallel_chunks(n_gaussians, kGrain, [&](std::int64_t begin, std::int64_t end) {
     std::fill(out.record_of_gaussian + begin, out.record_of_gaussian + end, -1);
@@ -204,26 +165,40 @@ void write_unseen(const SplatRecordArrays& out, std::int64_t n_gaussians) {
 
 }  // namespace
 
-void keep_splat_records(const SplatRecordArgs& args) {
-  write_unseen(args.out, args.n_gaussians);
-  parallel_each(args.n_splats, kGrain, [&](std::int64_t m) {
-    if (is_across_the_seam(args.splats, m)) return;
-    const SplatGrad sum = sum_of_gaussian(args.splats, args.n_splats, args.slot_offsets, args.pair_grads, m);
-    keep_splat(args.out, m, args.splats[m].gaussian, sum, args.splats[m].clamped);
+void camera_gradient(const ProjectBackwardArgs& args, const PairSums<SplatGrad>& sums, double* out) {
+  const ViewTransform<float> view = make_view_transform<float>(args.view);
+  add_parts(sums.n_splats, out,
+            [&](std::int64_t m) { return part_of(args, view, sums.splats[m], sums.sum(m, m + 1)); });
+}
+
+void camera_parts(const ProjectBackwardArgs& args, const SplatRows& rows, const SplatGradSum* splat_grads,
+                  float* parts) {
+  const ViewTransform<float> view = make_view_transform<float>(args.view);
+  parallel_each(rows.n_splats, kGrain, [&](std::int64_t m) {
+    const Part part = part_of(args, view, rows.splats[m], splat_grads[m].sum);
+    std::copy(part.begin(), part.end(), parts + m * kCameraGradients);
   });
 }
 
-void sum_splat_grads(const SumSplatGradsArgs& args) {
-  parallel_each(args.n_splats, kGrain, [&](std::int64_t m) {
-    const SplatGrad* const pairs = args.pair_grads;
-    args.out[m] = {sum_slots(pairs + args.slot_offsets[m], pairs + args.slot_offsets[m + 1]), {0, 0}};
+void sum_camera_parts(const float* parts, std::int64_t n_splats, double* out) {
+  add_parts(n_splats, out, [&](std::int64_t m) { return parts + m * kCameraGradients; });
+}
+
+void keep_splat_records(const PairSums<SplatGrad>& sums, std::int64_t n_gaussians, const SplatRecordArrays& out) {
+  write_unseen(out, n_gaussians);
+  sums.visit_gaussians([&](std::int64_t m, const SplatGrad& sum) {
+    keep_splat(out, m, sums.splats[m].gaussian, sum, sums.splats[m].clamped);
   });
+}
+
+void add_scores(const AddScoresArgs& args) {
+  parallel_each(args.n_splats, kGrain,
+                [&](std::int64_t m) { b3dgs::add_scores(args.sums[m], args.out, args.splats[m].gaussian); });
 }
 
 void keep_splats(const KeepSplatsArgs& args) {
   write_unseen(args.out, args.n_gaussians);
-  parallel_chunks(args.n_gaussians, kGrain,
-                  [&](std::int64_t begin, std::int64_t end) { std::fill(args.radii + begin, args.radii + end, 0); });
+  std::fill_n(args.radii, args.n_gaussians, 0);
   parallel_each(args.rows.n_splats, kGrain, [&](std::int64_t m) { keep_splat(args, m); });
 }
 

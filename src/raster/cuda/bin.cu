@@ -215,7 +215,7 @@ __global__ void __launch_bounds__(kThreads) emit_entries_kernel(const EmitArgs a
   // The projection counted the tiles with the same arithmetic and the same bits (tiling.h), so all entries of a list
   // are written, and none beyond the last.
   if constexpr (kReservesAtOnce) {
-    visit_spans(tasks, args.grid, n_tasks, [&](int, std::int32_t row, TileSpan span) {
+    visit_spans(tasks, args.grid, n_tasks, [&](int, std::int32_t row, Span span) {
       for (std::int32_t column = span.begin; column < span.end; ++column) {
         if (std::int32_t* const count = counters.take(row * args.grid.columns + column)) atomicAdd(count, 1);
       }
@@ -224,7 +224,7 @@ __global__ void __launch_bounds__(kThreads) emit_entries_kernel(const EmitArgs a
     reserve_entries(counters, args.next_entries);
     __syncthreads();  // where the block's entries go is known
   }
-  visit_spans(tasks, args.grid, n_tasks, [&](int thread, std::int32_t row, TileSpan span) {
+  visit_spans(tasks, args.grid, n_tasks, [&](int thread, std::int32_t row, Span span) {
     const EntryKey key = keys[thread];
     const std::int32_t first = row * args.grid.columns;
     for (std::int32_t column = span.begin; column < span.end; column += kAtOnce) {
@@ -268,7 +268,7 @@ __global__ void __launch_bounds__(kThreads) find_slots_kernel(const FindSlotsArg
                                     args.projected.radii[id]);
     std::int64_t slot = args.slot_offsets[id] + column - rows.span(args.grid, tile_row).begin;
     for (std::int32_t row = rows.begin; row < tile_row; ++row) {
-      const TileSpan span = rows.span(args.grid, row);
+      const Span span = rows.span(args.grid, row);
       slot += max(span.end - span.begin, 0);
     }
     args.pair_slots[k] = slot;

@@ -23,14 +23,14 @@ inline constexpr std::array kForwardLaunches{
 #undef B3DGS_ROW
 };
 
-#define B3DGS_ROW(kernel, id, name, summary) \
+#define B3DGS_ROW(kernel, id, name, is_balanced, summary) \
   void launch_backward_##id(const BlendBackwardCudaArgs& args, const LaunchContext& context);
 B3DGS_BACKWARD_KERNELS(B3DGS_ROW)
 #undef B3DGS_ROW
 
 /// Indexed by BackwardKernel.
 inline constexpr std::array kBackwardLaunches{
-#define B3DGS_ROW(kernel, id, name, summary) &launch_backward_##id,
+#define B3DGS_ROW(kernel, id, name, is_balanced, summary) &launch_backward_##id,
     B3DGS_BACKWARD_KERNELS(B3DGS_ROW)
 #undef B3DGS_ROW
 };

@@ -11,7 +11,6 @@
 #include "raster/args.h"
 #include "raster/cuda/device_buffer.h"
 #include "raster/rasterizer_backend.h"
-#include "raster/splat_rows.h"
 
 namespace b3dgs::cuda {
 

@@ -31,8 +31,8 @@ __device__ __forceinline__ TileRows project_one(const ProjectCudaArgs& args, std
   const GaussianArrays& g = args.gaussians;
   const TileGrid grid = with_constant_tiles(args.grid);
   const ViewTransform<float> view = make_view_transform<float>(args.view);
-  const ProjectedGaussian projected = project_splat<TileCount::kAny, kAntialiasing>(
-      g, i, view, lens_of<Lens>(args.view), args.near_plane, args.culling, grid);
+  const ProjectedGaussian projected =
+      project_splat<kAntialiasing>(g, i, view, lens_of<Lens>(args.view), args.near_plane, args.culling, grid);
   const bool is_seen = projected.outcome == Outcome::kSeen;
   bool is_valid = projected.outcome != Outcome::kInvalid;
   if (is_seen) {
@@ -64,9 +64,9 @@ __device__ __forceinline__ TileRows project_second(const ProjectCudaArgs& args, 
     reinterpret_cast<float4*>(&splat.splat)[0] = words[0];
     reinterpret_cast<float4*>(&splat.splat)[1] = words[1];
     splat.extent = args.out.extents[i];
-    splat = across_the_seam<TileCount::kAny>(splat, full_turn(args.view.fx), args.culling, args.grid);
+    splat = across_the_seam(splat, full_turn(args.view.fx), args.culling, args.grid);
   }
-  const bool is_seen = splat.n_tiles > 0;
+  const bool is_seen = splat.outcome == Outcome::kSeen;
   args.out.radii[row] = is_seen ? splat.radius : 0;
   if (!is_seen) return no_tile_rows(args.culling);
   auto* const out = reinterpret_cast<float4*>(args.out.splats + row);

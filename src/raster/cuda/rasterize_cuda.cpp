@@ -168,7 +168,7 @@ class CudaBackend final : public RasterizerBackend {
     sums_.are_zero = false;
     score_rows(error, sums, out.weight_sum != nullptr, context);
     join_second_splats(sums, context);
-    add_scores({rows_.splats.data(), state_.n_gaussians, nullptr, sums, out}, rows_.radii.data(), context);
+    add_scores({rows_.splats.data(), state_.n_gaussians, sums, out}, rows_.radii.data(), context);
   }
 
   void score_splats(const float* error, ScoreSums* out) override {
@@ -190,7 +190,7 @@ class CudaBackend final : public RasterizerBackend {
 
   void count_load(std::int32_t* processed, std::int32_t* contributing) const override {
     state_.check_view("count_load()");
-    cuda::count_load({rows_.splats.data(), binned_.bins, state_.grid, processed, contributing}, context_());
+    cuda::count_load({lists(), processed, contributing}, context_());
   }
 
   const double* camera_gradient() const override {
@@ -271,7 +271,7 @@ class CudaBackend final : public RasterizerBackend {
     meanwhile();
     begin_stage(state_.settings.stages, Stage::kBin);
     const ViewCounts counts = counts_reader_.poll();
-    if (has_too_many_pairs(counts.n_pairs)) {
+    if (counts.n_pairs > kIndexMax) {
       throw NumericError(too_many_pairs(counts.n_pairs,
                                         widest_gaussian(projected, n_rows_, state_.grid, settings.culling, context),
                                         state_.grid.n_tiles(), widest));
@@ -313,16 +313,14 @@ class CudaBackend final : public RasterizerBackend {
     }
   }
 
+  TileLists lists() const { return {rows_.splats.data(), rows_.extents.data(), binned_.bins, state_.grid}; }
+  BlendForwardArgs blend_args() const {
+    return {lists(), state_.settings.background, state_.rendered, blended_.transmittance.data(),
+            blended_.last_ids.data()};
+  }
+
   void blend_forward(ForwardKernel kernel, const LaunchContext& context) {
-    const BlendForwardArgs blend{rows_.splats.data(),
-                                 rows_.extents.data(),
-                                 binned_.bins,
-                                 state_.grid,
-                                 state_.settings.background,
-                                 state_.rendered,
-                                 blended_.transmittance.data(),
-                                 blended_.last_ids.data()};
-    BlendForwardCudaArgs args{blend, binned_.buckets, binned_.tiles_by_length, cut_, parts_};
+    BlendForwardCudaArgs args{blend_args(), binned_.buckets, binned_.tiles_by_length, cut_, parts_};
     forward_scratch_.allocate(kernel, args, pass_scratch_, context);
     kForwardLaunches[static_cast<std::size_t>(kernel)](args, context);
     stored_parts_ = parts_after(kernel, args);
@@ -335,16 +333,7 @@ class CudaBackend final : public RasterizerBackend {
     B3DGS_CHECK(grad.depth == nullptr || parts_.depth != nullptr,
                 "gradient with respect to depth after a forward() without depth_gradient");
     BlendBackwardCudaArgs args{};
-    args.blend = {rows_.splats.data(),
-                  rows_.extents.data(),
-                  binned_.bins,
-                  state_.grid,
-                  state_.settings.background,
-                  state_.rendered,
-                  blended_.transmittance.data(),
-                  blended_.last_ids.data(),
-                  grad,
-                  nullptr};
+    args.blend = {blend_args(), grad, nullptr};
     args.buckets = binned_.buckets;
     args.parts = stored_parts_;
     args.splat_grads = sums;
@@ -412,8 +401,7 @@ class CudaBackend final : public RasterizerBackend {
   /// `sums`: [rows] out.
   void score_rows(const float* error, ScoreSums* sums, bool wants_weights, const LaunchContext& context) {
     zero(sums, n_rows_, context);
-    cuda::score({rows_.splats.data(), rows_.extents.data(), binned_.bins, state_.grid, error, sums},
-                binned_.tiles_by_length, wants_weights, context);
+    cuda::score({lists(), error, sums}, binned_.tiles_by_length, wants_weights, context);
   }
 
   template <class Row>

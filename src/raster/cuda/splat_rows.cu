@@ -1,5 +1,5 @@
 // What passes over splats do besides projecting and blending them: a thread per splat or Gaussian, unless another is
-// named. Rows are splats in the order of their Gaussians (splat_rows.h).
+// named. Rows are splats in the order of their Gaussians (args.h).
 //   Views split at the splats:
 //     copy_seen_kernel, after projection: copies each row from its Gaussian's.
 //     load_rows_kernel, in place of projection: copies each row and counts its tiles, as projection does.
@@ -41,7 +41,7 @@ __global__ void __launch_bounds__(kThreads) load_rows_kernel(const LoadRowsArgs 
     splat.gaussian = static_cast<std::int32_t>(m);
     const Vec2f extent = args.rows.extents[m];
     const std::int32_t radius = args.rows.radii[m];
-    const bool is_drawn = tiles_touched<TileCount::kAny>(args.grid, args.culling, splat, extent, radius) > 0;
+    const bool is_drawn = touches_tiles(args.grid, args.culling, splat, extent, radius);
     args.out.splats[m] = splat;
     args.out.extents[m] = extent;
     args.out.radii[m] = is_drawn ? radius : 0;

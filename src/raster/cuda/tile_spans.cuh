@@ -62,7 +62,7 @@ __device__ __forceinline__ void visit_spans(const SpanTasks<kThreads>& tasks, co
     }
     const TileRows& of_owner = tasks.rows[owner];
     const std::int32_t row = of_owner.begin + task - (owner > 0 ? tasks.up_to[owner - 1] : 0);
-    const TileSpan span = of_owner.span(with_constant_tiles(grid), row);
+    const Span span = of_owner.span(with_constant_tiles(grid), row);
     if (span.begin < span.end) visit(owner, row, span);
   }
 }
@@ -101,7 +101,7 @@ __device__ __forceinline__ void count_spans(SpanTasks<kThreads>& tasks, const Ti
     std::int32_t* const own = counters.take(tile);
     atomicAdd(own != nullptr ? own : list_growth + kCounterStride * tile, value);
   };
-  visit_spans(tasks, grid, n_tasks, [&](int, std::int32_t row, TileSpan span) {
+  visit_spans(tasks, grid, n_tasks, [&](int, std::int32_t row, Span span) {
     add(row * grid.columns + span.begin, 1);
     add(row * grid.columns + span.end, -1);
   });

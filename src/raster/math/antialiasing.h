@@ -8,6 +8,7 @@
 #pragma once
 
 #include <cmath>
+#include <cstdint>
 
 #include "core/vec.h"
 #include "raster/math/projection.h"
@@ -44,6 +45,16 @@ B3DGS_HD Smoothed<Real> smooth(Vec3<Real> log_scales, Real filter) {
   smoothed.log_scales = log_scales - half_log;
   smoothed.log_opacity_ratio = half_log.x + half_log.y + half_log.z;
   return smoothed;
+}
+
+/// The 3D filter of Gaussian i with anti-aliasing, if there are filters: [N], or null.
+template <bool kAntialiasing>
+B3DGS_HD Smoothed<float> smooth_if([[maybe_unused]] const float* filters, [[maybe_unused]] std::int64_t i,
+                                   Vec3f log_scales) {
+  if constexpr (kAntialiasing) {
+    if (filters != nullptr) return smooth(log_scales, filters[i]);
+  }
+  return {log_scales, {1, 1, 1}, 0};
 }
 
 /// Square of the factor by which the 2D filter multiplies the opacity: det(cov without blur) / det(cov), at least

@@ -4,11 +4,7 @@
 // `Real` is float or double for one pixel, or a SIMD vector (cpu/forward/lanes-inl.h) for several pixels or several
 // splats at once; conditions are then masks, and select() replaces branches.
 //
-// Rules:
-//   - A splat is blended where alpha >= 1/255.
-//   - Alpha is capped at 0.99. Where it is capped, no gradient reaches opacity, conic or centre.
-//   - The splat that would bring the transmittance below 1e-4 is not blended; it finishes the pixel.
-//   - The background is added with the final transmittance.
+// The rules are "Semantics" in the README of src/raster.
 //
 // SIMD sources include this header once per instruction set, inside HWY_NAMESPACE, so that every function is compiled
 // for that instruction set. All other sources include it once, and the functions are in namespace b3dgs.
@@ -23,6 +19,7 @@
 #endif
 
 #include <cmath>
+#include <cstdint>
 
 #if defined(HWY_NAMESPACE)
 HWY_BEFORE_NAMESPACE();
@@ -138,15 +135,8 @@ B3DGS_BLEND_FN Alpha<Real> evaluate_alpha(Real power) {
   return {select(capped, Real(kAlphaMax), uncapped), capped};
 }
 
-// The transmittance of a pixel also says whether the pixel is finished: its sign is then negative.
-//
-//   value    1 -------> 0.4 -------> 0.003 -----> -0.003 -----> -0.003     final transmittance: 0.003
-//   splat         |            |            |             |
-//              blended      blended    would leave    behind a finished
-//                                      under 1e-4:    pixel: under 1e-4
-//                                      finishes it    for any alpha
-//
-// So the test that finishes a pixel also rejects all later splats, and kernels need no flag beside it.
+// The transmittance of a pixel also says whether the pixel is finished: it is then negative, so that the test that
+// finishes a pixel also rejects all later splats, and kernels need no flag beside it.
 
 /// The transmittance of a pixel that takes no splats, because it is outside the image or known to be hidden.
 inline constexpr float kClosedPixel = -1.0f;
@@ -174,8 +164,7 @@ struct PixelState {
   Real depth;  // sum of weight times depth
 };
 
-/// Blends a splat where it contributes. Returns where it was blended. Where it would have brought the transmittance
-/// below kTransmittanceMin, the pixel is finished instead.
+/// Blends a splat where it contributes, or finishes the pixel instead. Returns where it was blended.
 template <class Real>
 B3DGS_BLEND_FN Mask<Real> blend_over(PixelState<Real>& pixel, Mask<Real> contributes, Real alpha, Real red, Real green,
                                      Real blue, Real depth) {
@@ -258,6 +247,23 @@ B3DGS_BLEND_FN void accumulate(Sums& sums, const Footprint<Real>& footprint, con
   sums.green = multiply_add(grad.weight, grad_green, sums.green);
   sums.blue = multiply_add(grad.weight, grad_blue, sums.blue);
   sums.depth = multiply_add(grad.weight, grad_depth, sums.depth);
+}
+
+/// How many entries of its tile's list a pixel evaluates and blends, front to back.
+struct PixelLoad {
+  PixelState<float> pixel{1, 0, 0, 0, 0};
+  std::int32_t processed = 0;     // entries evaluated, including the one that finishes the pixel
+  std::int32_t contributing = 0;  // entries blended
+};
+
+/// Counts one entry at a pixel centre (px). Returns false once the pixel is finished.
+B3DGS_BLEND_FN bool count_entry(PixelLoad& load, const SplatShape<float>& shape, float center_x, float center_y) {
+  ++load.processed;
+  const Footprint<float> footprint = evaluate_footprint(shape, center_x, center_y);
+  if (!footprint.contributes) return true;
+  if (!blend_over(load.pixel, true, evaluate_alpha(footprint.power).alpha, 0.0f, 0.0f, 0.0f, 0.0f)) return false;
+  ++load.contributing;
+  return true;
 }
 
 #undef B3DGS_BLEND_FN

@@ -11,7 +11,6 @@
 #include "raster/math/opacity.h"
 #include "raster/math/projection.h"
 #include "raster/math/sh.h"
-#include "raster/splat_rows.h"
 
 namespace b3dgs {
 
@@ -37,10 +36,7 @@ B3DGS_HD GaussianGrad gaussian_grad(const GaussianArrays& g, std::int64_t i, con
   const Vec3f mean = load3(g.means, i);
   const Vec3f point = to_camera(view, mean);
   const Vec3f log_scales = load3(g.log_scales, i);
-  [[maybe_unused]] Smoothed<float> smoothed{log_scales, {1, 1, 1}, 0};
-  if constexpr (kAntialiasing) {
-    if (g.filters != nullptr) smoothed = smooth(log_scales, g.filters[i]);
-  }
+  const Smoothed<float> smoothed = smooth_if<kAntialiasing>(g.filters, i, log_scales);
   const Shape<float> shape = make_shape(smoothed.log_scales, load4(g.quats, i));
   const Projection<float> p = project_gaussian(view, lens, point, shape.factor);
   SpreadGrad<float> grad_spread = spread_grad(p, Sym2f{sum.cov_xx, sum.cov_xy, sum.cov_yy});

@@ -4,7 +4,6 @@
 
 #include <cmath>
 #include <cstdint>
-#include <type_traits>
 
 #include "raster/args.h"
 #include "raster/math/antialiasing.h"
@@ -41,62 +40,49 @@ inline constexpr const char* kInvalidText =
 struct ProjectedGaussian {
   Outcome outcome = Outcome::kCulled;
   // Defined if the Gaussian is seen:
-  std::int32_t n_tiles = 0;  // tiles that the splat touches
-  std::int32_t radius = 0;   // 3 standard deviations in px, rounded up
-  Vec2f extent{};            // half width and height (px) of the box around alpha >= 1/255
-  Splat splat{};             // red, green, blue and clamped are 0
+  std::int32_t radius = 0;  // 3 standard deviations in px, rounded up
+  Vec2f extent{};           // half width and height (px) of the box around alpha >= 1/255
+  Splat splat{};            // red, green, blue and clamped are 0
 };
 
-/// Projects Gaussian i. With TileCount::kAny `n_tiles` is a lower bound, which is 0 only if the splat touches no tile.
-/// `lens`: Pinhole or ViewLens.
-template <TileCount kCount, bool kAntialiasing, class Lens>
+/// Projects Gaussian i. `lens`: Pinhole or ViewLens.
+template <bool kAntialiasing, class Lens>
 B3DGS_HD ProjectedGaussian project_splat(const GaussianArrays& gaussians, std::int64_t i,
                                          const ViewTransform<float>& view, const Lens& lens, float near_plane,
                                          Culling culling, const TileGrid& grid) {
-  ProjectedGaussian result;
   const Vec3f point = to_camera(view, load3(gaussians.means, i));
   const float depth = lens_depth(lens, point);
-  if (!detail::is_finite(point.x + point.y + point.z) || depth > kDepthMax) {
-    result.outcome = Outcome::kInvalid;
-    return result;
-  }
-  if (depth < near_plane) return result;
+  if (!detail::is_finite(point.x + point.y + point.z) || depth > kDepthMax) return {Outcome::kInvalid};
+  if (depth < near_plane) return {Outcome::kCulled};
 
   const Vec3f log_scales = load3(gaussians.log_scales, i);
   const Vec4f quat = load4(gaussians.quats, i);
   const float logit = gaussians.logit_opacities[i];
   if (!detail::is_finite(logit + log_scales.x + log_scales.y + log_scales.z + quat.x + quat.y + quat.z + quat.w)) {
-    result.outcome = Outcome::kInvalid;
-    return result;
+    return {Outcome::kInvalid};
   }
   float log2_opacity = log2_sigmoid(logit);
-  if (culling == Culling::kEllipse && log2_opacity < kLog2AlphaMin) return result;
+  if (culling == Culling::kEllipse && log2_opacity < kLog2AlphaMin) return {Outcome::kCulled};
 
-  [[maybe_unused]] Smoothed<float> smoothed{log_scales, {1, 1, 1}, 0};
-  if constexpr (kAntialiasing) {
-    if (gaussians.filters != nullptr) smoothed = smooth(log_scales, gaussians.filters[i]);
-  }
+  const Smoothed<float> smoothed = smooth_if<kAntialiasing>(gaussians.filters, i, log_scales);
   const Shape<float> shape = make_shape(smoothed.log_scales, quat);
   if constexpr (!std::is_same_v<Lens, Pinhole>) {
-    if (is_out_of_lens(lens, point)) return result;
+    if (is_out_of_lens(lens, point)) return {Outcome::kCulled};
   }
   const Projection<float> p = project_gaussian(view, lens, point, shape.factor);
   if constexpr (!std::is_same_v<Lens, Pinhole>) {
-    if (!(p.shrink > 0)) {  // too large for its square to be finite
-      result.outcome = Outcome::kInvalid;
-      return result;
-    }
+    if (!(p.shrink > 0)) return {Outcome::kInvalid};  // too large for its square to be finite
   }
   if constexpr (kAntialiasing) {
     log2_opacity += kLog2e * (smoothed.log_opacity_ratio + std::log(blur_ratio(p)) / 2);
-    if (culling == Culling::kEllipse && log2_opacity < kLog2AlphaMin) return result;
+    if (culling == Culling::kEllipse && log2_opacity < kLog2AlphaMin) return {Outcome::kCulled};
   }
   const float radius = std::ceil(kSquareSigmas * largest_sigma(p.cov));
   if (!detail::is_finite(p.mean2d.x + p.mean2d.y + p.conic.xx + p.conic.xy + p.conic.yy + log2_opacity) ||
       !(radius <= kRadiusMax) || !(shape.inverse_length <= kInverseQuatLengthMax)) {
-    result.outcome = Outcome::kInvalid;
-    return result;
+    return {Outcome::kInvalid};
   }
+  ProjectedGaussian result;
   result.radius = static_cast<std::int32_t>(radius);
   result.extent = ellipse_extent(log2_opacity, p.cov);
   result.splat = {p.mean2d.x,
@@ -111,23 +97,22 @@ B3DGS_HD ProjectedGaussian project_splat(const GaussianArrays& gaussians, std::i
                   0,
                   0,
                   0};
-  result.n_tiles = tiles_touched<kCount>(grid, culling, result.splat, result.extent, result.radius);
-  if (result.n_tiles > 0) result.outcome = Outcome::kSeen;
+  if (touches_tiles(grid, culling, result.splat, result.extent, result.radius)) result.outcome = Outcome::kSeen;
   return result;
 }
 
 // The seam of a panorama: a splat that crosses it is drawn twice, a full turn apart, each with sums of its own; those
 // of the second are added to those of the first before the backward projection.
 
-/// The second splat of a Gaussian that the view sees; its n_tiles is 0 if there is none. `turn`: width of a full turn,
-/// px, which is the image's unless that was reduced.
-template <TileCount kCount>
+/// The second splat of a Gaussian that the view sees; culled if there is none. `turn`: width of a full turn, px, which
+/// is the image's unless that was reduced.
 B3DGS_HD ProjectedGaussian across_the_seam(const ProjectedGaussian& first, float turn, Culling culling,
                                            const TileGrid& grid) {
   ProjectedGaussian second = first;
   const bool is_left = first.splat.mean_x < static_cast<float>(grid.image_width) / 2;
   second.splat.mean_x = (StrictFloat(first.splat.mean_x) + (is_left ? turn : -turn)).value;
-  second.n_tiles = tiles_touched<kCount>(grid, culling, second.splat, second.extent, second.radius);
+  const bool is_seen = touches_tiles(grid, culling, second.splat, second.extent, second.radius);
+  second.outcome = is_seen ? Outcome::kSeen : Outcome::kCulled;
   return second;
 }
 

@@ -14,10 +14,9 @@ namespace b3dgs {
 
 /// PinholeView as Real, with the limits of the linearisation.
 template <class Real>
-struct ViewTransform {
+struct ViewTransform : LensScale<Real> {
   Mat3<Real> rotation;
   Vec3<Real> translation;
-  Real fx, fy, cx, cy;
   // Range of x/z and y/z. Outside it, J is evaluated at the nearest limit instead of at the Gaussian's centre.
   Real x_min, x_max, y_min, y_max;
 };
@@ -38,6 +37,11 @@ B3DGS_HD ViewTransform<Real> make_view_transform(const PinholeView& view) {
   t.y_min = -t.cy / t.fy - margin_y;
   t.y_max = (view.height - t.cy) / t.fy + margin_y;
   return t;
+}
+
+template <class Real>
+B3DGS_HD Vec3<Real> row_of(const Mat3<Real>& m, int row) {
+  return {m(row, 0), m(row, 1), m(row, 2)};
 }
 
 template <class Real>
@@ -93,18 +97,11 @@ B3DGS_HD Projection<Real> project_gaussian(const ViewTransform<Real>& view, cons
   p.slope_y = v < view.y_min ? view.y_min : (v > view.y_max ? view.y_max : v);
   p.slope_x_clamped = u < view.x_min || u > view.x_max;
   p.slope_y_clamped = v < view.y_min || v > view.y_max;
-  const Vec3<Real> row_x{view.rotation(0, 0), view.rotation(0, 1), view.rotation(0, 2)};
-  const Vec3<Real> row_y{view.rotation(1, 0), view.rotation(1, 1), view.rotation(1, 2)};
-  const Vec3<Real> row_z{view.rotation(2, 0), view.rotation(2, 1), view.rotation(2, 2)};
-  p.axis_x = (view.fx * inverse_z) * (row_x - p.slope_x * row_z);
-  p.axis_y = (view.fy * inverse_z) * (row_y - p.slope_y * row_z);
+  const Vec3<Real> row_z = row_of(view.rotation, 2);
+  p.axis_x = (view.fx * inverse_z) * (row_of(view.rotation, 0) - p.slope_x * row_z);
+  p.axis_y = (view.fy * inverse_z) * (row_of(view.rotation, 1) - p.slope_y * row_z);
   set_ellipse(p, factor);
   return p;
-}
-
-template <class Real>
-B3DGS_HD LensScale<Real> lens_scale(const ViewTransform<Real>& view) {
-  return {view.fx, view.fy, view.cx, view.cy};
 }
 
 /// Largest standard deviation of a Gaussian, from M = R S.
@@ -126,7 +123,7 @@ B3DGS_HD Projection<Real> project_gaussian(const ViewTransform<Real>& view, cons
                                            Vec3<Real> point, const Mat3<Real>& factor) {
   Projection<Real> p;
   p.place = lens_place(lens, point);
-  const LensPoint<Real> seen = lens_point(lens, lens_scale(view), p.place.at);
+  const LensPoint<Real> seen = lens_point(lens, view, p.place.at);
   const Vec3<Real> beyond = point - p.place.at;
   p.mean2d = {seen.pixel.x + dot(seen.row_x, beyond), seen.pixel.y + dot(seen.row_y, beyond)};
   p.shrink = lens_shrink(lens, point, longest_axis(factor));
@@ -209,7 +206,7 @@ B3DGS_HD ProjectionGrad<Real> project_backward(const ViewTransform<Real>& view, 
 
   // axis = f / z (row - slope row_z), with slope = x / z unless it is clamped.
   const Real inverse_z = 1 / point.z;
-  const Vec3<Real> row_z{view.rotation(2, 0), view.rotation(2, 1), view.rotation(2, 2)};
+  const Vec3<Real> row_z = row_of(view.rotation, 2);
   const Real grad_slope_x = p.slope_x_clamped ? Real(0) : -view.fx * inverse_z * dot(row_z, grad_axis_x);
   const Real grad_slope_y = p.slope_y_clamped ? Real(0) : -view.fy * inverse_z * dot(row_z, grad_axis_y);
   // The projected centre depends on x/z and y/z whether or not J is clamped.
@@ -237,7 +234,7 @@ B3DGS_HD ProjectionGrad<Real> project_backward(const ViewTransform<Real>& view, 
   if (!p.place.is_clamped) {
     const Vec3<Real> grad_row_x = p.shrink * (view.rotation * (factor * grad_spread.x));
     const Vec3<Real> grad_row_y = p.shrink * (view.rotation * (factor * grad_spread.y));
-    grad.point = grad.point + lens_hessian(lens, lens_scale(view), p.place.at, grad_row_x, grad_row_y);
+    grad.point = grad.point + lens_hessian(lens, view, p.place.at, grad_row_x, grad_row_y);
   }
   if (has_radial_depth(lens)) {
     grad.point = grad.point + (grad_depth / lens_depth(lens, point)) * point;

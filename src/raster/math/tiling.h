@@ -54,32 +54,10 @@ B3DGS_HD std::int32_t sub_tile_pixel(std::int32_t thread) {
 /// A quad is a task of `combined`: 2 x 2 pixels of a tile.
 inline constexpr std::int32_t kQuadSide = 2, kQuadPixels = kQuadSide * kQuadSide;
 
-/// Pixels of a quad, cut off at the edges of its tile and of the image.
-struct TaskPixels {
-  std::int32_t tile;
-  Rect rect;  // empty if the quad lies outside the image
-};
-
-B3DGS_HD std::int64_t n_quad_tasks(const TileGrid& grid) {
-  const std::int64_t columns = (grid.tile.width + kQuadSide - 1) / kQuadSide;
-  const std::int64_t rows = (grid.tile.height + kQuadSide - 1) / kQuadSide;
-  return columns * rows * grid.n_tiles();
-}
-
-/// Tasks are numbered tile by tile, and row by row within a tile.
-B3DGS_HD TaskPixels quad_task(const TileGrid& grid, std::int64_t task) {
-  const std::int32_t columns = (grid.tile.width + kQuadSide - 1) / kQuadSide;
-  const std::int32_t per_tile = columns * ((grid.tile.height + kQuadSide - 1) / kQuadSide);
-  const auto tile = static_cast<std::int32_t>(task / per_tile), quad = static_cast<std::int32_t>(task % per_tile);
-  const Rect pixels = tile_pixels(grid, tile);
-  const std::int32_t x = pixels.x_begin + quad % columns * kQuadSide, x_end = x + kQuadSide;
-  const std::int32_t y = pixels.y_begin + quad / columns * kQuadSide, y_end = y + kQuadSide;
-  return {tile, {x, x_end < pixels.x_end ? x_end : pixels.x_end, y, y_end < pixels.y_end ? y_end : pixels.y_end}};
-}
-
-/// Half-open interval of tile columns.
-struct TileSpan {
+/// Half-open interval of rows or columns, of tiles or pixels.
+struct Span {
   std::int32_t begin, end;
+  B3DGS_HD bool empty() const { return begin >= end; }
 };
 
 namespace detail {
@@ -95,6 +73,19 @@ B3DGS_HD std::int32_t floor_clamped(float value, std::int32_t low, std::int32_t 
   const auto truncated = static_cast<std::int32_t>(value);
   return truncated - (static_cast<float>(truncated) > value);
 #endif
+}
+
+/// Tiles along one axis with a pixel centre in [low, high], px.
+B3DGS_HD Span tiles_between(StrictFloat low, StrictFloat high, std::int32_t tile_size, std::int32_t n_tiles) {
+  const StrictFloat size = static_cast<float>(tile_size);
+  return {floor_clamped(((low + 0.5f - size) / size).value, -1, n_tiles - 1) + 1,
+          floor_clamped(((high - 0.5f) / size).value, -1, n_tiles - 1) + 1};
+}
+
+/// Tiles along one axis that overlap [low, high], px.
+B3DGS_HD Span tiles_overlapping(StrictFloat low, StrictFloat high, std::int32_t tile_size, std::int32_t n_tiles) {
+  const StrictFloat size = static_cast<float>(tile_size);
+  return {floor_clamped((low / size).value, 0, n_tiles), -floor_clamped((-high / size).value, -n_tiles, 0)};
 }
 
 }  // namespace detail
@@ -113,37 +104,6 @@ B3DGS_HD Vec2f ellipse_extent(float log2_opacity, const Sym2f& cov) {
   const StrictFloat two_sigma = 2 * kLn2 * power;  // d^T cov^-1 d on the ellipse
   return {(kExtentScale * sqrt(two_sigma * cov.xx) + kExtentMargin).value,
           (kExtentScale * sqrt(two_sigma * cov.yy) + kExtentMargin).value};
-}
-
-namespace detail {
-
-/// Tiles along one axis with a pixel centre in [low, high], px.
-B3DGS_HD TileSpan tiles_between(StrictFloat low, StrictFloat high, std::int32_t tile_size, std::int32_t n_tiles) {
-  const StrictFloat size = static_cast<float>(tile_size);
-  return {floor_clamped(((low + 0.5f - size) / size).value, -1, n_tiles - 1) + 1,
-          floor_clamped(((high - 0.5f) / size).value, -1, n_tiles - 1) + 1};
-}
-
-/// Tiles along one axis that overlap [low, high], px.
-B3DGS_HD TileSpan tiles_overlapping(StrictFloat low, StrictFloat high, std::int32_t tile_size, std::int32_t n_tiles) {
-  const StrictFloat size = static_cast<float>(tile_size);
-  return {floor_clamped((low / size).value, 0, n_tiles), -floor_clamped((-high / size).value, -n_tiles, 0)};
-}
-
-}  // namespace detail
-
-/// Tiles with a pixel centre in the bounding box of a splat's ellipse.
-B3DGS_HD Rect box_tiles(const TileGrid& grid, StrictFloat mean_x, StrictFloat mean_y, Vec2f extent) {
-  const TileSpan x = detail::tiles_between(mean_x - extent.x, mean_x + extent.x, grid.tile.width, grid.columns);
-  const TileSpan y = detail::tiles_between(mean_y - extent.y, mean_y + extent.y, grid.tile.height, grid.rows);
-  return {x.begin, x.end, y.begin, y.end};
-}
-
-/// Tiles that overlap the square mean +- radius, as in the original rasterizer.
-B3DGS_HD Rect square_tiles(const TileGrid& grid, StrictFloat mean_x, StrictFloat mean_y, StrictFloat radius) {
-  const TileSpan x = detail::tiles_overlapping(mean_x - radius, mean_x + radius, grid.tile.width, grid.columns);
-  const TileSpan y = detail::tiles_overlapping(mean_y - radius, mean_y + radius, grid.tile.height, grid.rows);
-  return {x.begin, x.end, y.begin, y.end};
 }
 
 /// The ellipse within which alpha >= 1/255, row by row. At height dy relative to its centre it spans
@@ -170,7 +130,7 @@ B3DGS_HD EllipseRows make_ellipse_rows(const Splat& splat, Vec2f extent) {
 }
 
 /// Columns of the tiles in one row whose pixel centres the ellipse reaches: exact except for a margin below 0.01 px.
-B3DGS_HD TileSpan ellipse_tiles_in_row(const EllipseRows& e, const TileGrid& grid, std::int32_t row) {
+B3DGS_HD Span ellipse_tiles_in_row(const EllipseRows& e, const TileGrid& grid, std::int32_t row) {
   const StrictFloat mean_x = e.mean_x, shear = e.shear, chord = e.chord, height = static_cast<float>(grid.tile.height);
   StrictFloat top = static_cast<float>(row) * height + 0.5f - e.mean_y;  // pixel centres, relative to the mean
   StrictFloat bottom = top + (height - 1);  // not computed from `row`: a row of one pixel could end before it begins
@@ -194,57 +154,31 @@ B3DGS_HD TileSpan ellipse_tiles_in_row(const EllipseRows& e, const TileGrid& gri
 struct TileRows {
   Culling culling;
   std::int32_t begin, end;  // half-open
-  TileSpan square;          // columns, the same in all rows; for kSquare
+  Span square;              // columns, the same in all rows; for kSquare
   EllipseRows ellipse;      // for kEllipse
   /// Columns touched in `row`; empty where the ellipse misses the row.
-  B3DGS_HD TileSpan span(const TileGrid& grid, std::int32_t row) const {
+  B3DGS_HD Span span(const TileGrid& grid, std::int32_t row) const {
     return culling == Culling::kSquare ? square : ellipse_tiles_in_row(ellipse, grid, row);
   }
 };
 
+/// kSquare: tiles that overlap the square mean +- radius, as in the original rasterizer. kEllipse: of the tiles with a
+/// pixel centre in the ellipse's bounding box, those that it reaches.
 B3DGS_HD TileRows tile_rows(const TileGrid& grid, Culling culling, const Splat& splat, Vec2f extent,
                             std::int32_t radius) {
+  const StrictFloat mean_x = splat.mean_x, mean_y = splat.mean_y, side = static_cast<float>(radius);
   if (culling == Culling::kSquare) {
-    const Rect tiles = square_tiles(grid, splat.mean_x, splat.mean_y, static_cast<float>(radius));
-    return {culling, tiles.y_begin, tiles.y_end, {tiles.x_begin, tiles.x_end}, {}};
+    const Span x = detail::tiles_overlapping(mean_x - side, mean_x + side, grid.tile.width, grid.columns);
+    const Span y = detail::tiles_overlapping(mean_y - side, mean_y + side, grid.tile.height, grid.rows);
+    return {culling, y.begin, y.end, x, {}};
   }
-  const Rect tiles = box_tiles(grid, splat.mean_x, splat.mean_y, extent);
-  return {culling, tiles.y_begin, tiles.y_end, {}, make_ellipse_rows(splat, extent)};
+  const Span y = detail::tiles_between(mean_y - extent.y, mean_y + extent.y, grid.tile.height, grid.rows);
+  return {culling, y.begin, y.end, {}, make_ellipse_rows(splat, extent)};
 }
 
 /// Of a splat that touches no tile.
 B3DGS_HD TileRows no_tile_rows(Culling culling) {
   return {culling, 0, 0, {0, 0}, {}};
-}
-
-/// Half-open interval of pixel rows or columns.
-struct PixelSpan {
-  std::int32_t begin, end;
-};
-
-/// Rows of [low, high) with a pixel centre within `extent` of `mean`, all counted from pixel row `first` of the image;
-/// columns likewise.
-B3DGS_HD PixelSpan pixels_reached(float mean, float extent, float first, std::int32_t low, std::int32_t high) {
-  const float middle = mean - first - 0.5f;
-  return {detail::floor_clamped(middle - extent, low - 1, high) + 1,
-          detail::floor_clamped(middle + extent, low - 1, high - 1) + 1};
-}
-
-/// Whether tiles_touched() counts all tiles or returns after the first row with any.
-enum class TileCount { kAll, kAny };
-
-/// Number of tiles that a splat touches. A Gaussian whose splat touches none is not seen.
-template <TileCount kCount = TileCount::kAll>
-B3DGS_HD std::int32_t tiles_touched(const TileGrid& grid, Culling culling, const Splat& splat, Vec2f extent,
-                                    std::int32_t radius) {
-  const TileRows rows = tile_rows(grid, culling, splat, extent, radius);
-  std::int32_t n_tiles = 0;
-  for (std::int32_t row = rows.begin; row < rows.end; ++row) {
-    const TileSpan span = rows.span(grid, row);
-    if (span.begin < span.end) n_tiles += span.end - span.begin;
-    if (kCount == TileCount::kAny && n_tiles > 0) break;
-  }
-  return n_tiles;
 }
 
 /// Calls visit(row, span) for each row of tiles in which the splat touches tiles.
@@ -253,9 +187,39 @@ B3DGS_HD void visit_tile_rows(const TileGrid& grid, Culling culling, const Splat
                               std::int32_t radius, Visit&& visit) {
   const TileRows rows = tile_rows(grid, culling, splat, extent, radius);
   for (std::int32_t row = rows.begin; row < rows.end; ++row) {
-    const TileSpan span = rows.span(grid, row);
-    if (span.begin < span.end) visit(row, span);
+    const Span span = rows.span(grid, row);
+    if (!span.empty()) visit(row, span);
   }
+}
+
+/// Number of tiles that the splat touches.
+B3DGS_HD std::int32_t tiles_touched(const TileGrid& grid, Culling culling, const Splat& splat, Vec2f extent,
+                                    std::int32_t radius) {
+  const TileRows rows = tile_rows(grid, culling, splat, extent, radius);
+  std::int32_t n_tiles = 0;
+  for (std::int32_t row = rows.begin; row < rows.end; ++row) {
+    const Span span = rows.span(grid, row);
+    if (!span.empty()) n_tiles += span.end - span.begin;
+  }
+  return n_tiles;
+}
+
+/// Whether it touches any. A Gaussian whose splat touches none is not seen.
+B3DGS_HD bool touches_tiles(const TileGrid& grid, Culling culling, const Splat& splat, Vec2f extent,
+                            std::int32_t radius) {
+  const TileRows rows = tile_rows(grid, culling, splat, extent, radius);
+  for (std::int32_t row = rows.begin; row < rows.end; ++row) {
+    if (!rows.span(grid, row).empty()) return true;
+  }
+  return false;
+}
+
+/// Rows of [low, high) with a pixel centre within `extent` of `mean`, all counted from pixel row `first` of the image;
+/// columns likewise.
+B3DGS_HD Span pixels_reached(float mean, float extent, float first, std::int32_t low, std::int32_t high) {
+  const float middle = mean - first - 0.5f;
+  return {detail::floor_clamped(middle - extent, low - 1, high) + 1,
+          detail::floor_clamped(middle + extent, low - 1, high - 1) + 1};
 }
 
 }  // namespace b3dgs

@@ -11,6 +11,7 @@
 #include "core/check.h"
 #include "raster/args.h"
 #include "raster/constants.h"
+#include "raster/rasterizer_backend.h"
 
 namespace b3dgs {
 
@@ -45,14 +46,8 @@ inline int sh_degree_of(const GaussianTensors& gaussians) {
   throw LogicError(detail::concat("shN has ", k - 1, " coefficients, expected 0, 3, 8 or 15"));
 }
 
-// The rasterizer for LibTorch, on CPU or GPU: the public interface of src/raster.
-//
-// Forward and backward are explicit calls rather than autograd functions: the graph of a training step is fixed, so
-// there is no reason to record it, and all buffers are reused from step to step.
-
-namespace cuda {
-struct ProjectBackwardCudaArgs;  // raster/cuda/passes.h
-}
+// The rasterizer for LibTorch, on CPU or GPU: the public interface of src/raster. Forward and backward are explicit
+// calls rather than autograd functions: the graph of a training step is fixed, so there is no reason to record it.
 
 /// A rendered view: float tensors on the rasterizer's device, overwritten by its next forward().
 struct RenderedView {
@@ -111,37 +106,34 @@ struct ViewLoad {
   torch::Tensor contributing;  // [H, W] int32, list entries blended per pixel
 };
 
+/// @throws LogicError naming a tensor that does not fit, or if there was no such forward()
 class Rasterizer {
  public:
   /// @throws InputError if this build does not support the device
   explicit Rasterizer(torch::Device device);
-  ~Rasterizer();
-  Rasterizer(Rasterizer&&) noexcept;
-  Rasterizer& operator=(Rasterizer&&) noexcept;
 
   /// Renders one view and, with settings.keep_for_backward, keeps what backward() needs. Parameters must be contiguous
   /// float tensors on the rasterizer's device.
-  /// @throws LogicError naming a tensor that does not fit; InvalidGaussianError naming the first invalid Gaussian
+  /// @throws InvalidGaussianError naming the first invalid Gaussian, as do the other projections
   RenderedView forward(const GaussianTensors& gaussians, const CameraView& view, const RenderSettings& settings);
 
   /// Gradients of the last forward(); `gaussians` must be unchanged. `grads` is overwritten; tensors that are undefined
   /// or of another shape are allocated.
   ViewStatistics backward(const GaussianTensors& gaussians, const RenderedViewGrad& grad, GaussianTensors& grads);
 
-  /// The blending half of backward(), on a GPU. `rest` receives the arguments of the other half, the backward
-  /// projection, for a kernel that uses each Gaussian's gradient without storing it. Its only gradient array is
-  /// means2d, the one in the returned statistics, which that kernel must write. @throws LogicError before any forward()
+  /// The blending half of backward(), on a GPU. `rest` receives the arguments of the backward projection, for a kernel
+  /// that uses each Gaussian's gradient without storing it. Its only gradient array is means2d of the returned
+  /// statistics, which that kernel must write.
   ViewStatistics backward_blend(const GaussianTensors& gaussians, const RenderedViewGrad& grad,
                                 cuda::ProjectBackwardCudaArgs& rest);
 
   /// backward() up to the splats, whose sums are written to `out`, so that the backward projection can follow after
-  /// other views. `out` must have room for view_size().n_splats records; nothing is allocated but statistics.
+  /// other views. `out` must have room for view_size().n_splats records.
   ViewStatistics backward_to_splats(const GaussianTensors& gaussians, const RenderedViewGrad& grad,
                                     const SplatRecordTensors& out);
 
   /// The first pass of forward() alone: the splats of the Gaussians that the view sees, in the order of the Gaussians,
   /// in new tensors. Waits once for a GPU, for their number. The view of the last forward() is lost.
-  /// @throws LogicError and InvalidGaussianError as forward()
   ViewSplats project(const GaussianTensors& gaussians, const CameraView& view, const RenderSettings& settings);
 
   /// project() for each of several views. Waits once for a GPU, for all of them, unless a view sees more of the
@@ -152,23 +144,20 @@ class Rasterizer {
   /// The other passes of forward(): the same image if `splats` is from project() with this view and these settings, or
   /// from several of them, put into one order: that of the rows decides between equal depths. Splat::gaussian is
   /// ignored. Then backward_splats(), score_splats(), reblend(), view_size() and count_load() may follow.
-  /// @throws LogicError naming a tensor that does not fit, or for settings.camera_gradient
+  /// @throws LogicError for settings.camera_gradient
   RenderedView forward_splats(const ViewSplats& splats, const CameraView& view, const RenderSettings& settings);
 
   /// The backward pass of the last forward_splats() up to the splats: a new tensor [M, 12] with a SplatGradSum for each
   /// row.
   torch::Tensor backward_splats(const RenderedViewGrad& grad);
 
-  /// score() of the last forward_splats(): a new tensor [M, 6] int32 with a ScoreSums for each row: error and weight
-  /// (64-bit integers in units of 2^-24, lower word first), the bits of the largest weight, and 0.
+  /// score() of the last forward_splats(): a new tensor [M, 6] int32 with a ScoreSums for each row.
   torch::Tensor score_splats(const torch::Tensor& error);
 
-  /// Blends the view of the last forward() again with another kernel, into the same tensors; the other passes are the
-  /// same for all kernels. On a GPU it does not wait for the device.
+  /// Blends the view of the last forward() again with another kernel, into the same tensors. Asynchronous on a GPU.
   RenderedView reblend(ForwardKernel kernel);
-
-  /// Runs the backward blend of the last forward() with another kernel, on a GPU only. Returns the splats' sums, [M,
-  /// 10] (SplatGrad), which the next backward pass overwrites.
+  /// The same for the backward blend, on a GPU only. Returns the splats' sums, [M, 10] (SplatGrad), which the next
+  /// backward pass overwrites.
   torch::Tensor reblend_backward(BackwardKernel kernel, const RenderedViewGrad& grad);
 
   /// Size of the view of the last forward().
@@ -188,14 +177,54 @@ class Rasterizer {
   ViewLoad count_load() const;
 
   /// Adds to `scores` what the pixels of the last forward() say about its Gaussians: sums of their weights, and of
-  /// weights times `error` [H, W], whose values count within [0, 1]. Exactly the same for any forward kernel and any
-  /// number of threads. Gradients of the last backward() that are still in the rasterizer's memory are lost; nothing is
-  /// allocated after a backward(). Asynchronous on a GPU. @throws LogicError naming a tensor that does not fit
+  /// weights times `error` [H, W], whose values count within [0, 1]. Exactly the same for any forward kernel and number
+  /// of threads. Overwrites the sums of the last backward(). Asynchronous on a GPU.
   void score(const torch::Tensor& error, const GaussianScores& scores);
 
  private:
-  struct Impl;
-  std::unique_ptr<Impl> impl_;
+  RasterizerBackend& backend() const;
+  ImageArrays begin_view(const CameraView& view, const torch::TensorOptions& options);
+  ImageGradArrays image_grad(const RenderedViewGrad& grad) const;
+  const float* error_image(const torch::Tensor& error) const;
+  ViewStatistics& begin_statistics(std::int64_t n);
+  const ViewStatistics& finish_statistics();
+
+  torch::Device device_;
+  mutable std::unique_ptr<RasterizerBackend> backend_;  // made when it is first used
+  RenderedView rendered_;
+  torch::Tensor color_storage_, depth_storage_, alpha_storage_, means2d_storage_;
+  ViewStatistics statistics_;
+  double seen_share_ = 0;  // largest share of the Gaussians that a view of project_views() has seen
 };
+
+// For a rank whose splats another rank renders: what Rasterizer would have done with the sums that come back. `splats`
+// is from Rasterizer::project() with this view and these settings, `splat_grads` from backward_splats() and `scores`
+// from score_splats(), with rows in the same order. Asynchronous on a GPU. @throws LogicError naming a tensor that does
+// not fit
+
+class SplatOwner {
+ public:
+  /// Writes to `out` what backward_to_splats() would write, except that record m is that of row m; `out` must have room
+  /// for all splats. Returns the statistics, whose tensors the next call overwrites.
+  ViewStatistics keep(const ViewSplats& splats, const torch::Tensor& splat_grads, std::int64_t n_gaussians,
+                      const SplatRecordTensors& out);
+
+ private:
+  torch::Tensor means2d_storage_, radii_storage_;
+  ViewStatistics statistics_;
+};
+
+/// Adds to `out` what score() would have added.
+void add_splat_scores(const ViewSplats& splats, const torch::Tensor& scores, const GaussianScores& out);
+
+/// What each splat adds to the gradient with respect to the camera's pose (ViewStatistics::camera_grad), a new tensor
+/// [M, 6].
+torch::Tensor camera_parts(const GaussianTensors& gaussians, const ViewSplats& splats, const torch::Tensor& splat_grads,
+                           const CameraView& view, const RenderSettings& settings);
+
+/// Their sum over all splats of a view, a new tensor [6] double: what backward() would have computed if rows are in the
+/// order of project(). Of a panorama on the CPU up to rounding: there backward() adds what each of a Gaussian's two
+/// splats adds, but only the sums of both together come back to the owner.
+torch::Tensor sum_camera_parts(const torch::Tensor& parts);
 
 }  // namespace b3dgs

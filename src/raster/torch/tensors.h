@@ -4,76 +4,72 @@
 #include <torch/types.h>
 
 #include <initializer_list>
+#include <map>
 #include <string>
 #include <vector>
 
 #include "core/check.h"
-#include "raster/splat_rows.h"
 #include "raster/torch/rasterizer.h"
 
 namespace b3dgs {
 
+/// 32-bit words of a struct, which are the columns of a tensor of them.
+template <class Row>
+inline constexpr int kWords = sizeof(Row) / 4;
+
+template <class Row>
+Row* rows_at(const torch::Tensor& tensor) {
+  return static_cast<Row*>(tensor.data_ptr());
+}
+
 class TensorCheck {
  public:
   explicit TensorCheck(torch::Device device) : device_(device) {}
+  /// For tensors on the device of this one, if it is defined.
+  explicit TensorCheck(const torch::Tensor& like) : device_(like.defined() ? like.device() : torch::kCPU) {}
+  bool is_cpu() const { return device_.is_cpu(); }
 
   /// A dimension: a number, or a name for a number.
   struct Dim {
-    Dim(int size) : size(size) {}                    // NOLINT(google-explicit-constructor): reads as a list of sizes
-    Dim(const char* name) : size(-1), name(name) {}  // NOLINT(google-explicit-constructor)
-    std::int64_t size;
-    std::string name;
+    Dim(int size) : size(size) {}          // NOLINT(google-explicit-constructor): reads as a list of sizes
+    Dim(const char* name) : name(name) {}  // NOLINT(google-explicit-constructor)
+    std::int64_t size = -1;
+    const char* name = nullptr;
   };
 
   /// Defines a dimension.
-  void bind(const std::string& name, std::int64_t size) { bound_.push_back({name, size, "the caller"}); }
+  void bind(const std::string& name, std::int64_t size) { sizes_[name] = size; }
 
-  /// Checks that `tensor` is of type `type` (float, int32 or uint8), contiguous, on the device, and has these
-  /// dimensions.
-  /// @throws LogicError such as "quats is [99, 4], expected [N, 4]; N is 100 from means"
+  /// Checks that `tensor` is of this type, contiguous, on the device, and has these dimensions.
+  /// @throws LogicError such as "quats is [99, 4], expected [100, 4]"; -1: any number
   void dims(const std::string& what, const torch::Tensor& tensor, std::initializer_list<Dim> wanted,
             torch::ScalarType type = torch::kFloat32) {
     B3DGS_CHECK(tensor.defined(), what, " is undefined");
-    bool fits = tensor.dim() == static_cast<std::int64_t>(wanted.size());
-    std::string expected, origins;
-    std::int64_t axis = 0;
+    std::vector<std::int64_t> expected;
     for (const Dim& dim : wanted) {
-      expected += (axis > 0 ? ", " : "") + (dim.name.empty() ? std::to_string(dim.size) : dim.name);
+      const auto axis = static_cast<std::int64_t>(expected.size());
       const std::int64_t found = axis < tensor.dim() ? tensor.size(axis) : -1;
-      ++axis;
-      if (dim.name.empty()) {
-        fits = fits && found == dim.size;
-      } else if (const Bound* bound = find(dim.name)) {
-        fits = fits && found == bound->size;
-        origins += "; " + dim.name + " is " + std::to_string(bound->size) + " from " + bound->from;
-      } else {
-        bound_.push_back({dim.name, found, what});
-      }
+      expected.push_back(dim.name == nullptr ? dim.size : sizes_.try_emplace(dim.name, found).first->second);
     }
-    B3DGS_CHECK(fits, what, " is ", tensor.sizes(), ", expected [", expected, "]", origins);
-    B3DGS_CHECK(tensor.device() == device_, what, " is on ", tensor.device().str(), ", expected ", device_.str());
-    B3DGS_CHECK(tensor.scalar_type() == type, what, " is ", tensor.scalar_type(), ", expected ",
-                type == torch::kInt32   ? "int32"
-                : type == torch::kUInt8 ? "uint8"
-                                        : "float");
+    B3DGS_CHECK(tensor.sizes() == expected, what, " is ", tensor.sizes(), ", expected ", torch::IntArrayRef(expected));
+    B3DGS_CHECK(tensor.device() == device_, what, " is on ", tensor.device(), ", expected ", device_);
+    B3DGS_CHECK(tensor.scalar_type() == type, what, " is ", tensor.scalar_type(), ", expected ", type);
     B3DGS_CHECK(tensor.is_contiguous(), what, " is not contiguous");
   }
 
- private:
-  struct Bound {
-    std::string name;
-    std::int64_t size;
-    std::string from;
-  };
-  const Bound* find(const std::string& name) const {
-    for (const Bound& bound : bound_) {
-      if (bound.name == name) return &bound;
-    }
-    return nullptr;
+  /// Checks that `tensor` has rows of this struct, and that these are aligned.
+  template <class Row>
+  Row* rows(const std::string& what, const torch::Tensor& tensor, const char* count,
+            torch::ScalarType type = torch::kFloat32) {
+    dims(what, tensor, {count, kWords<Row>}, type);
+    B3DGS_CHECK(reinterpret_cast<std::uintptr_t>(tensor.data_ptr()) % alignof(Row) == 0, what, " is not aligned to ",
+                alignof(Row), " bytes");
+    return rows_at<Row>(tensor);
   }
 
+ private:
   torch::Device device_;
-  std::vector<Bound> bound_;
+  std::map<std::string, std::int64_t> sizes_;  // of named dimensions
 };
 
 // From checked tensors to the rasterizer's argument structs. @throws LogicError naming a tensor that does not fit
@@ -128,34 +124,21 @@ inline ScoreArrays arrays_of(const GaussianScores& scores, TensorCheck& check) {
           scores.n_views.data_ptr<float>()};
 }
 
-/// A tensor of rows of 32-bit words as an array of structs with 16-byte loads.
-template <class Row>
-Row* rows_at(const std::string& what, const torch::Tensor& tensor) {
-  void* const data = tensor.data_ptr();
-  B3DGS_CHECK(reinterpret_cast<std::uintptr_t>(data) % alignof(Row) == 0, what, " is not aligned to ", alignof(Row),
-              " bytes");
-  return static_cast<Row*>(data);
-}
-
 /// Defines "M" of `check`.
 inline SplatRows rows_of(const ViewSplats& view, TensorCheck& check) {
-  constexpr int kColumns = sizeof(Splat) / sizeof(float);
-  check.dims("splats", view.splats, {"M", kColumns});
-  check.dims("extents", view.extents, {"M", 2});
+  const Splat* const splats = check.rows<Splat>("splats", view.splats, "M");
+  const Vec2f* const extents = check.rows<Vec2f>("extents", view.extents, "M");
   check.dims("radii", view.radii, {"M"}, torch::kInt32);
-  return {view.splats.size(0), rows_at<Splat>("splats", view.splats), rows_at<Vec2f>("extents", view.extents),
-          view.radii.data_ptr<std::int32_t>()};
+  return {view.splats.size(0), splats, extents, view.radii.data_ptr<std::int32_t>()};
 }
 
 /// Room for the records of at least `n_splats` splats of N Gaussians; `check` must know "N".
 inline SplatRecordArrays arrays_of(const SplatRecordTensors& out, std::int64_t n_splats, TensorCheck& check,
                                    const torch::Tensor& means2d_grad) {
-  constexpr int kColumns = sizeof(SplatRecord) / sizeof(float);
-  check.dims("records", out.records, {"capacity", kColumns});
+  auto* const records = check.rows<SplatRecord>("records", out.records, "capacity");
   B3DGS_CHECK(out.records.size(0) >= n_splats, "room for ", out.records.size(0), " records of ", n_splats, " splats");
   check.dims("record_of_gaussian", out.record_of_gaussian, {"N"}, torch::kInt32);
-  return {rows_at<SplatRecord>("records", out.records), out.record_of_gaussian.data_ptr<std::int32_t>(),
-          means2d_grad.data_ptr<float>()};
+  return {records, out.record_of_gaussian.data_ptr<std::int32_t>(), means2d_grad.data_ptr<float>()};
 }
 
 // Tensors whose size changes from view to view (photographs of different sizes, a growing model), in memory that only

@@ -95,7 +95,7 @@ GaussianMemory gaussian_memory(const TrainState& state, const ViewMemory& view, 
   memory.state = static_cast<double>(state_row_bytes(state));
   memory.step = kStep;
   if (n_kept_views > 0) {
-    // Of each view, kept splats and their indices (raster/splat_rows.h), with a quarter to spare; a copy of the
+    // Of each view, kept splats and their indices (raster/args.h), with a quarter to spare; a copy of the
     // statistics.
     constexpr double kSpare = 1.25, kIndex = 4, kRecord = 48;
     memory.step += kSpare * n_kept_views * (kIndex + kRecord * ratios.splats());

@@ -8,7 +8,6 @@
 
 #include "config/batch_steps.h"
 #include "raster/math/gaussian_grad.h"
-#include "raster/splat_rows.h"
 #include "train/optimizer/adam_args.h"
 
 namespace b3dgs {

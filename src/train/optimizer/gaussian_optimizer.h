@@ -8,7 +8,6 @@
 
 #include "raster/stages.h"
 #include "raster/torch/rasterizer.h"
-#include "raster/torch/splat_owner.h"
 #include "train/optimizer/adam.h"
 #include "train/optimizer/batch_grad.h"
 

@@ -17,7 +17,9 @@ class ForwardBlend final : public BlendPass {
   explicit ForwardBlend(const BlendInput& input) : input_(input) {}
 
   void prepare(const CameraView& view) override { input_.render(view, input_.settings); }
-  void run(const std::string& kernel) override { image_ = input_.rasterizer.reblend(forward_kernel(kernel)); }
+  void run(const std::string& kernel) override {
+    image_ = input_.rasterizer.reblend(kernel_named(kForwardKernels, kernel));
+  }
   void keep() override { kept_ = {image_.color.clone(), {}, image_.alpha.clone()}; }
   std::string fault() const override { return image_fault(image_, kept_); }
 
@@ -36,7 +38,7 @@ class BackwardBlend final : public BlendPass {
     grad_.color = torch::full_like(color, 1.0 / static_cast<double>(color.numel()));
   }
   void run(const std::string& kernel) override {
-    sums_ = input_.rasterizer.reblend_backward(backward_kernel(kernel), grad_);
+    sums_ = input_.rasterizer.reblend_backward(kernel_named(kBackwardKernels, kernel), grad_);
   }
   void keep() override { kept_ = sums_.clone(); }
   std::string fault() const override { return gradient_fault(sums_, kept_); }
@@ -186,8 +188,8 @@ KernelChooser::KernelChooser(const TrainConfig& config, torch::Device device, Ke
 }
 
 RenderSettings KernelChooser::apply(RenderSettings settings) const {
-  settings.kernel = forward_kernel(forward_.kernel());
-  if (!device_.is_cpu()) settings.backward_kernel = backward_kernel(backward_.kernel());
+  settings.kernel = kernel_named(kForwardKernels, forward_.kernel());
+  if (!device_.is_cpu()) settings.backward_kernel = kernel_named(kBackwardKernels, backward_.kernel());
   return settings;
 }
 

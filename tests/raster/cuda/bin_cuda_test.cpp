@@ -84,7 +84,7 @@ std::int64_t expect_counted_pairs(const TestScene& scene, const RenderSettings& 
   std::int64_t n_wrong = 0;
   for (const std::size_t i : by_depth) {
     visit_tile_rows(grid, settings.culling, projected.splats[i], projected.extents[i], projected.radii[i],
-                    [&](std::int32_t row, TileSpan span) {
+                    [&](std::int32_t row, Span span) {
                       for (std::int32_t column = span.begin; column < span.end; ++column) {
                         const auto tile = static_cast<std::size_t>(row * grid.columns + column);
                         const std::int64_t place = next[tile]++;

@@ -143,10 +143,10 @@ class CpuView {
   std::unique_ptr<RasterizerBackend> rasterizer_ = cpu::make_rasterizer();
 };
 
-/// Gradients by the view of size about 1 that differ between pixels and channels; 0 where `off` holds.
-inline RenderedViewGrad uneven_grad(const PinholeView& view, const torch::Tensor& off) {
+/// Gradients by the view of size about 1 that differ between pixels and channels; 0 where `off`, if given, holds.
+inline RenderedViewGrad uneven_grad(const PinholeView& view, const torch::Tensor& off = {}) {
   const std::int64_t h = view.height, w = view.width;
-  const torch::Tensor on = torch::logical_not(off).to(torch::kFloat32);
+  const torch::Tensor on = off.defined() ? torch::logical_not(off).to(torch::kFloat32) : torch::ones({h, w});
   const auto wave = [&](std::int64_t n, double frequency) {
     return torch::cos(torch::arange(n, torch::kFloat64) * frequency + 0.3).to(torch::kFloat32);
   };
@@ -159,11 +159,11 @@ inline GaussianScores make_scores(std::int64_t n) {
   return {torch::zeros({n}), torch::zeros({n}), torch::zeros({n}), torch::zeros({n})};
 }
 
-/// An error [H, W] within [0, 1] that differs between pixels; 0 where `off` holds.
-inline torch::Tensor uneven_error(const PinholeView& view, const torch::Tensor& off) {
+/// An error [H, W] within [0, 1] that differs between pixels; 0 where `off`, if given, holds.
+inline torch::Tensor uneven_error(const PinholeView& view, const torch::Tensor& off = {}) {
   const std::int64_t h = view.height, w = view.width;
   const torch::Tensor wave = torch::sin(torch::arange(h * w, torch::kFloat64) * 0.7).square().view({h, w});
-  return (wave * torch::logical_not(off)).to(torch::kFloat32).contiguous();
+  return (off.defined() ? wave * torch::logical_not(off) : wave).to(torch::kFloat32).contiguous();
 }
 
 }  // namespace b3dgs::test

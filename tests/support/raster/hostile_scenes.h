@@ -119,8 +119,7 @@ void expect_finite_or_refused(const TestScene& scene, const RenderSettings& sett
   try {
     View view(scene, settings);
     EXPECT_TRUE(all_finite(view.color, "colour") && all_finite(view.depth, "depth") && all_finite(view.alpha, "alpha"));
-    const torch::Tensor none = torch::zeros({scene.view.height, scene.view.width}, torch::kBool);
-    const DenseGradients gradients = view.backward(uneven_grad(scene.view, none));
+    const DenseGradients gradients = view.backward(uneven_grad(scene.view));
     for (std::size_t i = 0; i < gradients.parameters.all().size(); ++i) {
       EXPECT_TRUE(all_finite(*gradients.parameters.all()[i], GaussianTensors::kNames[i])) << "a gradient";
     }

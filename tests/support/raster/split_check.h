@@ -90,9 +90,8 @@ inline void expect_rows_of_view(const OwnedView& found, const OwnedView& all, co
 /// Returns whether the scene can be rendered.
 template <class Split>
 bool expect_same_through_splats(const TestScene& scene, const RenderSettings& settings, std::int64_t n_shards) {
-  const torch::Tensor everywhere = torch::zeros({scene.view.height, scene.view.width}, torch::kBool);
-  const RenderedViewGrad grad = uneven_grad(scene.view, everywhere);
-  const torch::Tensor error = uneven_error(scene.view, everywhere);
+  const RenderedViewGrad grad = uneven_grad(scene.view);
+  const torch::Tensor error = uneven_error(scene.view);
   const std::optional<WholeView> expected = Split().whole(scene, settings, grad, error);
 
   std::vector<torch::Tensor> rows, global;

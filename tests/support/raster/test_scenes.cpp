@@ -134,14 +134,18 @@ class SceneBuilder {
   std::vector<float> means_, log_scales_, quats_, logit_opacities_, sh0_, shN_;
 };
 
+struct Range {
+  double min = 0, max = 0;
+};
+
 /// Ranges of add_cloud()'s uniform distributions; sizes are uniform in the logarithm.
 struct Cloud {
   int n = 0;
-  double x_min = 0, x_max = 0, y_min = 0, y_max = 0;  // px
-  double depth_min = 2, depth_max = 8;
-  double size_min = 1, size_max = 3;  // px
-  double opacity_min = 0.1, opacity_max = 0.8;
-  double color_min = 0.1, color_max = 0.9;
+  Range x, y;  // px
+  Range depth{2, 8};
+  Range size{1, 3};  // px
+  Range opacity{0.1, 0.8};
+  Range color{0.1, 0.9};
   double sh_amplitude = 0.05;
 };
 
@@ -149,9 +153,8 @@ struct Cloud {
 Cloud cloud_over(const PinholeView& view, int n, double margin) {
   Cloud cloud;
   cloud.n = n;
-  cloud.x_min = cloud.y_min = -margin;
-  cloud.x_max = view.width + margin;
-  cloud.y_max = view.height + margin;
+  cloud.x = {-margin, view.width + margin};
+  cloud.y = {-margin, view.height + margin};
   return cloud;
 }
 
@@ -163,14 +166,14 @@ void add_cloud(SceneBuilder& builder, const Cloud& cloud, Random& random) {
     std::swap(depth_index[i], depth_index[static_cast<int>(random.uniform(0, i + 1))]);
   for (int i = 0; i < cloud.n; ++i) {
     Splat2D splat;
-    splat.x = random.uniform(cloud.x_min, cloud.x_max);
-    splat.y = random.uniform(cloud.y_min, cloud.y_max);
+    splat.x = random.uniform(cloud.x.min, cloud.x.max);
+    splat.y = random.uniform(cloud.y.min, cloud.y.max);
     const double place = (depth_index[i] + random.uniform(0.2, 0.8)) / cloud.n;
-    splat.depth = cloud.depth_min + (cloud.depth_max - cloud.depth_min) * place;
-    for (double& size : splat.size) size = random.log_uniform(cloud.size_min, cloud.size_max);
+    splat.depth = cloud.depth.min + (cloud.depth.max - cloud.depth.min) * place;
+    for (double& size : splat.size) size = random.log_uniform(cloud.size.min, cloud.size.max);
     for (double& c : splat.quat) c = random.uniform(-1, 1);
-    splat.opacity = random.uniform(cloud.opacity_min, cloud.opacity_max);
-    splat.color = random.uniform3(cloud.color_min, cloud.color_max);
+    splat.opacity = random.uniform(cloud.opacity.min, cloud.opacity.max);
+    splat.color = random.uniform3(cloud.color.min, cloud.color.max);
     builder.add(splat, random, cloud.sh_amplitude);
   }
 }
@@ -231,12 +234,10 @@ TestScene around_the_near_plane() {
   SceneBuilder builder(view, 1);
   Random random(4);
   Cloud cloud = cloud_over(view, 40, 4);
-  cloud.depth_min = 0.02;
-  cloud.depth_max = 0.6;
+  cloud.depth = {0.02, 0.6};
   add_cloud(builder, cloud, random);
   cloud.n = 10;
-  cloud.depth_min = -4;
-  cloud.depth_max = -0.05;
+  cloud.depth = {-4, -0.05};
   add_cloud(builder, cloud, random);
   return builder.build();
 }
@@ -244,27 +245,20 @@ TestScene around_the_near_plane() {
 TestScene thirty_three_in_one_tile() {
   Cloud cloud;
   cloud.n = 33;
-  cloud.x_min = 21.5;  // the third tile of 8 rows in the second column
-  cloud.x_max = 26.5;
-  cloud.y_min = 19.5;
-  cloud.y_max = 20.5;
-  cloud.size_min = 0.3;
-  cloud.size_max = 0.8;
-  cloud.opacity_min = 0.05;
-  cloud.opacity_max = 0.3;
+  cloud.x = {21.5, 26.5};  // the third tile of 8 rows in the second column
+  cloud.y = {19.5, 20.5};
+  cloud.size = {0.3, 0.8};
+  cloud.opacity = {0.05, 0.3};
   return cloud_scene(make_view(48, 32, 40), 1, cloud, 5);
 }
 
 TestScene ten_thousand_in_one_tile() {
   Cloud cloud;
   cloud.n = 10000;
-  cloud.x_min = cloud.y_min = 4;
-  cloud.x_max = cloud.y_max = 12;
-  cloud.depth_max = 6;
-  cloud.size_min = 0.3;
-  cloud.size_max = 1.0;
-  cloud.opacity_min = 0.01;
-  cloud.opacity_max = 0.04;
+  cloud.x = cloud.y = {4, 12};
+  cloud.depth.max = 6;
+  cloud.size = {0.3, 1.0};
+  cloud.opacity = {0.01, 0.04};
   return cloud_scene(make_view(20, 16, 30), 0, cloud, 202);
 }
 
@@ -273,12 +267,9 @@ TestScene ends_along_a_long_list() {
   SceneBuilder builder(view, 0);
   Random random(203);
   Cloud faint = cloud_over(view, 6000, -1);
-  faint.depth_min = 1;
-  faint.depth_max = 6;
-  faint.size_min = 0.4;
-  faint.size_max = 0.8;
-  faint.opacity_min = 0.01;
-  faint.opacity_max = 0.02;
+  faint.depth = {1, 6};
+  faint.size = {0.4, 0.8};
+  faint.opacity = {0.01, 0.02};
   add_cloud(builder, faint, random);
   for (int column = 0; column < 4; ++column) {
     for (int row = 0; row < 3; ++row) {
@@ -318,10 +309,8 @@ TestScene opaque_front_layer() {
 TestScene saturated_pixels() {
   const PinholeView view = make_view(48, 40, 44);
   Cloud cloud = cloud_over(view, 180, 6);
-  cloud.size_min = 2;
-  cloud.size_max = 6;
-  cloud.opacity_min = 0.4;
-  cloud.opacity_max = 0.98;
+  cloud.size = {2, 6};
+  cloud.opacity = {0.4, 0.98};
   return cloud_scene(view, 1, cloud, 8);
 }
 
@@ -339,10 +328,8 @@ TestScene anisotropic_cloud() {
   PinholeView view = make_view(64, 48, 55);
   set_pose(view, {0.9, 0.2, -0.3, 0.1}, {0.7, -1.1, 0.4});
   Cloud cloud = cloud_over(view, 300, 8);
-  cloud.size_min = 0.4;
-  cloud.size_max = 6;
-  cloud.opacity_min = 0.02;
-  cloud.opacity_max = 0.95;
+  cloud.size = {0.4, 6};
+  cloud.opacity = {0.02, 0.95};
   cloud.sh_amplitude = 0.15;
   return cloud_scene(view, 3, cloud, 11);
 }
@@ -354,7 +341,7 @@ TestScene off_centre_principal_point() {
   view.cy = 33.1f;
   set_pose(view, {0.8, -0.3, 0.2, 0.4}, {-2.0, 0.5, 1.5});
   Cloud cloud = cloud_over(view, 90, 20);
-  cloud.size_max = 8;
+  cloud.size.max = 8;
   return cloud_scene(view, 3, cloud, 12);
 }
 
@@ -401,16 +388,14 @@ TestScene needles() {
 TestScene tiny_splats() {
   const PinholeView view = make_view(33, 17, 30);
   Cloud cloud = cloud_over(view, 150, 1);
-  cloud.size_min = 1e-4;
-  cloud.size_max = 0.2;
+  cloud.size = {1e-4, 0.2};
   return cloud_scene(view, 1, cloud, 15);
 }
 
 TestScene negative_colors() {
   const PinholeView view = make_view(32, 24, 30);
   Cloud cloud = cloud_over(view, 50, 2);
-  cloud.color_min = -0.6;
-  cloud.color_max = 0.8;
+  cloud.color = {-0.6, 0.8};
   cloud.sh_amplitude = 0.2;
   return cloud_scene(view, 2, cloud, 16);
 }
@@ -418,7 +403,7 @@ TestScene negative_colors() {
 TestScene unnormalised_quaternions() {
   const PinholeView view = make_view(32, 24, 30);
   Cloud cloud = cloud_over(view, 50, 2);
-  cloud.size_max = 6;
+  cloud.size.max = 6;
   TestScene scene = cloud_scene(view, 0, cloud, 17);
   scene.gaussians.quats *= torch::logspace(-3, 3, 50, 10.0, torch::kFloat32).unsqueeze(1);
   return scene;
@@ -427,9 +412,8 @@ TestScene unnormalised_quaternions() {
 TestScene equal_depths() {
   const PinholeView view = make_view(32, 24, 30);
   Cloud cloud = cloud_over(view, 60, 2);
-  cloud.size_min = 3;
-  cloud.size_max = 6;
-  cloud.opacity_min = 0.5;
+  cloud.size = {3, 6};
+  cloud.opacity.min = 0.5;
   TestScene scene = cloud_scene(view, 1, cloud, 18);
   const torch::Tensor depth = scene.gaussians.means.select(1, 2);
   depth.copy_(torch::remainder(torch::arange(60, torch::kFloat32), 3) + 2);  // 2, 3, 4, 2, 3, ...
@@ -439,20 +423,16 @@ TestScene equal_depths() {
 TestScene at_the_cap() {
   const PinholeView view = make_view(40, 40, 38);
   Cloud cloud = cloud_over(view, 25, 0);
-  cloud.size_min = 4;
-  cloud.size_max = 10;
-  cloud.opacity_min = 0.992;
-  cloud.opacity_max = 0.9999;
+  cloud.size = {4, 10};
+  cloud.opacity = {0.992, 0.9999};
   return cloud_scene(view, 1, cloud, 19);
 }
 
 TestScene near_the_cutoff() {
   const PinholeView view = make_view(40, 24, 38);
   Cloud cloud = cloud_over(view, 120, 0);
-  cloud.size_min = 1;
-  cloud.size_max = 5;
-  cloud.opacity_min = 0.0035;
-  cloud.opacity_max = 0.005;
+  cloud.size = {1, 5};
+  cloud.opacity = {0.0035, 0.005};
   return cloud_scene(view, 1, cloud, 20);
 }
 
@@ -473,11 +453,9 @@ TestScene smooth_scene() {
   view.cx = 4.125f;
   set_pose(view, {0.9, 0.1, -0.2, 0.15}, {0.4, -0.3, 0.2});
   Cloud cloud = cloud_over(view, 7, -2);
-  cloud.size_min = 3.5;
-  cloud.size_max = 9;
-  cloud.opacity_min = 0.3;
-  cloud.opacity_max = 0.7;
-  cloud.color_min = 0.4;
+  cloud.size = {3.5, 9};
+  cloud.opacity = {0.3, 0.7};
+  cloud.color.min = 0.4;
   return cloud_scene(view, 3, cloud, 23);
 }
 
@@ -582,11 +560,10 @@ TestScene large_cloud() {
   SceneBuilder builder(view, 1);
   Random random(24);
   Cloud cloud = cloud_over(view, 10000, 10);
-  cloud.size_min = 0.2;
-  cloud.opacity_max = 0.4;
+  cloud.size.min = 0.2;
+  cloud.opacity.max = 0.4;
   for (const auto& [depth_min, depth_max] : {std::pair(1.0, 6.0), std::pair(-5.0, 0.1), std::pair(2.0, 9.0)}) {
-    cloud.depth_min = depth_min;
-    cloud.depth_max = depth_max;
+    cloud.depth = {depth_min, depth_max};
     add_cloud(builder, cloud, random);
   }
   return builder.build();

@@ -16,6 +16,7 @@
 // After lanes-inl.h, whose SIMD type it computes on.
 #include "raster/math/blend.h"
 
+#include <algorithm>
 #include <cstddef>
 
 #include "core/parallel.h"
@@ -162,24 +163,26 @@ void run_forward_gaussian_wise(const BlendForwardArgs& args, std::int64_t begin,
   }
 }
 
-void run_forward_combined(const BlendForwardArgs& args, std::int64_t task) {
-  const TaskPixels pixels = quad_task(args.grid, task);
-  const std::int64_t first = args.bins.tile_offsets[pixels.tile], last = args.bins.tile_offsets[pixels.tile + 1];
+/// Quad q of a tile, row by row in `columns`; what of it is outside the tile or the image is left out.
+void run_forward_combined(const BlendForwardArgs& args, std::int64_t tile, int q, int columns) {
+  const Rect rect = tile_pixels(args.grid, static_cast<std::int32_t>(tile));
+  const std::int64_t first = args.bins.tile_offsets[tile], last = args.bins.tile_offsets[tile + 1];
+  const std::int32_t left = rect.x_begin + q % columns * kQuadSide, top = rect.y_begin + q / columns * kQuadSide;
+  const std::int32_t width = std::min(kQuadSide, rect.x_end - left), height = std::min(kQuadSide, rect.y_end - top);
   PixelScan scans[kQuadPixels];
-  const std::int32_t width = pixels.rect.x_end - pixels.rect.x_begin;
-  const std::int32_t n_pixels = pixels.rect.empty() ? 0 : width * (pixels.rect.y_end - pixels.rect.y_begin);
+  const std::int32_t n_pixels = width > 0 && height > 0 ? width * height : 0;
   std::int32_t n_live = n_pixels;
   for (std::int64_t i = first; i < last && n_live > 0; i += lane_count()) {
     const SplatGroup group = gather_group(args, first, i, last);
     for (std::int32_t p = 0; p < n_pixels; ++p) {
       if (scans[p].finished) continue;
-      const std::int32_t x = pixels.rect.x_begin + p % width, y = pixels.rect.y_begin + p / width;
+      const std::int32_t x = left + p % width, y = top + p / width;
       blend_group(scans[p], group, static_cast<float>(x) + 0.5f, static_cast<float>(y) + 0.5f);
       n_live -= scans[p].finished;
     }
   }
   for (std::int32_t p = 0; p < n_pixels; ++p) {
-    store_pixel(args, scans[p], pixels.rect.x_begin + p % width, pixels.rect.y_begin + p / width);
+    store_pixel(args, scans[p], left + p % width, top + p / width);
   }
 }
 
@@ -201,8 +204,10 @@ void blend_forward_gaussian_wise(const BlendForwardArgs& args) {
 }
 
 void blend_forward_combined(const BlendForwardArgs& args) {
-  parallel_pool(n_quad_tasks(args.grid), [&](std::int64_t task, int) {
-    HWY_DYNAMIC_DISPATCH(run_forward_combined)(args, task);
+  const int columns = (args.grid.tile.width + kQuadSide - 1) / kQuadSide;
+  const int per_tile = columns * ((args.grid.tile.height + kQuadSide - 1) / kQuadSide);
+  parallel_pool(std::int64_t{per_tile} * args.grid.n_tiles(), [&](std::int64_t task, int) {
+    HWY_DYNAMIC_DISPATCH(run_forward_combined)(args, task / per_tile, static_cast<int>(task % per_tile), columns);
   });
 }
 

@@ -35,26 +35,13 @@ namespace b3dgs {
 namespace HWY_NAMESPACE {
 namespace {
 
-/// Pixels of one tile as planes. Rows are padded to whole vectors; pixels outside the image count as finished.
-struct TilePixels {
-  static constexpr int kCapacity = cpu::kMaxTileSide * cpu::kMaxTileSide;
+/// A tile while it is blended. Pixels outside the image count as finished.
+struct TilePixels : TilePlanes {
   HWY_ALIGN float transmittance[kCapacity];  // as in PixelState: negated when finished
   HWY_ALIGN float red[kCapacity], green[kCapacity], blue[kCapacity], depth[kCapacity];
   HWY_ALIGN std::int32_t last[kCapacity];
 
-  Rect rect;        // pixels of the tile that are in the image
-  int rows;         // number of them
-  PixelSpan band;   // rows to blend and to write: all, unless begin() is followed by another choice
-  int row_vectors;  // SIMD vectors per row
-  int stride;       // pixels per row, with padding
-
-  HWY_INLINE void begin(const TileGrid& grid, std::int32_t tile) {
-    rect = tile_pixels(grid, tile);
-    rows = rect.y_end - rect.y_begin;
-    band = {0, rows};
-    row_vectors = (grid.tile.width + lane_count() - 1) / lane_count();
-    stride = row_vectors * lane_count();
-    const int columns = rect.x_end - rect.x_begin;
+  HWY_INLINE TilePixels(const TileGrid& grid, std::int64_t tile) : TilePlanes(grid, tile) {
     for (int row = 0; row < rows; ++row) {
       float* const t = transmittance + row * stride;
       std::fill(t, t + columns, 1.0f);
@@ -65,29 +52,23 @@ struct TilePixels {
     std::fill(last, last + n, -1);
   }
 
-  HWY_INLINE Lanes center_x(int column) const { return Lanes::iota(static_cast<float>(rect.x_begin + column) + 0.5f); }
-  HWY_INLINE Lanes center_y(int row) const { return Lanes(static_cast<float>(rect.y_begin + row) + 0.5f); }
-
-  /// Smallest range of rows that contains all unfinished pixels of the band; empty if it is done.
-  HWY_INLINE void live_rows(int* first, int* end) const {
-    *first = rows;
-    *end = 0;
+  /// Smallest range of rows that contains all unfinished pixels of `band`; empty if it is done.
+  HWY_INLINE Span live_rows(const Span& band) const {
+    Span live{rows, 0};
     for (int row = band.begin; row < band.end; ++row) {
-      bool live = false;
-      for (int v = 0; v < row_vectors; ++v) {
-        const Lanes t = Lanes::load(transmittance + row * stride + v * lane_count());
-        live = live || !none(is_open(t));
+      bool is_live = false;
+      for (int p = row * stride; p < (row + 1) * stride; p += lane_count()) {
+        is_live = is_live || !none(is_open(Lanes::load(transmittance + p)));
       }
-      if (!live) continue;
-      *first = std::min(*first, row);
-      *end = row + 1;
+      if (is_live) live = {std::min(live.begin, row), row + 1};
     }
+    return live;
   }
 
-  /// Writes the band's pixels to the image.
-  HWY_INLINE void finish(const BlendForwardArgs& args) const {
+  /// Writes the rows of `band` to the image.
+  HWY_INLINE void finish(const BlendForwardArgs& args, const Span& band) const {
     for (int row = band.begin; row < band.end; ++row) {
-      for (int column = 0; column < rect.x_end - rect.x_begin; ++column) {
+      for (int column = 0; column < columns; ++column) {
         const int p = row * stride + column;
         store_blended(args, rect.x_begin + column, rect.y_begin + row,
                       {red[p], green[p], blue[p], depth[p], magnitude(transmittance[p]), last[p]});
@@ -125,14 +106,12 @@ struct PixelVector {
 /// naive, dynamic: splats are read through the list, and every row of the tile evaluates each of them. Checks once per
 /// batch whether any pixel is unfinished.
 void run_pixel_wise(const BlendForwardArgs& args, std::int64_t index) {
-  TilePixels tile;
   constexpr std::int64_t kBatch = 32;
-  tile.begin(args.grid, static_cast<std::int32_t>(index));
+  TilePixels tile(args.grid, index);
+  const Span band{0, tile.rows};
   const std::int64_t first = args.bins.tile_offsets[index], last = args.bins.tile_offsets[index + 1];
   for (std::int64_t batch = first; batch < last; batch += kBatch) {
-    int live_begin, live_end;
-    tile.live_rows(&live_begin, &live_end);
-    if (live_begin >= live_end) break;
+    if (tile.live_rows(band).empty()) break;
     for (std::int64_t i = batch; i < std::min(batch + kBatch, last); ++i) {
       const Splat& splat = args.splats[args.bins.splat_ids[i]];
       const auto shape = splat_shape<Lanes>(splat);
@@ -149,25 +128,21 @@ void run_pixel_wise(const BlendForwardArgs& args, std::int64_t index) {
       }
     }
   }
-  tile.finish(args);
+  tile.finish(args, band);
 }
 
 /// shared-memory, segmented: a batch of splats is copied side by side into the first-level cache. A vector of pixels
 /// then stays in registers while all splats of the batch that reach it are blended. `band`: the rows to blend and to
 /// write.
-void run_staged(const BlendForwardArgs& args, std::int64_t index, const PixelSpan& band) {
-  TilePixels tile;
-  tile.begin(args.grid, static_cast<std::int32_t>(index));
-  tile.band = band;
+void run_staged(const BlendForwardArgs& args, std::int64_t index, const Span& band) {
   constexpr int kBatch = 32;  // 1.5 KiB, and a bit of a mask for each splat
+  TilePixels tile(args.grid, index);
   Splat staged[kBatch];
-  const float left = static_cast<float>(tile.rect.x_begin), top = static_cast<float>(tile.rect.y_begin);
   const std::int32_t* const list = args.bins.splat_ids + args.bins.tile_offsets[index];
   const std::int64_t end = args.bins.tile_offsets[index + 1] - args.bins.tile_offsets[index];
   for (std::int64_t batch = 0; batch < end; batch += kBatch) {
-    int live_begin, live_end;
-    tile.live_rows(&live_begin, &live_end);
-    if (live_begin >= live_end) break;
+    const Span live = tile.live_rows(band);
+    if (live.empty()) break;
 
     // Which rows and which vectors of a row a splat reaches: its bit changes where they begin and where they end.
     std::uint32_t row_changes[cpu::kMaxTileSide + 1] = {}, vector_changes[cpu::kMaxTileSide + 1] = {};
@@ -175,9 +150,9 @@ void run_staged(const BlendForwardArgs& args, std::int64_t index, const PixelSpa
     for (int s = 0; s < n; ++s) {
       const std::int32_t id = list[batch + s];
       staged[s] = args.splats[id];
-      const PixelSpan rows = pixels_reached(staged[s].mean_y, args.extents[id].y, top, live_begin, live_end);
-      const PixelSpan vectors = vectors_reached(staged[s].mean_x, args.extents[id].x, left, args.grid.tile.width);
-      if (rows.begin >= rows.end || vectors.begin >= vectors.end) continue;
+      const Span rows = tile.rows_reached(staged[s], args.extents[id], live.begin, live.end);
+      const Span vectors = tile.vectors_reached(staged[s], args.extents[id]);
+      if (rows.empty() || vectors.empty()) continue;
       const std::uint32_t bit = std::uint32_t{1} << s;
       row_changes[rows.begin] ^= bit, row_changes[rows.end] ^= bit;
       vector_changes[vectors.begin] ^= bit, vector_changes[vectors.end] ^= bit;
@@ -185,9 +160,9 @@ void run_staged(const BlendForwardArgs& args, std::int64_t index, const PixelSpa
     // While this batch is blended, the next one arrives, a few splats at each row: all at once, fetches would wait for
     // each other.
     std::int64_t ahead = batch + kBatch;
-    const std::int64_t ahead_end = std::min(ahead + kBatch, end), per_row = kBatch / (live_end - live_begin) + 1;
+    const std::int64_t ahead_end = std::min(ahead + kBatch, end), per_row = kBatch / (live.end - live.begin) + 1;
     std::uint32_t reach_row = 0;
-    for (int row = live_begin; row < live_end; ++row) {
+    for (int row = live.begin; row < live.end; ++row) {
       for (const std::int64_t stop = std::min(ahead + per_row, ahead_end); ahead < stop; ++ahead) {
         cpu::prefetch_object(args.splats[list[ahead]]);
         cpu::prefetch_object(args.extents[list[ahead]]);
@@ -210,7 +185,7 @@ void run_staged(const BlendForwardArgs& args, std::int64_t index, const PixelSpa
       }
     }
   }
-  tile.finish(args);
+  tile.finish(args, band);
 }
 
 }  // namespace HWY_NAMESPACE
@@ -232,24 +207,14 @@ void blend_forward_dynamic(const BlendForwardArgs& args) {
   parallel_pool(args.grid.n_tiles(), [&](std::int64_t tile, int) { HWY_DYNAMIC_DISPATCH(run_pixel_wise)(args, tile); });
 }
 
-namespace {
-
-/// Pixel rows of a tile.
-struct Band {
-  std::int64_t tile;
-  PixelSpan rows;
-};
-
-PixelSpan rows_of(const BlendForwardArgs& args, std::int64_t tile) {
+static int rows_of(const BlendForwardArgs& args, std::int64_t tile) {
   const Rect rect = tile_pixels(args.grid, static_cast<std::int32_t>(tile));
-  return {0, rect.y_end - rect.y_begin};
+  return rect.y_end - rect.y_begin;
 }
-
-}  // namespace
 
 void blend_forward_shared_memory(const BlendForwardArgs& args) {
   parallel_pool(args.grid.n_tiles(), [&](std::int64_t tile, int) {
-    HWY_DYNAMIC_DISPATCH(run_staged)(args, tile, rows_of(args, tile));
+    HWY_DYNAMIC_DISPATCH(run_staged)(args, tile, {0, rows_of(args, tile)});
   });
 }
 
@@ -257,16 +222,17 @@ void blend_forward_shared_memory(const BlendForwardArgs& args) {
 void blend_forward_segmented(const BlendForwardArgs& args) {
   // Pairs per task: about a millisecond of work on a crowded tile, long compared to the overhead of a task.
   constexpr std::int64_t kPairs = 4096;
+  struct Band {
+    std::int64_t tile;
+    Span rows;
+  };
   std::vector<Band> bands, whole_tiles;
   for (std::int64_t tile = 0; tile < args.grid.n_tiles(); ++tile) {
     const std::int64_t n = args.bins.tile_offsets[tile + 1] - args.bins.tile_offsets[tile];
-    const std::int32_t rows = rows_of(args, tile).end;
-    const auto count = static_cast<std::int32_t>(std::min<std::int64_t>(rows, (n + kPairs - 1) / kPairs));
-    if (count <= 1) {
-      whole_tiles.push_back({tile, {0, rows}});
-      continue;
-    }
-    for (std::int32_t k = 0; k < count; ++k) bands.push_back({tile, {rows * k / count, rows * (k + 1) / count}});
+    const int rows = rows_of(args, tile);
+    const auto count = static_cast<int>(std::clamp<std::int64_t>((n + kPairs - 1) / kPairs, 1, rows));
+    std::vector<Band>& tasks = count > 1 ? bands : whole_tiles;
+    for (int k = 0; k < count; ++k) tasks.push_back({tile, {rows * k / count, rows * (k + 1) / count}});
   }
   bands.insert(bands.end(), whole_tiles.begin(), whole_tiles.end());
   parallel_pool(static_cast<std::int64_t>(bands.size()), [&](std::int64_t task, int) {

@@ -11,6 +11,7 @@
 
 #include <cstdint>
 
+#include "raster/cpu/passes.h"
 #include "raster/math/tiling.h"
 
 HWY_BEFORE_NAMESPACE();
@@ -30,25 +31,12 @@ HWY_INLINE int lane_count() {
   return static_cast<int>(hn::Lanes(FloatTag()));
 }
 
-/// Vectors of a tile's row that have a pixel centre within `extent` of `mean` (px). `left`: first column of the tile,
-/// which has `columns`.
-HWY_INLINE PixelSpan vectors_reached(float mean, float extent, float left, std::int32_t columns) {
-  const PixelSpan pixels = pixels_reached(mean, extent, left, 0, columns);
-  return {pixels.begin / lane_count(), (pixels.end + lane_count() - 1) / lane_count()};
-}
-
 struct LaneMask {
   hn::Mask<FloatTag> m;
+  friend HWY_INLINE LaneMask operator&(LaneMask a, LaneMask b) { return {hn::And(a.m, b.m)}; }
+  friend HWY_INLINE LaneMask operator!(LaneMask a) { return {hn::Not(a.m)}; }
+  friend HWY_INLINE bool none(LaneMask a) { return hn::AllFalse(FloatTag(), a.m); }
 };
-HWY_INLINE LaneMask operator&(LaneMask a, LaneMask b) {
-  return {hn::And(a.m, b.m)};
-}
-HWY_INLINE LaneMask operator!(LaneMask a) {
-  return {hn::Not(a.m)};
-}
-HWY_INLINE bool none(LaneMask a) {
-  return hn::AllFalse(FloatTag(), a.m);
-}
 
 struct Lanes {
   FloatVec v;
@@ -62,38 +50,20 @@ struct Lanes {
   /// start, start + 1, ...
   static HWY_INLINE Lanes iota(float start) { return Lanes(hn::Iota(FloatTag(), start)); }
   HWY_INLINE float sum() const { return hn::GetLane(hn::SumOfLanes(FloatTag(), v)); }
-};
 
-HWY_INLINE Lanes operator+(Lanes a, Lanes b) {
-  return Lanes(hn::Add(a.v, b.v));
-}
-HWY_INLINE Lanes operator-(Lanes a, Lanes b) {
-  return Lanes(hn::Sub(a.v, b.v));
-}
-HWY_INLINE Lanes operator*(Lanes a, Lanes b) {
-  return Lanes(hn::Mul(a.v, b.v));
-}
-HWY_INLINE Lanes operator/(Lanes a, Lanes b) {
-  return Lanes(hn::Div(a.v, b.v));
-}
-HWY_INLINE LaneMask operator>(Lanes a, Lanes b) {
-  return {hn::Gt(a.v, b.v)};
-}
-HWY_INLINE LaneMask operator>=(Lanes a, Lanes b) {
-  return {hn::Ge(a.v, b.v)};
-}
-HWY_INLINE LaneMask operator<(Lanes a, Lanes b) {
-  return {hn::Lt(a.v, b.v)};
-}
-HWY_INLINE Lanes select(LaneMask condition, Lanes if_true, Lanes if_false) {
-  return Lanes(hn::IfThenElse(condition.m, if_true.v, if_false.v));
-}
-HWY_INLINE Lanes multiply_add(Lanes a, Lanes b, Lanes c) {
-  return Lanes(hn::MulAdd(a.v, b.v, c.v));
-}
-HWY_INLINE Lanes magnitude(Lanes a) {
-  return Lanes(hn::Abs(a.v));
-}
+  friend HWY_INLINE Lanes operator+(Lanes a, Lanes b) { return Lanes(hn::Add(a.v, b.v)); }
+  friend HWY_INLINE Lanes operator-(Lanes a, Lanes b) { return Lanes(hn::Sub(a.v, b.v)); }
+  friend HWY_INLINE Lanes operator*(Lanes a, Lanes b) { return Lanes(hn::Mul(a.v, b.v)); }
+  friend HWY_INLINE Lanes operator/(Lanes a, Lanes b) { return Lanes(hn::Div(a.v, b.v)); }
+  friend HWY_INLINE LaneMask operator>(Lanes a, Lanes b) { return {hn::Gt(a.v, b.v)}; }
+  friend HWY_INLINE LaneMask operator>=(Lanes a, Lanes b) { return {hn::Ge(a.v, b.v)}; }
+  friend HWY_INLINE LaneMask operator<(Lanes a, Lanes b) { return {hn::Lt(a.v, b.v)}; }
+  friend HWY_INLINE Lanes multiply_add(Lanes a, Lanes b, Lanes c) { return Lanes(hn::MulAdd(a.v, b.v, c.v)); }
+  friend HWY_INLINE Lanes magnitude(Lanes a) { return Lanes(hn::Abs(a.v)); }
+  friend HWY_INLINE Lanes select(LaneMask condition, Lanes if_true, Lanes if_false) {
+    return Lanes(hn::IfThenElse(condition.m, if_true.v, if_false.v));
+  }
+};
 
 /// 2^a with an error of at most 2 ulp, for a in [-126, 126]. Blending needs [-8, 0]; smaller values are clamped, since
 /// masks discard their results.
@@ -115,6 +85,43 @@ HWY_INLINE Lanes exp2_of(Lanes a) {
   const IntVec exponent = hn::ShiftLeft<23>(hn::BitCast(di, shifted));
   return Lanes(hn::BitCast(d, hn::Add(hn::BitCast(di, p), exponent)));
 }
+
+/// One tile as planes of pixels, in rows that are padded to whole vectors.
+struct TilePlanes {
+  static constexpr int kCapacity = cpu::kMaxTileSide * cpu::kMaxTileSide;
+  Rect rect;          // pixels of the tile that are in the image
+  int rows, columns;  // number of them
+  int row_vectors;    // SIMD vectors per row
+  int stride;         // pixels per row, with padding
+
+  HWY_INLINE TilePlanes(const TileGrid& grid, std::int64_t tile)
+      : rect(tile_pixels(grid, static_cast<std::int32_t>(tile))),
+        rows(rect.y_end - rect.y_begin),
+        columns(rect.x_end - rect.x_begin),
+        row_vectors((grid.tile.width + lane_count() - 1) / lane_count()),
+        stride(row_vectors * lane_count()),
+        image_width_(grid.image_width),
+        tile_width_(grid.tile.width) {}
+
+  /// Index in the image.
+  HWY_INLINE std::int64_t pixel(int row, int column) const {
+    return std::int64_t{rect.y_begin + row} * image_width_ + rect.x_begin + column;
+  }
+  HWY_INLINE Lanes center_x(int column) const { return Lanes::iota(static_cast<float>(rect.x_begin + column) + 0.5f); }
+  HWY_INLINE Lanes center_y(int row) const { return Lanes(static_cast<float>(rect.y_begin + row) + 0.5f); }
+
+  /// Rows of [begin, end) that have a pixel centre in the box around a splat; vectors of a row likewise.
+  HWY_INLINE Span rows_reached(const Splat& splat, Vec2f extent, int begin, int end) const {
+    return pixels_reached(splat.mean_y, extent.y, static_cast<float>(rect.y_begin), begin, end);
+  }
+  HWY_INLINE Span vectors_reached(const Splat& splat, Vec2f extent) const {
+    const Span reached = pixels_reached(splat.mean_x, extent.x, static_cast<float>(rect.x_begin), 0, tile_width_);
+    return {reached.begin / lane_count(), (reached.end + lane_count() - 1) / lane_count()};
+  }
+
+ private:
+  std::int32_t image_width_, tile_width_;
+};
 
 /// Type of a condition on Lanes, for blend.h.
 template <class Real>

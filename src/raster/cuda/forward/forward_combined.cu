@@ -62,7 +62,7 @@ __device__ __forceinline__ std::uint32_t touched_quads(const TileGrid& quads, co
 #pragma unroll
   for (std::int32_t row = 0; row < kWarpSize / kRowQuads; ++row) {
     if (y + row < rows.begin || y + row >= rows.end) continue;
-    const TileSpan span = rows.span(quads, y + row);
+    const Span span = rows.span(quads, y + row);
     const std::int32_t begin = max(span.begin - x, 0), end = min(span.end - x, kRowQuads);
     if (begin < end) touched |= ((1u << end) - (1u << begin)) << (row * kRowQuads);
   }

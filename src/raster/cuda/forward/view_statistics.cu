@@ -19,7 +19,7 @@
 #include "core/cuda_rows.cuh"
 #include "raster/cuda/forward/tile_blend.cuh"
 #include "raster/cuda/launch.cuh"
-#include "raster/math/pixel_load.h"
+#include "raster/math/blend.h"
 #include "raster/math/pixel_outputs.h"
 
 namespace b3dgs::cuda {
