@@ -73,7 +73,6 @@ fs::path find_checkpoint(TrainConfig& config, const TrainCommandOptions& options
 /// Of what the user has written.
 void warn_of_former(const nlohmann::ordered_json& options, const std::string& place, StatusLine& status) {
   for (const std::string& line : describe_former_options(options)) status.warn(place + line);
-  for (const std::string& line : describe_former_names(options)) status.warn(place + line);
 }
 
 /// The config stored in a checkpoint, with the folder that now contains the checkpoint as model folder.
@@ -161,9 +160,7 @@ TrainPlan make_plan(const CommandLine& line, StatusLine& status, const TrainComm
     apply_at_resume(config, given);
     plan.layers.reset();
   }
-  const auto sets_batch = [](const auto& options) { return options.contains("batch"); };
-  if (n_ranks > 1 && plan.layers && !sets_batch(given) && !sets_batch(plan.layers->preset) &&
-      !sets_batch(plan.layers->strategy)) {
+  if (n_ranks > 1 && plan.layers && !given.contains("batch")) {
     config.batch = std::min(n_ranks, kMaxBatch);  // each renders a view of a step
   }
   check_batch(config.batch, n_ranks);

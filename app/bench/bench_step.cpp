@@ -148,7 +148,7 @@ int run_bench_step(const std::vector<std::string>& words) {
   if (!line.parse(words)) return 0;
   check_new_json(options.json);
   StatusLine status = StatusLine::for_stderr(false);
-  for (const std::string& former : describe_former_names(line.given())) status.warn(former);
+  for (const std::string& former : describe_former_options(line.given())) status.warn(former);
   const TrainConfig config = make_config(line, options);
   set_compute_threads(config.threads);
 

@@ -278,8 +278,8 @@ int run_compare(const std::vector<std::string>& words) {
   if (!line.parse(words)) return 0;
 
   StatusLine status = StatusLine::for_stderr(options.quiet);
-  for (const auto& formers : {describe_former_options(line.given()), describe_former_names(line.given()),
-                              describe_former_parts(joined(options.configs))}) {
+  for (const auto& formers :
+       {describe_former_options(line.given()), describe_former_parts(joined(options.configs))}) {
     for (const std::string& former : formers) status.warn(former);
   }
   ComparisonPlan plan = make_plan(line, options);

@@ -69,7 +69,7 @@ VideoWriter::VideoWriter(const fs::path& path, ImageSize size, int channels, con
   const Words output = output_options(extension_of(path), settings);
   words.insert(words.end(), output.begin(), output.end());
   words.push_back("file:" + file_.temporary().string());
-  ffmpeg_ = std::make_unique<ChildInput>(words, [this](const std::string& line) {
+  ffmpeg_ = std::make_unique<Child>(words, [this](const std::string& line) {
     if (!line.empty()) last_line_ = line;
   });
 }

@@ -45,7 +45,7 @@ class VideoWriter {
   // A signal that ends this program is raised again when the last EndingSignals is gone: after the temporary file.
   EndingSignals signals_;
   AtomicFile file_;
-  std::unique_ptr<ChildInput> ffmpeg_;
+  std::unique_ptr<Child> ffmpeg_;
 };
 
 }  // namespace b3dgs

@@ -1,9 +1,5 @@
 #include "config/former_options.h"
 
-#include <algorithm>
-
-#include "config/option_layers.h"
-
 namespace b3dgs {
 namespace {
 
@@ -82,25 +78,20 @@ constexpr FormerName kFormerNames[] = {
     {"backward_kernel", "per-splat", "per-bucket"},
 };
 
-/// The option's value among these options, from a file or a command line; null if it is not there.
-const nlohmann::ordered_json* find_value(const nlohmann::ordered_json& options, const char* name) {
-  const auto it = options.find(name);
-  return it == options.end() ? nullptr : &*it;
-}
-
 bool has_usual_value(const FormerOption& option, const nlohmann::ordered_json& value) {
   if (option.value == nullptr) return false;
   if (option.value == kVaries) return value.is_number();
   const auto usual = nlohmann::ordered_json::parse(option.value);
-  return value == usual || (usual.is_number() && value.is_string() && value == usual.dump());
+  return value == usual || (usual.is_number() && value == usual.dump());
 }
 
 }  // namespace
 
 void add_former_options(CommandLine& line) {
   for (const FormerOption& option : kFormerOptions) {
-    OptionSpec spec = option.value == nullptr ? OptionSpec::of_type<bool>() : OptionSpec::of_type<std::string>();
+    OptionSpec spec;
     spec.name = option.name;
+    spec.kind = option.value == nullptr ? OptionSpec::Kind::kFlag : OptionSpec::Kind::kText;
     spec.is_ignored = true;
     line.add(spec);
   }
@@ -125,19 +116,13 @@ const char* present_name(const std::string& option, const std::string& value) {
 std::vector<std::string> describe_former_options(const nlohmann::ordered_json& options) {
   std::vector<std::string> lines;
   for (const FormerOption& option : kFormerOptions) {
-    const nlohmann::ordered_json* value = find_value(options, option.name);
-    if (value == nullptr || option.reason == nullptr || has_usual_value(option, *value)) continue;
-    const std::string text = option.value == nullptr ? "" : " " + option_value_text(*value);
+    const auto own = options.find(option.name);
+    if (own == options.end() || option.reason == nullptr || has_usual_value(option, *own)) continue;
+    const std::string text = option.value == nullptr ? "" : " " + option_value_text(*own);
     lines.push_back(detail::concat("--", option.name, text, " has no effect: ", option.reason));
   }
-  return lines;
-}
-
-std::vector<std::string> describe_former_names(const nlohmann::ordered_json& options) {
-  std::vector<std::string> lines;
   for (const FormerName& name : kFormerNames) {
-    const nlohmann::ordered_json* value = find_value(options, name.option);
-    if (value == nullptr || *value != name.value) continue;
+    if (options.value(name.option, nlohmann::ordered_json()) != name.value) continue;
     lines.push_back(detail::concat("--", name.option, " ", name.value, " is now --", name.option, " ", name.now));
   }
   return lines;

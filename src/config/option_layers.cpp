@@ -14,7 +14,7 @@ namespace {
 /// The values of the row with this name; none if there is no such row.
 GivenOptions values_of(const std::vector<OptionRow>& rows, const std::string& name) {
   const auto row = std::find_if(rows.begin(), rows.end(), [&](const OptionRow& own) { return own.name == name; });
-  return row == rows.end() ? GivenOptions::object() : parse_values(row->values);
+  return row == rows.end() ? GivenOptions::object() : row->values;
 }
 
 /// --iterations without --max_epochs: that many are trained, however few photographs there are.
@@ -91,16 +91,6 @@ GivenOptions given_options(const CommandLine& line, const std::string& config_fi
   return given;
 }
 
-GivenOptions parse_values(const std::vector<OptionValue>& values) {
-  std::vector<std::string> words;
-  words.reserve(values.size());
-  for (const OptionValue& own : values) words.push_back(detail::concat("--", own.name, "=", own.value));
-  CommandLine line("values", "");
-  line.add(TrainConfig{}, "Training");
-  line.parse(words);
-  return line.given();
-}
-
 OptionLayers resolve_options(const GivenOptions& given) {
   OptionLayers layers;
   layers.given = given;
@@ -109,15 +99,15 @@ OptionLayers resolve_options(const GivenOptions& given) {
   const bool is_other = given.contains("strategy") && given.at("strategy") != usual.at("strategy");
   named.preset = is_other ? kPresetNames[0] : kDefaultPreset;
   config_from_json(named, given, /*place=*/"");
-  layers.preset = values_of(presets(), named.preset);
-  const GivenOptions& names_strategy = given.contains("strategy") ? given : layers.preset;
-  layers.strategy = values_of(strategy_defaults(), names_strategy.value("strategy", named.strategy));
+  const GivenOptions preset = values_of(presets(), named.preset);
+  const GivenOptions& names_strategy = given.contains("strategy") ? given : preset;
+  const GivenOptions strategy = values_of(strategy_defaults(), names_strategy.value("strategy", named.strategy));
 
   TrainConfig& config = layers.config;
   config.preset = named.preset;
-  config_from_json(config, layers.strategy, /*place=*/"");
-  apply_scaled(config, layers.preset);
-  if (layers.strategy.contains("iterations") || layers.preset.contains("iterations")) {
+  config_from_json(config, strategy, /*place=*/"");
+  apply_scaled(config, preset);
+  if (strategy.contains("iterations") || preset.contains("iterations")) {
     layers.schedule_scale = apply_scaled(config, given);
   } else {
     config_from_json(config, given, /*place=*/"");
@@ -153,16 +143,6 @@ TrainConfig preset_options(const TrainConfig& config) {
   // The limit by --lr_decay_from_epoch depends on the number of photographs.
   options.lr_decay_from_iter = std::min(options.lr_decay_from_iter, config.lr_decay_from_iter);
   return options;
-}
-
-std::string option_value_text(const nlohmann::ordered_json& value) {
-  if (value.is_boolean()) return value.get<bool>() ? "on" : "off";
-  if (value.is_string()) return value.get<std::string>().empty() ? "none" : value.get<std::string>();
-  if (value.is_number_float()) return print_to_string("%g", value.get<double>());
-  if (!value.is_array()) return value.dump();
-  std::string text;
-  for (const auto& entry : value) text += (text.empty() ? "" : " ") + option_value_text(entry);
-  return text.empty() ? "none" : text;
 }
 
 std::vector<std::string> wrapped_list(const std::string& label, const std::vector<std::string>& parts,

@@ -28,12 +28,9 @@ namespace b3dgs {
 /// @throws InputError for an invalid file
 GivenOptions given_options(const CommandLine& line, const std::string& config_file);
 
-/// Parses the values of a preset or strategy. @throws InputError for an unknown option or a malformed value
-GivenOptions parse_values(const std::vector<OptionValue>& values);
-
 struct OptionLayers {
   TrainConfig config;  // the options in use; steps_scaler has been applied and is 1
-  GivenOptions strategy = GivenOptions::object(), preset = GivenOptions::object(), given = GivenOptions::object();
+  GivenOptions given = GivenOptions::object();
   double schedule_scale = 1;  // by which a given --iterations scaled the schedule
   double steps_scaler = 1;
   double epoch_scale = 1;  // by which limit_epochs() scaled the schedule
@@ -60,9 +57,6 @@ bool has_removed_options(const nlohmann::ordered_json& options);
 /// options are ignored: the file also holds the values that they set (max_gaussians for pixels_per_gaussian). Options
 /// that it does not have keep their values, but for `lenses`.
 void stored_config_from_json(TrainConfig& config, const nlohmann::ordered_json& options, const std::string& place);
-
-/// The value as on the command line; "none" for an empty text or list, "on" or "off" for a flag.
-std::string option_value_text(const nlohmann::ordered_json& value);
 
 /// "label       a 1, b 2", broken at commas into lines, the label and the space below it being 12 columns wide. None
 /// for no parts.

@@ -1,8 +1,5 @@
 #include "config/presets.h"
 
-#include <algorithm>
-#include <string>
-
 #include "config/option_layers.h"
 #include "config/train_options.h"
 
@@ -10,29 +7,29 @@ namespace b3dgs {
 
 const std::vector<OptionRow>& presets() {
   static const std::vector<OptionRow> kPresets{
-      {"inria", "the options of the original 3DGS code, for comparison", {}},
+      {"inria", "the options of the original 3DGS code, for comparison", nlohmann::ordered_json::object()},
       // fast and quality repeat max_epochs: the scaling of the schedule would lower it.
       {"fast",
        "a first look, in a fifth of the iterations of best",
        {{"strategy", "budget"},
-        {"iterations", "6000"},
-        {"max_epochs", "400"},
-        {"lr_decay_from_epoch", "0"},
-        {"gaussians_per_pixel", "0.8"},
-        {"prune_weight", "0.01"},
+        {"iterations", 6000},
+        {"max_epochs", 400},
+        {"lr_decay_from_epoch", 0},
+        {"gaussians_per_pixel", 0.8},
+        {"prune_weight", 0.01},
         {"split", "moments"},
-        {"score_views", "10"},
-        {"scaling_lr", "0.02"},
-        {"opacity_reg", "0.002"},
-        {"scale_reg", "0.003"},
-        {"coarse_scale", "4"},
-        {"coarse_until", "2400"}}},
+        {"score_views", 10},
+        {"scaling_lr", 0.02},
+        {"opacity_reg", 0.002},
+        {"scale_reg", 0.003},
+        {"coarse_scale", 4},
+        {"coarse_until", 2400}}},
       {"quality",
        "with 100 photographs or more, half of the Gaussians of best",
-       {{"strategy", "budget"}, {"iterations", "24000"}, {"max_epochs", "400"}}},
+       {{"strategy", "budget"}, {"iterations", 24000}, {"max_epochs", 400}}},
       {"best",
        "the best picture of 100 photographs or more",
-       {{"strategy", "budget"}, {"iterations", "30000"}, {"gaussians_per_pixel", "2.4"}, {"prune_weight", "0.01"}}},
+       {{"strategy", "budget"}, {"iterations", 30000}, {"gaussians_per_pixel", 2.4}, {"prune_weight", 0.01}}},
   };
   return kPresets;
 }
@@ -42,36 +39,36 @@ const std::vector<OptionRow>& strategy_defaults() {
       // The schedule of preset inria x 0.9, with growth until five sixths of it.
       {"mcmc",
        "",
-       {{"iterations", "27000"},
-        {"position_lr_max_steps", "27000"},
-        {"densify_from_iter", "450"},
-        {"densify_until_iter", "22500"},
-        {"densification_interval", "90"},
-        {"sh_increase_interval", "900"},
-        {"coarse_until", "13500"},
-        {"max_gaussians", "1000000"},
-        {"opacity_lr", "0.05"},
-        {"opacity_reg", "0.01"},
-        {"scale_reg", "0.01"},
-        {"lr_final_scale", "0.3"},
-        {"lr_decay_from_iter", "13500"}}},
+       {{"iterations", 27000},
+        {"position_lr_max_steps", 27000},
+        {"densify_from_iter", 450},
+        {"densify_until_iter", 22500},
+        {"densification_interval", 90},
+        {"sh_increase_interval", 900},
+        {"coarse_until", 13500},
+        {"max_gaussians", 1000000},
+        {"opacity_lr", 0.05},
+        {"opacity_reg", 0.01},
+        {"scale_reg", 0.01},
+        {"lr_final_scale", 0.3},
+        {"lr_decay_from_iter", 13500}}},
       {"budget",
        "",
-       {{"iterations", "30000"},  // that of inria, too, but here --iterations scales the schedule
-        {"max_epochs", "400"},
-        {"densify_until_iter", "20000"},
-        {"densification_interval", "300"},
-        {"gaussians_per_pixel", "1.2"},
-        {"position_lr_final", "0.000016"},
-        {"opacity_lr", "0.05"},
-        {"feature_lr", "0.005"},
-        {"feature_rest_divisor", "10"},
-        {"rotation_lr", "0.002"},
-        {"opacity_reg", "0.005"},
-        {"scale_reg", "0.01"},
-        {"lr_final_scale", "0.1"},
-        {"lr_decay_from_iter", "20000"},
-        {"lr_decay_from_epoch", "100"}}},
+       {{"iterations", 30000},  // that of inria, too, but here --iterations scales the schedule
+        {"max_epochs", 400},
+        {"densify_until_iter", 20000},
+        {"densification_interval", 300},
+        {"gaussians_per_pixel", 1.2},
+        {"position_lr_final", 1.6e-5},
+        {"opacity_lr", 0.05},
+        {"feature_lr", 0.005},
+        {"feature_rest_divisor", 10},
+        {"rotation_lr", 0.002},
+        {"opacity_reg", 0.005},
+        {"scale_reg", 0.01},
+        {"lr_final_scale", 0.1},
+        {"lr_decay_from_iter", 20000},
+        {"lr_decay_from_epoch", 100}}},
   };
   return kStrategyDefaults;
 }
@@ -81,19 +78,13 @@ namespace {
 /// "  fast        a first look: strategy budget, iterations 6000, ...", in lines.
 std::string help_entry(const OptionRow& row) {
   std::vector<std::string> parts;
-  for (const OptionValue& value : row.values) parts.push_back(std::string(value.name) + " " + value.value);
+  for (const auto& [name, value] : row.values.items()) parts.push_back(name + " " + option_value_text(value));
   if (parts.empty()) parts.emplace_back();
   parts[0] = std::string(row.summary) + (row.values.empty() ? "" : ": ") + parts[0];
   std::string text;
   for (const std::string& line : wrapped_list(std::string("  ") + row.name, parts, /*columns=*/110))
     text += line + "\n";
   return text;
-}
-
-const char* value_in(const OptionRow& row, const std::string& name) {
-  const auto own =
-      std::find_if(row.values.begin(), row.values.end(), [&](const OptionValue& value) { return value.name == name; });
-  return own == row.values.end() ? "" : own->value;
 }
 
 /// A row for each option that a column names, in the order of the field list. The first column, `others`, has the
@@ -105,19 +96,19 @@ std::string table(const std::string& others, const std::vector<OptionRow>& colum
     head += std::string(" `") + column.name + "` |";
     rule += "---|";
   }
-  const TrainConfig defaults;
-  visit_fields(defaults, [&](const Option& option, const auto& value, const auto&, const char*) {
-    const std::string name(option.name);
+  const nlohmann::ordered_json defaults = config_to_json(TrainConfig{});
+  for (const auto& [name, value] : defaults.items()) {
     std::string cells;
     bool is_named = false;
     for (const OptionRow& column : columns) {
       if (column.values.empty()) continue;
-      const char* const own = value_in(column, name);
-      is_named = is_named || *own != '\0';
-      cells += std::string(" ") + own + (*own == '\0' ? "|" : " |");
+      const auto own = column.values.find(name);
+      const bool has_value = own != column.values.end();
+      is_named = is_named || has_value;
+      cells += has_value ? " " + option_value_text(*own) + " |" : " |";
     }
     if (is_named) rows += "| `--" + name + "` | " + option_value_text(value) + " |" + cells + "\n";
-  });
+  }
   return head + "\n" + rule + "\n" + rows;
 }
 

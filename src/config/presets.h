@@ -1,20 +1,17 @@
-// The option values of each --preset, and the defaults of each --strategy, as tables with values in the form of the
-// command line. option_layers.h says which value wins if several set the same option.
+// The option values of each --preset, and the defaults of each --strategy. option_layers.h says which value wins if
+// several set the same option.
 #pragma once
 
+#include <nlohmann/json.hpp>
 #include <string>
 #include <vector>
 
 namespace b3dgs {
 
-struct OptionValue {
-  const char *name, *value;  // "iterations", "7000"
-};
-
 struct OptionRow {
   const char* name;  // of the preset or strategy
   const char* summary;
-  std::vector<OptionValue> values;
+  nlohmann::ordered_json values;  // by the options' primary names
 };
 
 /// Without --preset and --strategy. docs/benchmarks.md says what it gains over `inria`.

@@ -15,6 +15,7 @@
 #include <initializer_list>
 #include <limits>
 #include <nlohmann/json.hpp>
+#include <set>
 #include <string>
 #include <string_view>
 #include <type_traits>
@@ -39,30 +40,19 @@ struct Option {
   bool is_empty_allowed = false;
 
   /// Lists the option in `b3dgs COMMAND --help`, not only in --help-all.
-  constexpr Option common() const {
-    Option option = *this;
-    option.is_common = true;
-    return option;
-  }
+  constexpr Option common() const { return with(&Option::is_common, true); }
   /// Puts this option, and those after it up to the next group(), under a heading in the help text.
-  constexpr Option group(const char* heading) const {
-    Option option = *this;
-    option.group_name = heading;
-    return option;
-  }
-
+  constexpr Option group(const char* heading) const { return with(&Option::group_name, heading); }
   /// The option is counted in iterations.
-  constexpr Option in_steps(Steps kind = Steps::kSchedule) const {
-    Option option = *this;
-    option.steps = kind;
-    return option;
-  }
-
+  constexpr Option in_steps(Steps kind = Steps::kSchedule) const { return with(&Option::steps, kind); }
   /// On the command line, a text option may be the empty word. Otherwise that is an error, since it is usually the
   /// value of a shell variable that is not set.
-  constexpr Option may_be_empty() const {
+  constexpr Option may_be_empty() const { return with(&Option::is_empty_allowed, true); }
+
+  template <class Member>
+  constexpr Option with(Member Option::*member, Member value) const {
     Option option = *this;
-    option.is_empty_allowed = true;
+    option.*member = value;
     return option;
   }
 
@@ -83,68 +73,6 @@ std::enable_if_t<std::is_const_v<Config>> visit_fields(Config& config, Visitor&&
                });
 }
 
-struct Any {};
-struct AtLeast {
-  double min;
-};
-struct Above {
-  double min;
-};
-struct InRange {
-  double min, max;  // inclusive
-};
-struct OneOf {
-  std::vector<std::string> values;
-};
-/// For a list of names: at least `least` of them, without repetition.
-struct SomeOf {
-  std::vector<std::string> values;
-  std::size_t least = 1;
-};
-
-/// The values that a constraint allows, such as "at least 1"; empty if `value` is one of them.
-inline std::string violation(const Any&, ...) {
-  return "";
-}
-inline std::string violation(const AtLeast& limit, double value) {
-  return value >= limit.min ? "" : detail::concat("at least ", limit.min);
-}
-inline std::string violation(const Above& limit, double value) {
-  return value > limit.min ? "" : detail::concat("above ", limit.min);
-}
-inline std::string violation(const InRange& limit, double value) {
-  return value >= limit.min && value <= limit.max ? "" : detail::concat("from ", limit.min, " to ", limit.max);
-}
-inline std::string violation(const OneOf& choice, const std::string& value) {
-  std::string names;
-  for (const std::string& name : choice.values) {
-    if (name == value) return "";
-    names += (names.empty() ? "" : ", ") + name;
-  }
-  return "one of " + names;
-}
-inline std::string violation(const SomeOf& choice, const std::vector<std::string>& values) {
-  bool fits = values.size() >= choice.least;
-  for (std::size_t i = 0; i < values.size(); ++i) {
-    const auto here = values.begin() + static_cast<std::ptrdiff_t>(i);
-    fits = fits && std::find(values.begin(), here, values[i]) == here &&
-           std::find(choice.values.begin(), choice.values.end(), values[i]) != choice.values.end();
-  }
-  if (fits) return "";
-  std::string names;
-  for (const std::string& name : choice.values) names += (names.empty() ? "" : ", ") + name;
-  return detail::concat(choice.least, " or more different names out of ", names);
-}
-template <class Constraint, class Number>
-std::string violation(const Constraint& constraint, const std::vector<Number>& values) {
-  if constexpr (!std::is_same_v<Constraint, Any>) {
-    for (Number value : values) {
-      if (std::string wanted = violation(constraint, static_cast<double>(value)); !wanted.empty()) return wanted;
-    }
-  }
-  return "";
-}
-
 namespace detail {
 
 template <class Value>
@@ -152,58 +80,103 @@ struct is_vector : std::false_type {};
 template <class Entry>
 struct is_vector<std::vector<Entry>> : std::true_type {};
 
+inline bool is_among(const std::string& value, const std::vector<std::string>& values) {
+  return std::find(values.begin(), values.end(), value) != values.end();
+}
+
+inline std::string joined(const std::vector<std::string>& words) {
+  std::string text;
+  for (const std::string& word : words) text += (text.empty() ? "" : ", ") + word;
+  return text;
+}
+
+}  // namespace detail
+
+// Which values a field may have, and the same as text, such as "at least 1". Of a list of numbers, each entry.
+struct Any {
+  template <class Value>
+  bool allows(const Value&) const {
+    return true;
+  }
+  std::string text() const { return ""; }
+};
+struct AtLeast {
+  double min;
+  bool allows(double value) const { return value >= min; }
+  std::string text() const { return detail::concat("at least ", min); }
+};
+struct Above {
+  double min;
+  bool allows(double value) const { return value > min; }
+  std::string text() const { return detail::concat("above ", min); }
+};
+struct InRange {
+  double min, max;  // inclusive
+  bool allows(double value) const { return value >= min && value <= max; }
+  std::string text() const { return detail::concat("from ", min, " to ", max); }
+};
+struct OneOf {
+  std::vector<std::string> values;
+  bool allows(const std::string& value) const { return detail::is_among(value, values); }
+  std::string text() const { return "one of " + detail::joined(values); }
+};
+/// For a list of names: at least `least` of them, without repetition.
+struct SomeOf {
+  std::vector<std::string> values;
+  std::size_t least = 1;
+  bool allows(const std::vector<std::string>& chosen) const {
+    return chosen.size() >= least && std::set<std::string>(chosen.begin(), chosen.end()).size() == chosen.size() &&
+           std::all_of(chosen.begin(), chosen.end(), [&](const auto& name) { return detail::is_among(name, values); });
+  }
+  std::string text() const { return detail::concat(least, " or more different names out of ", detail::joined(values)); }
+};
+
+namespace detail {
+
+template <class Constraint, class Value>
+bool is_allowed(const Constraint& constraint, const Value& value) {
+  if constexpr (is_vector<Value>::value && !std::is_same_v<Constraint, SomeOf>) {
+    return std::all_of(value.begin(), value.end(), [&](const auto& entry) { return is_allowed(constraint, entry); });
+  } else if constexpr (std::is_integral_v<Value>) {
+    return constraint.allows(static_cast<double>(value));
+  } else {
+    return constraint.allows(value);
+  }
+}
+
 /// " from -2147483648 to 2147483647", for the message about a number that does not fit.
 template <class Number>
 std::string limits_text() {
   return concat(" from ", std::numeric_limits<Number>::min(), " to ", std::numeric_limits<Number>::max());
 }
 
-/// Converts a JSON value without rounding or wrapping. False if it does not fit.
+/// Converts a JSON value without rounding or wrapping. Returns what was expected, "a whole number", if it does not fit,
+/// else an empty text.
 template <class Value>
-bool take_json(const nlohmann::ordered_json& json, Value& value) {
+std::string take_json(const nlohmann::ordered_json& json, Value& value) {
   if constexpr (is_vector<Value>::value) {
-    if (!json.is_array()) return false;
+    if (!json.is_array()) return "a list";
     value.clear();
     for (const auto& item : json) {
-      typename Value::value_type entry{};
-      if (!take_json(item, entry)) return false;
-      value.push_back(std::move(entry));
+      const std::string wanted = take_json(item, value.emplace_back());
+      if (!wanted.empty()) return "a list, each entry " + wanted;
     }
-    return true;
+    return "";
   } else if constexpr (std::is_same_v<Value, bool>) {
-    return json.is_boolean() && (json.get_to(value), true);
+    if (!json.is_boolean()) return "true or false";
   } else if constexpr (std::is_integral_v<Value>) {
-    constexpr std::uint64_t kMax64 = std::numeric_limits<std::int64_t>::max();
-    if (!json.is_number_integer()) return false;
-    if (json.is_number_unsigned() && json.get<std::uint64_t>() > kMax64) return false;
+    if (!json.is_number_integer()) return "a whole number";
+    // A number above the largest std::int64_t is unsigned, and negative after its conversion.
     const auto wide = json.get<std::int64_t>();
-    value = static_cast<Value>(wide);
-    return value == wide;
+    const bool is_too_large = json.is_number_unsigned() && wide < 0;
+    if (is_too_large || static_cast<Value>(wide) != wide) return "a whole number" + limits_text<Value>();
   } else if constexpr (std::is_floating_point_v<Value>) {
-    return json.is_number() && std::isfinite(json.get_to(value));
+    if (!json.is_number() || !std::isfinite(json.get<Value>())) return "a number";
   } else {
-    return json.is_string() && (json.get_to(value), true);
+    if (!json.is_string()) return "a string";
   }
-}
-
-/// What take_json() accepts for a field of type Value, given that it rejected `found`: "a whole number".
-template <class Value>
-std::string expected_json(const nlohmann::ordered_json& found) {
-  if constexpr (is_vector<Value>::value) {
-    using Entry = typename Value::value_type;
-    Entry entry{};
-    const auto bad =
-        std::find_if(found.begin(), found.end(), [&](const auto& item) { return !take_json(item, entry); });
-    return "a list" + (found.is_array() ? ", each entry " + expected_json<Entry>(*bad) : "");
-  } else if constexpr (std::is_same_v<Value, bool>) {
-    return "true or false";
-  } else if constexpr (std::is_integral_v<Value>) {
-    return "a whole number" + (found.is_number_integer() ? limits_text<Value>() : "");
-  } else if constexpr (std::is_floating_point_v<Value>) {
-    return "a number";
-  } else {
-    return "a string";
-  }
+  json.get_to(value);
+  return "";
 }
 
 /// `place` is the file that the value is from; empty: the command line.
@@ -220,11 +193,8 @@ std::string expected_json(const nlohmann::ordered_json& found) {
 template <class Config>
 void check_ranges(const Config& config, const std::string& place) {
   visit_fields(config, [&](const Option& option, const auto& value, const auto& constraint, const char*) {
-    using Constraint = std::decay_t<decltype(constraint)>;
-    if constexpr (!std::is_same_v<Constraint, Any>) {
-      if (std::string wanted = violation(constraint, value); !wanted.empty()) {
-        detail::invalid_value(place, option.name, wanted, nlohmann::json(value).dump());
-      }
+    if (!detail::is_allowed(constraint, value)) {
+      detail::invalid_value(place, option.name, constraint.text(), nlohmann::json(value).dump());
     }
   });
 }
@@ -245,7 +215,8 @@ template <class Config>
 void config_from_json(Config& config, const nlohmann::ordered_json& json, const std::string& place) {
   if (!json.is_object())
     input_error("not a JSON object: ", place, " (expected option names as keys, found ", json.type_name(), ")");
-  std::size_t n_known = 0;
+  std::set<std::string> unknown;
+  for (const auto& item : json.items()) unknown.insert(item.key());
   visit_fields(config, [&](const Option& option, auto& value, const auto&, const char*) {
     std::string first;
     for (const auto& [key, given] : json.items()) {
@@ -254,22 +225,12 @@ void config_from_json(Config& config, const nlohmann::ordered_json& json, const 
         input_error("option given twice: ", place, " (\"", first, "\" and \"", key, "\" are the same); remove one");
       }
       first = key;
-      ++n_known;
-      using Value = std::decay_t<decltype(value)>;
-      if (!detail::take_json(given, value)) {
-        detail::invalid_value(place, option.name, detail::expected_json<Value>(given), given.dump());
-      }
+      unknown.erase(key);
+      const std::string wanted = detail::take_json(given, value);
+      if (!wanted.empty()) detail::invalid_value(place, option.name, wanted, given.dump());
     }
   });
-  if (n_known != json.size()) {
-    for (const auto& [key, value] : json.items()) {
-      bool is_known = false;
-      visit_fields(config, [&, &name = key](const Option& option, const auto&, const auto&, const char*) {
-        is_known = is_known || option.has_name(name);
-      });
-      if (!is_known) input_error("unknown option \"", key, "\": ", place);
-    }
-  }
+  if (!unknown.empty()) input_error("unknown option \"", *unknown.begin(), "\": ", place);
   check_ranges(config, place);
 }
 

@@ -13,19 +13,11 @@ namespace fs = std::filesystem;
 
 constexpr std::int64_t kUnknown = std::numeric_limits<std::int64_t>::max();
 
-/// The number in a file; nothing if the file does not exist or contains "max".
-std::optional<std::int64_t> read_number(const fs::path& file) {
-  std::ifstream in(file);
-  std::int64_t value = 0;
-  if (in >> value) return value;
-  return std::nullopt;
-}
-
-/// The number after a key, in a file of lines "KEY NUMBER" or "KEY NUMBER UNIT"; nothing if there is no such line.
-std::optional<std::int64_t> read_number(const fs::path& file, const std::string& wanted) {
+/// The number in a file, or in its line "KEY NUMBER" or "KEY NUMBER UNIT"; nothing if there is none, as in "max".
+std::optional<std::int64_t> read_number(const fs::path& file, const std::string& wanted = "") {
   std::ifstream in(file);
   std::string key, rest;
-  for (std::int64_t value = 0; in >> key >> value; std::getline(in, rest)) {
+  for (std::int64_t value = 0; (wanted.empty() || in >> key) && in >> value; std::getline(in, rest)) {
     if (key == wanted) return value;
   }
   return std::nullopt;

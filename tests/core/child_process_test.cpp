@@ -205,9 +205,9 @@ TEST(ChildProcess, AnExceptionKillsTheProgram) {
 
 constexpr std::size_t kMoreThanAPipeHolds = 4 << 20;
 
-TEST(ChildInput, PassesBytesOnAndReadsWhatTheProgramSays) {
+TEST(Child, PassesBytesOnAndReadsWhatTheProgramSays) {
   Lines lines;
-  ChildInput child({"sh", "-c", "wc -c; echo end >&2"}, [&](const std::string& line) { lines.push_back(line); });
+  Child child({"sh", "-c", "wc -c; echo end >&2"}, [&](const std::string& line) { lines.push_back(line); });
   const std::string bytes(1000003, 'x');
   EXPECT_TRUE(child.write(bytes.data(), bytes.size()));
   EXPECT_TRUE(child.write("\n", 1));
@@ -215,17 +215,17 @@ TEST(ChildInput, PassesBytesOnAndReadsWhatTheProgramSays) {
   EXPECT_EQ(lines, (Lines{"1000004", "end"}));
 }
 
-TEST(ChildInput, DoesNotBlockIfTheProgramWritesAsMuchAsItReads) {
+TEST(Child, DoesNotBlockIfTheProgramWritesAsMuchAsItReads) {
   std::size_t bytes_read = 0;
-  ChildInput child({"cat"}, [&](const std::string& line) { bytes_read += line.size() + 1; });
+  Child child({"cat"}, [&](const std::string& line) { bytes_read += line.size() + 1; });
   const std::string line = std::string(999, 'x') + "\n";
   for (int i = 0; i < 3000; ++i) ASSERT_TRUE(child.write(line.data(), line.size()));
   EXPECT_TRUE(child.finish().succeeded());
   EXPECT_EQ(bytes_read, 3000000u);
 }
 
-TEST(ChildInput, AProgramThatEndsEarlyIsToldAndDoesNotEndThisOne) {
-  ChildInput child({"sh", "-c", "head -c 10 > /dev/null; echo disk full; exit 4"});
+TEST(Child, AProgramThatEndsEarlyIsToldAndDoesNotEndThisOne) {
+  Child child({"sh", "-c", "head -c 10 > /dev/null; echo disk full; exit 4"});
   const std::string bytes(kMoreThanAPipeHolds, 'x');
   bool is_taken = true;
   for (int i = 0; i < 100 && is_taken; ++i) is_taken = child.write(bytes.data(), bytes.size());
@@ -233,41 +233,41 @@ TEST(ChildInput, AProgramThatEndsEarlyIsToldAndDoesNotEndThisOne) {
   EXPECT_EQ(child.finish().exit_code, 4);
 }
 
-TEST(ChildInput, AProgramThatClosesItsInputIsWaitedFor) {
-  ChildInput child({"sh", "-c", "exec 0<&-; sleep 0.2; exit 5"});
+TEST(Child, AProgramThatClosesItsInputIsWaitedFor) {
+  Child child({"sh", "-c", "exec 0<&-; sleep 0.2; exit 5"});
   const std::string bytes(kMoreThanAPipeHolds, 'x');
   EXPECT_FALSE(child.write(bytes.data(), bytes.size()));
   EXPECT_FALSE(child.write(bytes.data(), bytes.size()));
   EXPECT_EQ(child.finish().exit_code, 5);
 }
 
-TEST(ChildInput, StopEndsAWriteThatWaits) {
+TEST(Child, StopEndsAWriteThatWaits) {
   std::atomic<int> stop{0};
-  ChildInput child(
+  Child child(
       {"sh", "-c", "echo ready; exec sleep 600"}, [&](const std::string&) { stop = 1; }, &stop);
   const std::string bytes(kMoreThanAPipeHolds, 'x');
   EXPECT_FALSE(child.write(bytes.data(), bytes.size()));
   EXPECT_EQ(child.finish().signal, SIGTERM);
 }
 
-TEST(ChildInput, WithoutFinishTheProgramIsKilled) {
+TEST(Child, WithoutFinishTheProgramIsKilled) {
   pid_t pid = 0;
   {
     std::atomic<int> none{0};
-    ChildInput child(
+    Child child(
         {"sh", "-c", "echo $$; exec sleep 600"}, [&](const std::string& line) { pid = std::stoi(line); }, &none);
     while (pid == 0) child.write("x", 1);
   }
   EXPECT_EQ(kill(pid, 0), -1);
 }
 
-TEST(ChildInput, TheProgramEndsIfThisOneIsKilled) {
+TEST(Child, TheProgramEndsIfThisOneIsKilled) {
   const test::TempDir folder;
   const std::string fifo = (folder / "fifo").string();
   ASSERT_EQ(mkfifo(fifo.c_str(), 0600), 0);
   const pid_t killed = fork();
   if (killed == 0) {
-    const ChildInput child({"sh", "-c", "exec sleep 600 > " + fifo}, [](const std::string&) {});
+    const Child child({"sh", "-c", "exec sleep 600 > " + fifo}, [](const std::string&) {});
     for (;;) pause();
   }
   const int file = open(fifo.c_str(), O_RDONLY);  // once the program has opened it

@@ -17,6 +17,7 @@
 #include <vector>
 
 #include "core/check.h"
+#include "core/descriptor.h"
 #include "core/files/own_files.h"
 
 namespace b3dgs {
@@ -26,16 +27,12 @@ namespace fs = std::filesystem;
 
 constexpr const char *kTemporaryPrefix = ".b3dgs-", *kTemporarySuffix = ".tmp";
 
-// "(No space left on device); free some disk space"
-std::string with_remedy(const std::string& reason, int error) {
-  const std::string in_parentheses = " (" + reason + ")";
-  if (error == ENOSPC || error == EDQUOT) return in_parentheses + "; free some disk space";
-  if (error == EFBIG) return in_parentheses + "; raise the limit on file sizes (ulimit -f) or use another disk";
-  return in_parentheses;
-}
-
-std::string with_remedy(int error) {
-  return with_remedy(std::strerror(error), error);
+// " (No space left on device); free some disk space"; `what`: what was to be done.
+std::string with_remedy(int error, const std::string& what = "") {
+  const std::string reason = " (" + what + std::strerror(error) + ")";
+  if (error == ENOSPC || error == EDQUOT) return reason + "; free some disk space";
+  if (error == EFBIG) return reason + "; raise the limit on file sizes (ulimit -f) or use another disk";
+  return reason;
 }
 
 // Where process IDs mean the same processes as here: this start of this machine, and this container.
@@ -74,11 +71,10 @@ int remove_if_left_behind(const char* path, const struct stat* status, int type,
 
 // A rename is durable once the folder is synced. Some network file systems cannot sync folders and return EINVAL.
 void sync_folder(const fs::path& folder, const std::string& target) {
-  const int file = ::open(folder.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC);
-  if (file < 0) io_error("cannot open the folder of ", target, " to sync it (", std::strerror(errno), ")");
-  const int failed = ::fsync(file) != 0 && errno != EINVAL && errno != ENOTSUP ? errno : 0;
-  ::close(file);
-  if (failed) io_error("cannot sync the folder of ", target, " (", std::strerror(failed), ")");
+  const Descriptor file(::open(folder.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC));
+  if (!file) io_error("cannot open the folder of ", target, " to sync it (", std::strerror(errno), ")");
+  if (::fsync(file.fd()) == 0 || errno == EINVAL || errno == ENOTSUP) return;
+  io_error("cannot sync the folder of ", target, " (", std::strerror(errno), ")");
 }
 
 // A new folder is durable once its parent is synced.
@@ -130,8 +126,7 @@ void AtomicFile::write_all(const void* data, std::size_t bytes, WriteSome&& writ
       const int failed = written < 0 ? errno : ENOSPC;
       std::error_code none;
       const char* kept = fs::exists(target_, none) ? "; the existing file is unchanged" : "";
-      const std::string reason = std::to_string(bytes) + " bytes: " + std::strerror(failed);
-      io_error("cannot write ", target_.string(), with_remedy(reason, failed), kept);
+      io_error("cannot write ", target_.string(), with_remedy(failed, std::to_string(bytes) + " bytes: "), kept);
     }
     from += written;
     left -= static_cast<std::size_t>(written);
@@ -185,14 +180,13 @@ void require_writable(const fs::path& file, std::string_view remedy) {
   fs::path folder = fs::absolute(file).parent_path();
   while (!fs::exists(folder, error) && folder.has_relative_path()) folder = folder.parent_path();
   const fs::path probe = temporary_name(folder);
-  const int opened = ::open(probe.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0600);
-  if (opened >= 0) {
-    ::close(opened);
+  const Descriptor opened(::open(probe.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0600));
+  const int failed = errno;
+  if (opened) {
     ::unlink(probe.c_str());
-  } else if (errno != EEXIST) {
-    const std::string reason = std::strerror(errno);
+  } else if (failed != EEXIST) {
     input_error("cannot write ", file.string(), " (expected a folder where files can be made, found ", folder.string(),
-                ": ", reason, "); ", remedy);
+                ": ", std::strerror(failed), "); ", remedy);
   }
 }
 

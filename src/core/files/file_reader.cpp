@@ -17,23 +17,21 @@ constexpr std::size_t kBufferBytes = std::size_t{1} << 18;
 }  // namespace
 
 FileReader::FileReader(std::filesystem::path path)
-    : path_(std::move(path)), buffer_(kBufferBytes), data_(buffer_.data()) {
-  file_ = ::open(path_.c_str(), O_RDONLY | O_CLOEXEC);
-  if (file_ < 0) input_error("file cannot be read: ", name(), " (", std::strerror(errno), ")");
+    : path_(std::move(path)),
+      file_(::open(path_.c_str(), O_RDONLY | O_CLOEXEC)),
+      buffer_(kBufferBytes),
+      data_(buffer_.data()) {
   struct stat status {};
-  const int failed = ::fstat(file_, &status) != 0 ? errno : 0;
-  if (failed || !S_ISREG(status.st_mode)) {
-    ::close(file_);
-    input_error("file cannot be read: ", name(), " (", failed ? std::strerror(failed) : "not a regular file", ")");
-  }
+  if (!file_ || ::fstat(file_.fd(), &status) != 0) fail_to_read(std::strerror(errno));
+  if (!S_ISREG(status.st_mode)) fail_to_read("not a regular file");
   size_ = static_cast<std::uint64_t>(status.st_size);
 }
 
 FileReader::FileReader(std::string name, std::string_view bytes)
     : path_(std::move(name)), size_(bytes.size()), data_(bytes.data()), end_(bytes.size()) {}
 
-FileReader::~FileReader() {
-  if (file_ >= 0) ::close(file_);
+void FileReader::fail_to_read(const char* reason) const {
+  input_error("file cannot be read: ", name(), " (", reason, ")");
 }
 
 void FileReader::begin_record(const char* kind, std::uint64_t index, std::uint64_t total) {
@@ -56,12 +54,12 @@ void FileReader::expect_end() const {
 }
 
 bool FileReader::fill() {
-  if (file_ < 0) return false;
+  if (!file_) return false;
   next_ = end_ = 0;
   for (;;) {
-    const ssize_t bytes = ::read(file_, buffer_.data(), buffer_.size());
+    const ssize_t bytes = ::read(file_.fd(), buffer_.data(), buffer_.size());
     if (bytes < 0 && errno == EINTR) continue;
-    if (bytes < 0) input_error("file cannot be read: ", name(), " (", std::strerror(errno), ")");
+    if (bytes < 0) fail_to_read(std::strerror(errno));
     end_ = static_cast<std::size_t>(bytes);
     return bytes > 0;
   }
@@ -93,8 +91,8 @@ void FileReader::skip(std::uint64_t bytes) {
   position_ += bytes;
   const std::uint64_t buffered = std::min<std::uint64_t>(bytes, end_ - next_);
   next_ += buffered;
-  if (bytes > buffered && ::lseek(file_, static_cast<off_t>(bytes - buffered), SEEK_CUR) < 0) {
-    input_error("file cannot be read: ", name(), " (", std::strerror(errno), ")");
+  if (bytes > buffered && ::lseek(file_.fd(), static_cast<off_t>(bytes - buffered), SEEK_CUR) < 0) {
+    fail_to_read(std::strerror(errno));
   }
 }
 
@@ -106,28 +104,22 @@ std::string FileReader::read_c_string() {
 
 bool FileReader::read_line(std::string_view& line) {
   long_line_.clear();
-  for (;;) {
+  bool is_whole = false;
+  while (!is_whole) {
     if (next_ == end_ && !fill()) {
       if (long_line_.empty()) return false;
-      line = long_line_;
       break;
     }
     const char* begin = data_ + next_;
     const char* newline = static_cast<const char*>(std::memchr(begin, '\n', end_ - next_));
-    const std::size_t length = newline ? static_cast<std::size_t>(newline - begin) : end_ - next_;
-    const std::size_t taken = length + (newline ? 1 : 0);
+    is_whole = newline != nullptr;
+    line = std::string_view(begin, is_whole ? static_cast<std::size_t>(newline - begin) : end_ - next_);
+    const std::size_t taken = line.size() + (is_whole ? 1 : 0);
     next_ += taken;
     position_ += std::min<std::uint64_t>(taken, remaining());
-    if (newline && long_line_.empty()) {
-      line = std::string_view(begin, length);
-      break;
-    }
-    long_line_.append(begin, length);
-    if (newline) {
-      line = long_line_;
-      break;
-    }
+    if (!is_whole || !long_line_.empty()) long_line_.append(line);
   }
+  if (!long_line_.empty()) line = long_line_;
   ++line_number_;
   if (!line.empty() && line.back() == '\r') line.remove_suffix(1);
   return true;

@@ -10,6 +10,8 @@
 #include <type_traits>
 #include <vector>
 
+#include "core/descriptor.h"
+
 namespace b3dgs {
 
 class FileReader {
@@ -18,7 +20,6 @@ class FileReader {
   explicit FileReader(std::filesystem::path path);
   /// Reads `bytes`, which must outlive the reader, as the content of a file called `name`.
   FileReader(std::string name, std::string_view bytes);
-  ~FileReader();
   FileReader(const FileReader&) = delete;
   FileReader& operator=(const FileReader&) = delete;
 
@@ -59,10 +60,11 @@ class FileReader {
 
  private:
   bool fill();  // false at the end of the file
+  [[noreturn]] void fail_to_read(const char* reason) const;
   [[noreturn]] void fail_truncated(std::uint64_t wanted) const;
 
   std::filesystem::path path_;
-  int file_ = -1;                          // -1: the bytes are in memory
+  Descriptor file_;                        // none: the bytes are in memory
   std::uint64_t size_ = 0, position_ = 0;  // bytes
   std::vector<char> buffer_;               // part of the file
   const char* data_ = nullptr;             // buffer_, or the bytes in memory

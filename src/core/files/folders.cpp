@@ -28,23 +28,19 @@ std::string read_all(const fs::path& path) {
   return {std::istreambuf_iterator<char>(file), std::istreambuf_iterator<char>()};
 }
 
-/// Command line of a process, "b3dgs train -s scene"; empty if unknown.
-std::string command_of(const std::string& process) {
+/// `lock`: has the number of the process that holds it.
+[[noreturn]] void refuse(const fs::path& folder, const fs::path& lock, const std::string& kind) {
   constexpr std::size_t kMost = 200;
-  std::string words = read_all(fs::path("/proc") / process / "cmdline");  // separated by zero bytes
-  while (!words.empty() && words.back() == '\0') words.pop_back();
-  std::replace_if(
-      words.begin(), words.end(), [](char c) { return static_cast<unsigned char>(c) < 0x20; }, ' ');
-  return words.size() > kMost ? words.substr(0, kMost) + "..." : words;
-}
-
-[[noreturn]] void refuse(const fs::path& folder, const fs::path& path, const char* kind) {
-  std::string process = read_all(path);
-  process.erase(std::find_if(process.begin(), process.end(), [](char c) { return c < '0' || c > '9'; }), process.end());
-  const std::string command = process.empty() ? "" : command_of(process);
-  input_error(kind, " in use: ", folder.string(), " (by ", process.empty() ? "another process" : "process " + process,
-              command.empty() ? "" : ": " + command, "); wait until it ends, or choose another folder",
-              std::strcmp(kind, "model folder") == 0 ? " with -m" : "");
+  std::string holder = "another process", command;
+  if (const int process = std::atoi(read_all(lock).c_str()); process > 0) {
+    holder = "process " + std::to_string(process);
+    command = read_all("/proc/" + std::to_string(process) + "/cmdline");  // words, each with a zero byte
+    std::replace(command.begin(), command.end(), '\0', ' ');
+    command.resize(command.find_last_not_of(' ') + 1);
+    if (command.size() > kMost) command = command.substr(0, kMost) + "...";
+  }
+  input_error(kind, " in use: ", folder.string(), " (by ", holder, command.empty() ? "" : ": " + command,
+              "); wait until it ends, or choose another folder", kind == "model folder" ? " with -m" : "");
 }
 
 /// Whether the open file is still the one at `path`: the previous holder removes it before releasing the lock.
@@ -61,44 +57,31 @@ FolderLock::FolderLock(const fs::path& folder, const char* kind) : path_(folder 
   std::error_code error;  // ignored: create_folder() reports it
   is_new_ = !fs::exists(folder, error);
   create_folder(folder);
-  for (;;) {
-    file_ = ::open(path_.c_str(), O_RDWR | O_CREAT | O_NOFOLLOW | O_CLOEXEC, 0666);
-    if (file_ < 0) io_error("cannot write to folder: ", folder.string(), " (", std::strerror(errno), ")");
+  do {
+    file_ = Descriptor(::open(path_.c_str(), O_RDWR | O_CREAT | O_NOFOLLOW | O_CLOEXEC, 0666));
+    if (!file_) io_error("cannot write to folder: ", folder.string(), " (", std::strerror(errno), ")");
     int failed = 0;
-    while (::flock(file_, LOCK_EX | LOCK_NB) != 0 && (failed = errno) == EINTR) {
+    while (::flock(file_.fd(), LOCK_EX | LOCK_NB) != 0 && (failed = errno) == EINTR) {
     }
-    if (failed == EWOULDBLOCK) {
-      ::close(file_);
-      file_ = -1;
-      refuse(folder, path_, kind);
-    }
-    if (is_at(file_, path_)) break;
-    ::close(file_);
-  }
+    if (failed == EWOULDBLOCK) refuse(folder, path_, kind);
+  } while (!is_at(file_.fd(), path_));
   const std::string process = std::to_string(::getpid()) + "\n";
   // The process ID serves error messages only, so a full disk is ignored here.
-  if (::ftruncate(file_, 0) != 0 || ::write(file_, process.data(), process.size()) < 0) errno = 0;
+  if (::ftruncate(file_.fd(), 0) != 0 || ::write(file_.fd(), process.data(), process.size()) < 0) errno = 0;
   remove_unfinished_files(folder);
   own_files_.emplace(folder);
 }
 
 FolderLock::~FolderLock() {
   ::unlink(path_.c_str());
-  ::close(file_);
+  file_.close();
   std::error_code error;  // ignored: usually the folder is not empty
   if (is_new_) fs::remove(path_.parent_path(), error);
 }
 
-namespace {
-
-int remove_entry(const char* path, const struct stat*, int, FTW*) {
-  return std::remove(path);
-}
-
-}  // namespace
-
 bool remove_tree(const std::filesystem::path& path) {
   constexpr int kOpenFolders = 16;
+  const auto remove_entry = [](const char* entry, const struct stat*, int, FTW*) { return std::remove(entry); };
   struct stat status;
   if (::lstat(path.c_str(), &status) != 0) return true;
   return ::nftw(path.c_str(), remove_entry, kOpenFolders, FTW_DEPTH | FTW_PHYS) == 0;

@@ -15,6 +15,7 @@
 #include <system_error>
 
 #include "core/check.h"
+#include "core/descriptor.h"
 
 namespace b3dgs {
 namespace {
@@ -33,16 +34,11 @@ Registry& registry() {
 }
 
 void report(const std::string& line) {
-  std::function<void(const std::string&)> to;
-  {
-    const std::lock_guard lock(registry().mutex);
-    to = registry().report;
-  }
-  if (to) {
-    to(line);
-  } else {
-    std::fprintf(stderr, "warning: %s\n", line.c_str());
-  }
+  std::unique_lock lock(registry().mutex);
+  const auto to = registry().report;
+  lock.unlock();
+  if (to) return to(line);
+  std::fprintf(stderr, "warning: %s\n", line.c_str());
 }
 
 /// With the folders' links followed, but not that of the last name.
@@ -65,11 +61,7 @@ std::int64_t time_of(const struct stat& status) {
 /// A name in one line: "\n" and "\\" are escaped.
 std::string escaped(const std::string& name) {
   std::string text;
-  for (const char c : name) {
-    if (c == '\\') text += "\\\\";
-    if (c == '\n') text += "\\n";
-    if (c != '\\' && c != '\n') text += c;
-  }
+  for (const char c : name) text += c == '\\' ? "\\\\" : c == '\n' ? "\\n" : std::string(1, c);
   return text;
 }
 
@@ -167,22 +159,17 @@ bool OwnFiles::is_own(const fs::path& file) {
   return is_own(name_of(file));
 }
 
-/// Appends to the record. A line that is missing after a failure makes a file the user's, which is safe.
+/// Appends to the record; `entry` null: no longer there. A line that is missing after a failure makes a file the
+/// user's, which is safe.
 void OwnFiles::record(const std::string& name, const Entry* entry) {
-  const Entry none;
-  const Entry& values = entry != nullptr ? *entry : none;
+  const Entry values = entry != nullptr ? *entry : Entry{};
   const char* kind = entry == nullptr ? "-" : values.is_growing ? "g" : "f";
   const std::string line = detail::concat(values.bytes, " ", values.changed, " ", kind, " ", escaped(name), "\n");
-  if (entry != nullptr) {
-    entries_[name] = *entry;
-  } else {
-    entries_.erase(name);
-  }
-  const int file = ::open((root_ / kRecord).c_str(), O_WRONLY | O_CREAT | O_APPEND | O_NOFOLLOW | O_CLOEXEC, 0666);
-  if (file < 0) return;
-  const ssize_t ignored = ::write(file, line.data(), line.size());
-  static_cast<void>(ignored);
-  ::close(file);
+  entries_.erase(name);
+  if (entry != nullptr) entries_.emplace(name, values);
+  const Descriptor file(
+      ::open((root_ / kRecord).c_str(), O_WRONLY | O_CREAT | O_APPEND | O_NOFOLLOW | O_CLOEXEC, 0666));
+  if (file && ::write(file.fd(), line.data(), line.size()) < 0) return;
 }
 
 void OwnFiles::add(const fs::path& file, bool is_growing) {
@@ -214,32 +201,26 @@ void OwnFiles::make_way(const fs::path& file) {
          free.filename().string());
 }
 
-void OwnFiles::remove_known(const fs::path& path, std::vector<fs::path>* kept) {
+void OwnFiles::remove_known(const fs::path& path) {
   const auto status = status_of(path);
   if (!status) return;
-  const std::string name = name_of(path);
-  if (S_ISDIR(status->st_mode)) {
-    std::vector<fs::path> inside;
-    std::error_code error;
-    for (fs::directory_iterator it(path, error), end; !error && it != end; it.increment(error)) {
-      inside.push_back(it->path());
-    }
-    std::sort(inside.begin(), inside.end());
-    for (const fs::path& entry : inside) remove_known(entry, kept);
-    if (::rmdir(path.c_str()) != 0 && inside.empty() && kept != nullptr) kept->push_back(path);
+  if (!S_ISDIR(status->st_mode)) {
+    const std::string name = name_of(path);
+    if (is_own(name) && ::unlink(path.c_str()) == 0) record(name, nullptr);
     return;
   }
-  if (is_own(name) && ::unlink(path.c_str()) == 0) {
-    record(name, nullptr);
-  } else if (kept != nullptr) {
-    kept->push_back(path);
+  std::vector<fs::path> inside;
+  std::error_code error;
+  for (fs::directory_iterator it(path, error), end; !error && it != end; it.increment(error)) {
+    inside.push_back(it->path());
   }
+  for (const fs::path& entry : inside) remove_known(entry);
+  ::rmdir(path.c_str());  // fails where something is left
 }
 
-void OwnFiles::remove(const fs::path& path, std::vector<fs::path>* kept) {
+void OwnFiles::remove(const fs::path& path) {
   const std::lock_guard lock(mutex_);
-  if (name_of(path).empty()) return;
-  remove_known(path, kept);
+  if (!name_of(path).empty()) remove_known(path);
 }
 
 void OwnFiles::move(const fs::path& from, const fs::path& to) {

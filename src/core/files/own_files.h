@@ -41,13 +41,12 @@ class OwnFiles {
   /// the program's own while it only grows.
   void add(const std::filesystem::path& file, bool is_growing = false);
 
-  /// Moves a file that is the user's to a free name, previous_name(), and reports it. Does
-  /// nothing where there is no file, or one of the program's own. @throws IoError
+  /// Moves a file that is the user's to previous_name(), and reports it. Does nothing where there is no file, or one of
+  /// the program's own. @throws IoError
   void make_way(const std::filesystem::path& file);
 
-  /// Removes a file, or the files in a folder and then the folder, as far as they are the program's own. What remains
-  /// is added to `kept`.
-  void remove(const std::filesystem::path& path, std::vector<std::filesystem::path>* kept = nullptr);
+  /// Removes a file, or the files in a folder and then the folder, as far as they are the program's own.
+  void remove(const std::filesystem::path& path);
 
   /// Renames a file or a folder in the folder; make_way() for a file that is at `to`. Own files stay own.
   /// @throws IoError
@@ -71,7 +70,7 @@ class OwnFiles {
   bool is_own(const std::string& name);
   void read_record();
   void record(const std::string& name, const Entry* entry);
-  void remove_known(const std::filesystem::path& path, std::vector<std::filesystem::path>* kept);
+  void remove_known(const std::filesystem::path& path);
 
   std::filesystem::path root_, given_;  // with and without links followed
   std::map<std::string, Entry> entries_;

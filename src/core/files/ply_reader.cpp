@@ -21,20 +21,17 @@ double to_double(const char* bytes) {
 }
 
 struct PlyTypeRow {
-  PlyType type;
   const char *name, *other_name;
   int bytes;
   double (*decode)(const char* bytes);
 };
 
-constexpr std::array<PlyTypeRow, 8> kTypes{{{PlyType::kInt8, "char", "int8", 1, to_double<std::int8_t>},
-                                            {PlyType::kUint8, "uchar", "uint8", 1, to_double<std::uint8_t>},
-                                            {PlyType::kInt16, "short", "int16", 2, to_double<std::int16_t>},
-                                            {PlyType::kUint16, "ushort", "uint16", 2, to_double<std::uint16_t>},
-                                            {PlyType::kInt32, "int", "int32", 4, to_double<std::int32_t>},
-                                            {PlyType::kUint32, "uint", "uint32", 4, to_double<std::uint32_t>},
-                                            {PlyType::kFloat32, "float", "float32", 4, to_double<float>},
-                                            {PlyType::kFloat64, "double", "float64", 8, to_double<double>}}};
+/// In the order of PlyType.
+constexpr PlyTypeRow kTypes[] = {
+    {"char", "int8", 1, to_double<std::int8_t>},    {"uchar", "uint8", 1, to_double<std::uint8_t>},
+    {"short", "int16", 2, to_double<std::int16_t>}, {"ushort", "uint16", 2, to_double<std::uint16_t>},
+    {"int", "int32", 4, to_double<std::int32_t>},   {"uint", "uint32", 4, to_double<std::uint32_t>},
+    {"float", "float32", 4, to_double<float>},      {"double", "float64", 8, to_double<double>}};
 
 constexpr std::pair<const char*, PlyFormat> kFormats[] = {{"ascii", PlyFormat::kAscii},
                                                           {"binary_little_endian", PlyFormat::kLittleEndian},
@@ -49,8 +46,8 @@ int bytes_of(PlyType type) {
 }
 
 PlyType type_from_name(std::string_view name, const std::string& place) {
-  for (const PlyTypeRow& row : kTypes) {
-    if (name == row.name || name == row.other_name) return row.type;
+  for (std::size_t i = 0; i < std::size(kTypes); ++i) {
+    if (name == kTypes[i].name || name == kTypes[i].other_name) return static_cast<PlyType>(i);
   }
   input_error(place, ": expected a property type such as float or uchar, found \"", name, "\"");
 }
@@ -94,16 +91,6 @@ std::uint64_t list_length(double length, std::uint64_t most, const FileReader& f
                 "; the file is damaged");
   }
   return static_cast<std::uint64_t>(length);
-}
-
-/// What follows the keyword, without the spaces around it.
-std::string comment_text(std::string_view line) {
-  constexpr std::size_t kKeyword = 7;  // characters of "comment"
-  constexpr const char* kSpaces = " \t\r";
-  const std::size_t keyword = line.find_first_not_of(kSpaces);
-  const std::size_t begin = line.find_first_not_of(kSpaces, std::min(line.size(), keyword + kKeyword));
-  if (begin == std::string_view::npos) return "";
-  return std::string(line.substr(begin, line.find_last_not_of(kSpaces) + 1 - begin));
 }
 
 }  // namespace
@@ -153,7 +140,7 @@ void PlyReader::read_header() {
         input_error(file_.place(), ": expected an element before the first property; the file is damaged");
       elements_.back().properties.push_back(parse_property(fields, file_.place()));
     } else if (keyword == "comment") {
-      comments_.push_back(comment_text(line));
+      comments_.emplace_back(fields.rest());
     } else if (keyword != "obj_info" && !keyword.empty()) {
       input_error(file_.place(), ": expected a PLY header line, found \"", keyword.substr(0, 40), "\"");
     }
@@ -179,78 +166,60 @@ const PlyElement& PlyReader::vertices() const {
   input_error(name(), ": expected an element \"vertex\", found ", names.empty() ? "none" : names);
 }
 
-std::vector<PlyReader::Column> PlyReader::layout(const PlyElement& element,
-                                                 const std::vector<std::string>& columns) const {
-  std::vector<Column> layout;
-  for (const PlyProperty& property : element.properties) {
-    layout.push_back({property.type, -1, property.is_list, property.count_type});
-  }
+void PlyReader::read_vertices(const std::vector<std::string>& columns, const RowsFn& on_rows) {
+  PlyElement wanted = vertices();
   for (std::size_t i = 0; i < columns.size(); ++i) {
-    const PlyProperty* property = element.find(columns[i]);
+    const PlyProperty* property = wanted.find(columns[i]);
     if (!property || property->is_list) {
-      input_error(name(), ": element ", element.name, property ? " has a list as property " : " has no property ",
+      input_error(name(), ": element ", wanted.name, property ? " has a list as property " : " has no property ",
                   columns[i], property ? ", expected a number" : "; the file is damaged or of another format");
     }
-    layout[static_cast<std::size_t>(property - element.properties.data())].target = static_cast<std::ptrdiff_t>(i);
+    wanted.properties[static_cast<std::size_t>(property - wanted.properties.data())].target =
+        static_cast<std::ptrdiff_t>(i);
   }
-  return layout;
-}
-
-void PlyReader::read_vertices(const std::vector<std::string>& columns, const RowsFn& on_rows) {
-  const PlyElement& wanted = vertices();
-  const std::vector<Column> wanted_layout = layout(wanted, columns);
   for (const PlyElement& element : elements_) {
-    if (&element == &wanted) {
-      read_element(element, wanted_layout, columns.size(), on_rows);
-      break;
-    }
-    read_element(element, layout(element, {}), 0, {});
+    if (&element == &vertices()) break;
+    read_element(element, 0, {});
   }
-  if (&wanted == &elements_.back() && format_ != PlyFormat::kAscii) file_.expect_end();
+  read_element(wanted, columns.size(), on_rows);
+  if (&vertices() == &elements_.back() && format_ != PlyFormat::kAscii) file_.expect_end();
 }
 
-void PlyReader::read_element(const PlyElement& element, const std::vector<Column>& layout, std::size_t n_columns,
-                             const RowsFn& on_rows) {
+void PlyReader::read_element(const PlyElement& element, std::size_t n_columns, const RowsFn& on_rows) {
   const std::string kind = "row of element " + element.name + ",";
-  const bool has_lists = std::any_of(layout.begin(), layout.end(), [](const Column& column) { return column.is_list; });
+  const bool has_lists = std::any_of(element.properties.begin(), element.properties.end(),
+                                     [](const PlyProperty& property) { return property.is_list; });
   std::vector<double> block(kRowsPerBlock * n_columns);
   for (std::uint64_t first = 0; first < element.count; first += kRowsPerBlock) {
     const std::uint64_t n_rows = std::min(kRowsPerBlock, element.count - first);
     file_.begin_record(kind.c_str(), first, element.count);
     if (format_ != PlyFormat::kAscii && !has_lists) {
-      read_fixed_rows(layout, n_rows, n_columns, block.data());
+      read_fixed_rows(element, n_rows, n_columns, block.data());
     } else {
       for (std::uint64_t i = 0; i < n_rows; ++i) {
         double* const values = block.data() + i * n_columns;
         file_.begin_record(kind.c_str(), first + i, element.count);
-        if (format_ == PlyFormat::kAscii) {
-          read_row_ascii(element, layout, first + i, values);
-        } else {
-          read_row_binary(layout, values);
-        }
+        format_ == PlyFormat::kAscii ? read_row_ascii(element, first + i, values) : read_row_binary(element, values);
       }
     }
     if (on_rows) on_rows(first, n_rows, block.data());
   }
 }
 
-void PlyReader::read_fixed_rows(const std::vector<Column>& layout, std::uint64_t n_rows, std::size_t n_columns,
+void PlyReader::read_fixed_rows(const PlyElement& element, std::uint64_t n_rows, std::size_t n_columns,
                                 double* values) {
-  std::size_t row_bytes = 0;
-  for (const Column& column : layout) row_bytes += static_cast<std::size_t>(bytes_of(column.type));
-  row_buffer_.resize(n_rows * row_bytes);
+  row_buffer_.resize(n_rows * min_row_bytes(element, format_));
   file_.read_bytes(row_buffer_.data(), row_buffer_.size());
   const char* from = row_buffer_.data();
   for (std::uint64_t row = 0; row < n_rows; ++row, values += n_columns) {
-    for (const Column& column : layout) {
-      if (column.target >= 0) values[column.target] = decode(column.type, from, format_);
-      from += bytes_of(column.type);
+    for (const PlyProperty& property : element.properties) {
+      if (property.target >= 0) values[property.target] = decode(property.type, from, format_);
+      from += bytes_of(property.type);
     }
   }
 }
 
-void PlyReader::read_row_ascii(const PlyElement& element, const std::vector<Column>& layout, std::uint64_t row,
-                               double* values) {
+void PlyReader::read_row_ascii(const PlyElement& element, std::uint64_t row, double* values) {
   std::string_view line;
   do {
     if (!file_.read_line(line)) {
@@ -259,29 +228,26 @@ void PlyReader::read_row_ascii(const PlyElement& element, const std::vector<Colu
     }
   } while (line.find_first_not_of(" \t") == std::string_view::npos);
   TextFields fields(line);
-  const auto place = [this] { return file_.place(); };
-  for (std::size_t i = 0; i < layout.size(); ++i) {
-    const Column& column = layout[i];
-    const char* what = element.properties[i].name.c_str();
-    if (column.is_list) {
-      const std::uint64_t length = list_length(fields.number<double>(what, place), line.size(), file_);
-      for (std::uint64_t k = 0; k < length; ++k) fields.number<double>(what, place);
-      continue;
+  for (const PlyProperty& property : element.properties) {
+    const auto next = [&] { return fields.number<double>(property.name.c_str(), [this] { return file_.place(); }); };
+    const double value = next();
+    if (property.is_list) {
+      for (std::uint64_t left = list_length(value, line.size(), file_); left > 0; --left) next();
+    } else if (property.target >= 0) {
+      values[property.target] = value;
     }
-    const double value = fields.number<double>(what, place);
-    if (column.target >= 0) values[column.target] = value;
   }
 }
 
-void PlyReader::read_row_binary(const std::vector<Column>& layout, double* values) {
-  for (const Column& column : layout) {
-    if (column.is_list) {
-      const std::uint64_t length = list_length(read_value(column.count_type), file_.remaining(), file_);
-      file_.skip(length * static_cast<std::uint64_t>(bytes_of(column.type)));
-    } else if (column.target >= 0) {
-      values[column.target] = read_value(column.type);
+void PlyReader::read_row_binary(const PlyElement& element, double* values) {
+  for (const PlyProperty& property : element.properties) {
+    if (property.is_list) {
+      const std::uint64_t length = list_length(read_value(property.count_type), file_.remaining(), file_);
+      file_.skip(length * static_cast<std::uint64_t>(bytes_of(property.type)));
+    } else if (property.target >= 0) {
+      values[property.target] = read_value(property.type);
     } else {
-      file_.skip(static_cast<std::uint64_t>(bytes_of(column.type)));
+      file_.skip(static_cast<std::uint64_t>(bytes_of(property.type)));
     }
   }
 }

@@ -18,6 +18,7 @@ struct PlyProperty {
   PlyType type = PlyType::kFloat32;  // of the value, or of a list's elements
   bool is_list = false;
   PlyType count_type = PlyType::kUint8;  // of a list's length
+  std::ptrdiff_t target = -1;            // index in the requested columns; -1: not requested
 };
 
 struct PlyElement {
@@ -50,21 +51,12 @@ class PlyReader {
   void read_vertices(const std::vector<std::string>& columns, const RowsFn& on_rows);
 
  private:
-  struct Column {
-    PlyType type;
-    std::ptrdiff_t target;  // index in the requested columns; -1: not requested
-    bool is_list;
-    PlyType count_type;
-  };
-
   void read_header();
-  std::vector<Column> layout(const PlyElement& element, const std::vector<std::string>& columns) const;
   void check_size() const;
-  void read_element(const PlyElement& element, const std::vector<Column>& layout, std::size_t n_columns,
-                    const RowsFn& on_rows);
-  void read_fixed_rows(const std::vector<Column>& layout, std::uint64_t n_rows, std::size_t n_columns, double* values);
-  void read_row_ascii(const PlyElement& element, const std::vector<Column>& layout, std::uint64_t row, double* values);
-  void read_row_binary(const std::vector<Column>& layout, double* values);
+  void read_element(const PlyElement& element, std::size_t n_columns, const RowsFn& on_rows);
+  void read_fixed_rows(const PlyElement& element, std::uint64_t n_rows, std::size_t n_columns, double* values);
+  void read_row_ascii(const PlyElement& element, std::uint64_t row, double* values);
+  void read_row_binary(const PlyElement& element, double* values);
   double read_value(PlyType type);
 
   FileReader& file_;

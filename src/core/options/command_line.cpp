@@ -8,6 +8,7 @@
 #include <fstream>
 #include <iostream>
 #include <iterator>
+#include <map>
 #include <sstream>
 
 #include "core/json_text.h"
@@ -33,17 +34,11 @@ bool is_truth_value(const std::string& word) {
   return word == "true" || word == "false";
 }
 
-/// "0,1,2", but not "0,": a list with commas is one word, unless the word ends in one.
-bool is_whole_list(const std::string& word) {
-  const std::size_t comma = word.find(',');
-  return comma != std::string::npos && word.back() != ',';
-}
-
 /// As from `-m $OUT --eval`, where the variable OUT is not set. A choice may begin with "-": `--up -y`.
 void require_value(const OptionSpec& spec, const std::string& value) {
   if (spec.lists_choices || !is_option(value)) return;
   input_error("missing value: --", spec.name, " is followed by ", value,
-              spec.value_name == "TEXT"
+              spec.kind == OptionSpec::Kind::kText
                   ? " (a shell variable that is not set?); for a name that begins with \"-\", write --" + spec.name +
                         "=" + value + " or ./" + value
                   : " (expected a number)");
@@ -89,54 +84,46 @@ Named find_option(const std::vector<OptionSpec>& options, const std::string& wor
   return found;
 }
 
-}  // namespace
-
-namespace detail {
-
-template <class Value>
-nlohmann::json parse_value(const OptionSpec& spec, const std::vector<std::string>& words) {
-  const std::string word = words.empty() ? "" : words.back();
-  const auto refuse = [&](const std::string& expected) { invalid_value("", spec.name, expected, '"' + word + '"'); };
-  if constexpr (std::is_same_v<Value, std::vector<std::string>>) {
-    return list_entries(words);
-  } else if constexpr (is_vector<Value>::value) {
-    nlohmann::json values = nlohmann::json::array();
-    for (const std::string& entry : list_entries(words)) {
-      values.push_back(parse_value<typename Value::value_type>(spec, {entry}));
-    }
-    return values;
-  } else if constexpr (std::is_same_v<Value, bool>) {
-    if (!is_truth_value(word)) refuse("true or false");
-    return word == "true";
-  } else if constexpr (std::is_same_v<Value, std::string>) {
-    if (word.empty() && !spec.is_empty_allowed && !spec.lists_choices) {
-      input_error("invalid value for --", spec.name,
-                  " (expected a text that is not empty, found \"\"); leave the option out to have none");
-    }
-    return word;
-  } else {
-    Value value{};
-    const auto [stop, error] = std::from_chars(word.data(), word.data() + word.size(), value);
-    const bool is_read = stop == word.data() + word.size();
-    if (error != std::errc() || !is_read || !std::isfinite(static_cast<double>(value))) {
-      const bool is_too_large = error == std::errc::result_out_of_range && is_read;
-      refuse(!std::is_integral_v<Value> ? "a number" : "a whole number" + (is_too_large ? limits_text<Value>() : ""));
-    }
-    return value;
-  }
+template <class Number>
+nlohmann::json parse_number(const OptionSpec& spec, const std::string& word) {
+  Number value{};
+  const char* const end = word.data() + word.size();
+  const auto [stop, error] = std::from_chars(word.data(), end, value);
+  if (error == std::errc() && stop == end && std::isfinite(static_cast<double>(value))) return value;
+  const bool is_too_large = error == std::errc::result_out_of_range && stop == end;
+  const std::string whole = "a whole number" + (is_too_large ? detail::limits_text<Number>() : "");
+  detail::invalid_value("", spec.name, std::is_integral_v<Number> ? whole : "a number", '"' + word + '"');
 }
 
-template nlohmann::json parse_value<bool>(const OptionSpec&, const std::vector<std::string>&);
-template nlohmann::json parse_value<int>(const OptionSpec&, const std::vector<std::string>&);
-template nlohmann::json parse_value<std::int64_t>(const OptionSpec&, const std::vector<std::string>&);
-template nlohmann::json parse_value<double>(const OptionSpec&, const std::vector<std::string>&);
-template nlohmann::json parse_value<std::string>(const OptionSpec&, const std::vector<std::string>&);
-template nlohmann::json parse_value<std::vector<int>>(const OptionSpec&, const std::vector<std::string>&);
-template nlohmann::json parse_value<std::vector<std::int64_t>>(const OptionSpec&, const std::vector<std::string>&);
-template nlohmann::json parse_value<std::vector<double>>(const OptionSpec&, const std::vector<std::string>&);
-template nlohmann::json parse_value<std::vector<std::string>>(const OptionSpec&, const std::vector<std::string>&);
+nlohmann::json parse_word(const OptionSpec& spec, const std::string& word) {
+  switch (spec.kind) {
+    case OptionSpec::Kind::kFlag:
+      if (!is_truth_value(word)) detail::invalid_value("", spec.name, "true or false", '"' + word + '"');
+      return word == "true";
+    case OptionSpec::Kind::kInt:
+      return parse_number<int>(spec, word);
+    case OptionSpec::Kind::kInt64:
+      return parse_number<std::int64_t>(spec, word);
+    case OptionSpec::Kind::kNumber:
+      return parse_number<double>(spec, word);
+    case OptionSpec::Kind::kText:
+      break;
+  }
+  if (word.empty() && !spec.is_list && !spec.is_empty_allowed && !spec.lists_choices) {
+    input_error("invalid value for --", spec.name,
+                " (expected a text that is not empty, found \"\"); leave the option out to have none");
+  }
+  return word;
+}
 
-}  // namespace detail
+}  // namespace
+
+nlohmann::json OptionSpec::parse(const std::vector<std::string>& words) const {
+  if (!is_list) return parse_word(*this, words.empty() ? "" : words.back());
+  nlohmann::json values = nlohmann::json::array();
+  for (const std::string& entry : list_entries(words)) values.push_back(parse_word(*this, entry));
+  return values;
+}
 
 void CommandLine::set_help(const std::string& name, const std::string& help) {
   const auto spec =
@@ -158,24 +145,24 @@ bool CommandLine::prints_help(const std::vector<std::string>& words) const {
 
 bool CommandLine::parse(std::vector<std::string> words) {
   if (prints_help(words)) return false;
-  nlohmann::json values = nlohmann::json::object();
+  std::map<std::string, nlohmann::json> values;
   std::string unknown, unexpected;  // the first of each
   bool only_arguments = false;
   for (std::size_t i = 0; i < words.size(); ++i) {
     const std::string word = with_underscores(words[i]);
+    if (!only_arguments && word == "--") {
+      only_arguments = true;
+      continue;
+    }
     if (only_arguments || word.size() < 2 || word[0] != '-') {
       const auto place = std::find_if(options_.begin(), options_.end(), [&](const OptionSpec& spec) {
-        return spec.positional && !values.contains(spec.name);
+        return spec.positional && values.count(spec.name) == 0;
       });
       if (place != options_.end()) {
-        values[place->name] = place->parse(*place, {words[i]});
+        values[place->name] = place->parse({words[i]});
       } else if (unexpected.empty()) {
         unexpected = "\"" + words[i] + "\"";
       }
-      continue;
-    }
-    if (word == "--") {
-      only_arguments = true;
       continue;
     }
     const Named named = find_option(options_, word);
@@ -193,12 +180,15 @@ bool CommandLine::parse(std::vector<std::string> words) {
       } else if (!named.has_value && i + 1 < words.size() && is_truth_value(words[i + 1])) {
         own.push_back(words[++i]);
       }
-      const bool is_on = spec.parse(spec, own.empty() ? std::vector<std::string>{"true"} : own).get<bool>();
-      values[spec.name] = is_on != named.is_negated;
+      if (own.empty()) own.emplace_back("true");
+      values[spec.name] = spec.parse(own) != named.is_negated;
       continue;
     }
-    if (spec.is_list) {  // the last value of any option counts, also of a list
-      while (i + 1 < words.size() && !is_option(words[i + 1]) && (own.empty() || !is_whole_list(own.back()))) {
+    if (spec.is_list) {  // "0,1,2" is a whole list, but not "0,"; the last value of any option counts, also of a list
+      const auto is_whole = [](const std::string& text) {
+        return text.find(',') != std::string::npos && text.back() != ',';
+      };
+      while (i + 1 < words.size() && !is_option(words[i + 1]) && (own.empty() || !is_whole(own.back()))) {
         own.push_back(words[++i]);
       }
     } else if (own.empty()) {
@@ -206,16 +196,36 @@ bool CommandLine::parse(std::vector<std::string> words) {
       require_value(spec, words[++i]);
       own.push_back(words[i]);
     }
-    values[spec.name] = spec.parse(spec, own);
+    values[spec.name] = spec.parse(own);
   }
   // The value of an unknown option is left over, too; the message is about the option.
   if (!unknown.empty() || !unexpected.empty()) reject(unknown.empty() ? unexpected : unknown);
   for (const OptionSpec& spec : options_) {
-    if (values.contains(spec.name)) given_[spec.name] = values[spec.name];
+    if (values.count(spec.name) > 0) given_[spec.name] = values[spec.name];
   }
   for (const auto& set : setters_) set();
   return true;
 }
+
+namespace {
+
+/// The known name of what other trainers call by this name; empty if there is none.
+std::string name_of_other_trainers(const std::string& name, const std::vector<std::string>& known) {
+  static const std::pair<const char*, std::vector<std::string>> kNames[] = {
+      {"iterations", {"total_steps", "num_steps", "max_num_iterations", "num_iterations"}},
+      {"model_path", {"output", "output_dir", "output_path", "export_path", "o"}},
+      {"output", {"output_dir", "output_path", "o"}},
+      {"folder", {"output"}},
+      {"white_background", {"background"}},
+      {"source_path", {"data", "data_path"}},
+  };
+  for (const auto& [own, others] : kNames) {
+    if (detail::is_among(name, others) && detail::is_among(own, known)) return own;
+  }
+  return "";
+}
+
+}  // namespace
 
 void CommandLine::reject(const std::string& word) const {
   if (word[0] != '-') {
@@ -290,35 +300,6 @@ std::string nearest_name(const std::string& name, const std::vector<std::string>
     }
   }
   return best;
-}
-
-std::string name_of_other_trainers(const std::string& name, const std::vector<std::string>& known) {
-  struct Names {
-    const char *other, *own;
-  };
-  // The first row whose own name the command knows.
-  static constexpr Names kNames[] = {
-      {"total_steps", "iterations"},
-      {"num_steps", "iterations"},
-      {"max_num_iterations", "iterations"},
-      {"num_iterations", "iterations"},
-      {"output", "model_path"},
-      {"output", "folder"},
-      {"output_dir", "model_path"},
-      {"output_dir", "output"},
-      {"output_path", "model_path"},
-      {"output_path", "output"},
-      {"export_path", "model_path"},
-      {"o", "model_path"},
-      {"o", "output"},
-      {"background", "white_background"},
-      {"data", "source_path"},
-      {"data_path", "source_path"},
-  };
-  for (const Names& row : kNames) {
-    if (name == row.other && std::find(known.begin(), known.end(), row.own) != known.end()) return row.own;
-  }
-  return "";
 }
 
 }  // namespace b3dgs

@@ -2,10 +2,9 @@
 // are accepted as well: --test-iterations is --test_iterations.
 #pragma once
 
-#include <algorithm>
 #include <cstddef>
+#include <cstdint>
 #include <functional>
-#include <limits>
 #include <nlohmann/json.hpp>
 #include <string>
 #include <string_view>
@@ -19,15 +18,13 @@ namespace b3dgs {
 
 /// One option, as the parser and the help pages see it.
 struct OptionSpec {
-  using Words = std::vector<std::string>;
+  enum class Kind { kFlag, kInt, kInt64, kNumber, kText };
 
   std::string name;
   char letter = '\0';  // or none
   std::vector<std::string> aliases;
-  std::string value_name;  // "N", for the help; empty: a flag
+  Kind kind = Kind::kFlag;  // of the value, or of a list's entries
   bool is_list = false;
-  /// The value that these words stand for. Throws an InputError that names the option.
-  nlohmann::json (*parse)(const OptionSpec& spec, const Words& words) = nullptr;
   std::string help;
   std::string range;           // "at least 1", or empty
   bool lists_choices = false;  // `range` lists the possible values
@@ -38,15 +35,26 @@ struct OptionSpec {
   bool is_ignored = false;  // accepted without effect, and not listed
   bool is_empty_allowed = false;
 
-  bool is_flag() const { return value_name.empty(); }
+  bool is_flag() const { return kind == Kind::kFlag; }
   /// Whether this is the option's name or an alias.
-  bool has_name(const std::string& word) const {
-    return word == name || std::find(aliases.begin(), aliases.end(), word) != aliases.end();
+  bool has_name(const std::string& word) const { return word == name || detail::is_among(word, aliases); }
+
+  template <class Value>
+  void set_type() {
+    if constexpr (detail::is_vector<Value>::value) {
+      set_type<typename Value::value_type>();
+      is_list = true;
+    } else {
+      kind = std::is_same_v<Value, bool>           ? Kind::kFlag
+             : std::is_same_v<Value, int>          ? Kind::kInt
+             : std::is_same_v<Value, std::int64_t> ? Kind::kInt64
+             : std::is_same_v<Value, double>       ? Kind::kNumber
+                                                   : Kind::kText;
+    }
   }
 
-  /// With the fields that follow from the type of the value.
-  template <class Value>
-  static OptionSpec of_type();
+  /// The value that these words stand for. @throws InputError that names the option
+  nlohmann::json parse(const std::vector<std::string>& words) const;
 };
 
 /// The command line of one subcommand, "b3dgs NAME".
@@ -102,7 +110,7 @@ class CommandLine {
  private:
   std::string usage() const;         // "b3dgs train [SOURCE_PATH] [OPTIONS]"
   std::string introduction() const;  // summary, usage and example
-  std::vector<const OptionSpec*> listed() const;
+  std::vector<const OptionSpec*> listed(bool only_common = false) const;
   bool prints_help(const std::vector<std::string>& words) const;
   [[noreturn]] void reject(const std::string& word) const;
 
@@ -117,42 +125,8 @@ class CommandLine {
 nlohmann::ordered_json read_json_file(const std::string& path,
                                       const char* expected = "a JSON file with option names as keys");
 
-namespace detail {
-
-/// Instantiated for the types of fields.
-template <class Value>
-nlohmann::json parse_value(const OptionSpec& spec, const std::vector<std::string>& words);
-
-/// What the constraint allows: the complaint about a value that violates it, which NaN and an empty string always do.
-template <class Constraint>
-std::string range_text(const Constraint& constraint) {
-  if constexpr (std::is_same_v<Constraint, Any>) {
-    return "";
-  } else if constexpr (std::is_same_v<Constraint, OneOf>) {
-    return violation(constraint, std::string());
-  } else if constexpr (std::is_same_v<Constraint, SomeOf>) {
-    return violation(constraint, std::vector<std::string>());
-  } else {
-    return violation(constraint, std::numeric_limits<double>::quiet_NaN());
-  }
-}
-
-}  // namespace detail
-
-template <class Value>
-OptionSpec OptionSpec::of_type() {
-  OptionSpec spec;
-  spec.parse = detail::parse_value<Value>;
-  if constexpr (detail::is_vector<Value>::value) {
-    spec.is_list = true;
-    spec.value_name = std::is_same_v<Value, std::vector<std::string>>
-                          ? "NAME..."
-                          : of_type<typename Value::value_type>().value_name + "...";
-  } else if constexpr (!std::is_same_v<Value, bool>) {
-    spec.value_name = std::is_integral_v<Value> ? "N" : std::is_floating_point_v<Value> ? "X" : "TEXT";
-  }
-  return spec;
-}
+/// The value as on the command line; "none" for an empty text or list, "on" or "off" for a flag.
+std::string option_value_text(const nlohmann::ordered_json& value);
 
 template <class Config>
 void CommandLine::add(Config&& defaults, const std::string& heading, const std::vector<std::string>& positional,
@@ -163,22 +137,20 @@ void CommandLine::add(Config&& defaults, const std::string& heading, const std::
   std::string group = heading;
   visit_fields(std::as_const(defaults),
                [&](const Option& option, const auto& value, const auto& constraint, const char* help) {
-                 const auto is_in = [&](const std::vector<std::string>& names) {
-                   return std::find(names.begin(), names.end(), option.name) != names.end();
-                 };
-                 OptionSpec spec = OptionSpec::of_type<std::decay_t<decltype(value)>>();
+                 if (*option.group_name != '\0') group = option.group_name;
+                 OptionSpec spec;
+                 spec.set_type<std::decay_t<decltype(value)>>();
                  spec.name = option.name;
                  spec.letter = option.letter;
                  spec.aliases.assign(option.aliases.begin(), option.aliases.end());
                  spec.help = help;
-                 spec.range = detail::range_text(constraint);
+                 spec.range = constraint.text();
                  spec.lists_choices = std::is_same_v<std::decay_t<decltype(constraint)>, OneOf>;
                  spec.default_value = value;
-                 if (*option.group_name != '\0') group = option.group_name;
                  spec.group = group;
                  spec.is_common = option.is_common;
-                 spec.positional = is_in(positional);
-                 spec.is_ignored = is_in(ignored);
+                 spec.positional = detail::is_among(spec.name, positional);
+                 spec.is_ignored = detail::is_among(spec.name, ignored);
                  spec.is_empty_allowed = option.is_empty_allowed;
                  add(spec);
                });
@@ -186,8 +158,5 @@ void CommandLine::add(Config&& defaults, const std::string& heading, const std::
 
 /// The known name that a mistyped one most likely stands for; empty if none is similar.
 std::string nearest_name(const std::string& name, const std::vector<std::string>& known);
-
-/// The known name of what other trainers call by this name ("output", "total_steps"); empty if there is none.
-std::string name_of_other_trainers(const std::string& name, const std::vector<std::string>& known);
 
 }  // namespace b3dgs

@@ -5,6 +5,7 @@
 #include <utility>
 
 #include "core/options/command_line.h"
+#include "core/text.h"
 
 namespace b3dgs {
 namespace {
@@ -37,29 +38,18 @@ std::string alias_list(const OptionSpec& spec, const std::string& quote = "") {
   return text;
 }
 
-/// A default value as one would type it; empty for an empty text and for a flag that is off.
-std::string value_text(const nlohmann::json& value) {
-  if (value.is_boolean()) return value.get<bool>() ? "on" : "";
-  if (value.is_string()) return value.get<std::string>();
-  if (value.is_array()) {
-    std::string text;
-    for (const nlohmann::json& entry : value) text += (text.empty() ? "" : " ") + value_text(entry);
-    return text.empty() ? "none" : text;
-  }
-  const std::string text = value.dump();
-  const bool is_whole = text.size() > 2 && text.compare(text.size() - 2, 2, ".0") == 0;
-  return is_whole ? text.substr(0, text.size() - 2) : text;
+/// The default value; empty for an empty text and for a flag that is off.
+std::string default_text(const OptionSpec& spec) {
+  return spec.default_value == false || spec.default_value == "" ? "" : option_value_text(spec.default_value);
 }
 
-enum class HelpDetail { kShort, kAll };
-
-/// "training iterations (default 30000; at least 1; also --max_steps)"; a short one leaves out ranges and aliases.
-std::string description(const OptionSpec& spec, HelpDetail detail) {
+/// "training iterations (default 30000; at least 1; also --max_steps)"; without ranges and aliases unless `all`.
+std::string description(const OptionSpec& spec, bool all) {
   std::vector<std::string> notes;
-  if (const std::string text = value_text(spec.default_value); !text.empty()) notes.push_back("default " + text);
+  if (const std::string text = default_text(spec); !text.empty()) notes.push_back("default " + text);
   if (spec.default_value == true) notes.push_back("--no_" + spec.name + " turns it off");
-  if (!spec.range.empty() && (detail == HelpDetail::kAll || spec.lists_choices)) notes.push_back(spec.range);
-  if (detail == HelpDetail::kAll && !spec.aliases.empty()) notes.push_back("also " + alias_list(spec));
+  if (!spec.range.empty() && (all || spec.lists_choices)) notes.push_back(spec.range);
+  if (all && !spec.aliases.empty()) notes.push_back("also " + alias_list(spec));
   if (notes.empty()) return spec.help;
   // A note at the end of the help text, "(0 = never)", and these share one pair of parentheses.
   const bool has_note = !spec.help.empty() && spec.help.back() == ')' && spec.help.find(" (") != std::string::npos;
@@ -68,20 +58,19 @@ std::string description(const OptionSpec& spec, HelpDetail detail) {
   return text + ")";
 }
 
-/// "-s, --source_path TEXT"; without a letter, indented as if there were one.
-std::string names_and_value(const OptionSpec& spec) {
-  const std::string value = spec.value_name == "TEXT" && !spec.range.empty() ? "NAME" : spec.value_name;
-  return (spec.letter == '\0' ? "    " : std::string("-") + spec.letter + ", ") + "--" + spec.name +
-         (value.empty() ? "" : " " + value);
+std::string value_name(const OptionSpec& spec) {
+  constexpr const char* kNames[] = {"", "N", "N", "X", "TEXT"};
+  const bool is_name = spec.kind == OptionSpec::Kind::kText && (spec.is_list || !spec.range.empty());
+  return std::string(is_name ? "NAME" : kNames[static_cast<std::size_t>(spec.kind)]) + (spec.is_list ? "..." : "");
 }
 
-/// One option of a help text, its description starting at a fixed column.
-std::string help_entry(const OptionSpec& spec, HelpDetail detail) {
-  const std::string names = "  " + names_and_value(spec);
-  const bool fits = names.size() + 2 <= kNameColumns;
-  const std::string space =
-      fits ? std::string(kNameColumns - names.size(), ' ') : "\n" + std::string(kNameColumns, ' ');
-  return names + space + wrap(description(spec, detail), kTextColumns, kNameColumns) + "\n";
+/// One option of a help text: "  -s, --source_path TEXT  ...", its description starting at a fixed column.
+std::string help_entry(const OptionSpec& spec, bool all) {
+  std::string names = spec.letter == '\0' ? "      " : std::string("  -") + spec.letter + ", ";
+  names += "--" + spec.name + (spec.is_flag() ? "" : " ") + value_name(spec);
+  if (names.size() + 2 > kNameColumns) names += "\n" + std::string(kNameColumns, ' ');
+  names.resize(std::max(names.size(), kNameColumns), ' ');
+  return names + wrap(description(spec, all), kTextColumns, kNameColumns) + "\n";
 }
 
 /// A cell of a Markdown table.
@@ -93,7 +82,7 @@ std::string cell(std::string text) {
 std::string markdown_row(const OptionSpec& spec) {
   std::string names = spec.letter == '\0' ? "" : std::string("`-") + spec.letter + "`";
   if (!spec.aliases.empty()) names += (names.empty() ? "" : ", ") + alias_list(spec, "`");
-  const std::string value = value_text(spec.default_value);
+  const std::string value = default_text(spec);
   return "|" + cell("`--" + spec.name + "`") + cell(names) + cell(spec.is_flag() && value.empty() ? "off" : value) +
          cell(spec.is_flag() ? "flag" : spec.range) + cell(spec.help) + "\n";
 }
@@ -110,21 +99,31 @@ std::vector<std::pair<std::string, std::vector<const OptionSpec*>>> grouped(cons
   return groups;
 }
 
-std::string list_options(const std::vector<const OptionSpec*>& options, HelpDetail detail) {
+std::string list_options(const std::vector<const OptionSpec*>& options, bool all) {
   std::string text;
   for (const auto& [group, specs] : grouped(options)) {
     text += "\n" + group + ":\n";
-    for (const OptionSpec* spec : specs) text += help_entry(*spec, detail);
+    for (const OptionSpec* spec : specs) text += help_entry(*spec, all);
   }
   return text;
 }
 
 }  // namespace
 
-std::vector<const OptionSpec*> CommandLine::listed() const {
+std::string option_value_text(const nlohmann::ordered_json& value) {
+  if (value.is_boolean()) return value.get<bool>() ? "on" : "off";
+  if (value.is_string()) return value.get<std::string>().empty() ? "none" : value.get<std::string>();
+  if (value.is_number_float()) return print_to_string("%g", value.get<double>());
+  if (!value.is_array()) return value.dump();
+  std::string text;
+  for (const auto& entry : value) text += (text.empty() ? "" : " ") + option_value_text(entry);
+  return text.empty() ? "none" : text;
+}
+
+std::vector<const OptionSpec*> CommandLine::listed(bool only_common) const {
   std::vector<const OptionSpec*> options;
   for (const OptionSpec& spec : options_) {
-    if (!spec.is_ignored) options.push_back(&spec);
+    if (!spec.is_ignored && (spec.is_common || !only_common)) options.push_back(&spec);
   }
   return options;
 }
@@ -146,19 +145,15 @@ std::string CommandLine::introduction() const {
 }
 
 std::string CommandLine::help() const {
-  std::vector<const OptionSpec*> options = listed();
-  const std::size_t n_all = options.size();
+  const std::size_t n_all = listed().size();
   const bool is_short_list = n_all <= kMaxShortHelp;
-  if (!is_short_list) {
-    options.erase(std::remove_if(options.begin(), options.end(), [](const auto* spec) { return !spec->is_common; }),
-                  options.end());
-  }
-  return introduction() + list_options(options, HelpDetail::kShort) + "\nb3dgs " + name_ + " --help-all" +
+  return introduction() + list_options(listed(/*only_common=*/!is_short_list), /*all=*/false) + "\nb3dgs " + name_ +
+         " --help-all" +
          (is_short_list ? " adds ranges and aliases.\n" : " lists all " + std::to_string(n_all) + " options.\n");
 }
 
 std::string CommandLine::help_all() const {
-  return introduction() + list_options(listed(), HelpDetail::kAll) + (notes_.empty() ? "" : "\n" + notes_);
+  return introduction() + list_options(listed(), /*all=*/true) + (notes_.empty() ? "" : "\n" + notes_);
 }
 
 std::string CommandLine::help_markdown() const {

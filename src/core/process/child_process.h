@@ -1,12 +1,17 @@
 // Starts other programs, such as colmap and ffmpeg, without a shell.
 #pragma once
 
+#include <sys/types.h>
+
 #include <atomic>
+#include <chrono>
 #include <cstddef>
 #include <functional>
-#include <memory>
 #include <string>
 #include <vector>
+
+#include "core/descriptor.h"
+#include "core/process/ending_signals.h"
 
 namespace b3dgs {
 
@@ -39,19 +44,17 @@ using OnChildBytes = std::function<void(const char* data, std::size_t bytes)>;
 ChildResult run_program_lines(const std::vector<std::string>& argv, const OnChildLine& on_line,
                               const std::atomic<int>* stop = nullptr, const OnChildBytes& on_bytes = {});
 
-class Child;
-
-/// A program whose standard input the caller writes, for example frames for ffmpeg.
-class ChildInput {
+/// A running program. If `has_input`, the caller writes its standard input, for example frames for ffmpeg.
+class Child {
  public:
-  /// Starts it; arguments, signals and errors as for run_program_lines(). `on_line` is called from write() and
+  /// Starts it; arguments, signals and errors as for run_program_lines(). The functions are called from write() and
   /// finish().
-  explicit ChildInput(const std::vector<std::string>& argv, const OnChildLine& on_line = {},
-                      const std::atomic<int>* stop = nullptr);
+  explicit Child(const std::vector<std::string>& argv, OnChildLine on_line = {}, const std::atomic<int>* stop = nullptr,
+                 OnChildBytes on_bytes = {}, bool has_input = true);
   /// Kills the program and its children, unless finish() has been called.
-  ~ChildInput();
-  ChildInput(const ChildInput&) = delete;
-  ChildInput& operator=(const ChildInput&) = delete;
+  ~Child();
+  Child(const Child&) = delete;
+  Child& operator=(const Child&) = delete;
 
   /// Waits until the program has taken the bytes. False if it has closed its input, has ended, or was told to end:
   /// finish() then says how it ended. SIGPIPE is never raised.
@@ -61,7 +64,24 @@ class ChildInput {
   ChildResult finish();
 
  private:
-  std::unique_ptr<Child> child_;
+  bool has_ended() const;
+  void end_if_asked();
+  void wait_for_io(bool wants_to_write);
+  bool read_output();
+  void add_text(const char* text, std::size_t bytes);
+  void end_line();
+  ChildResult reap();
+
+  EndingSignals signals_;  // first, so that a signal between this and the start of the program is not lost
+  const OnChildLine on_line_;
+  const OnChildBytes on_bytes_;
+  const std::atomic<int>* const stop_;
+  Descriptor text_, data_, input_;
+  std::string line_;           // its beginning
+  bool after_return_ = false;  // the last character was "\r"
+  pid_t pid_ = -1;
+  bool is_reaped_ = false, is_ending_ = false;
+  std::chrono::steady_clock::time_point kill_at_{};
 };
 
 /// Full path of an executable program: `name` itself if it has a slash, else the first in PATH. Empty if there is none.

@@ -18,19 +18,15 @@ std::array<struct sigaction, kSignals.size()> before;  // written only while our
 std::atomic<int> last_signal{0};
 static_assert(std::atomic<int>::is_always_lock_free);
 
-bool is_ignored(const struct sigaction& action) {
-  return (action.sa_flags & SA_SIGINFO) == 0 && action.sa_handler == SIG_IGN;
-}
-
-bool is_default(const struct sigaction& action) {
-  return (action.sa_flags & SA_SIGINFO) == 0 && action.sa_handler == SIG_DFL;
+bool is(const struct sigaction& action, void (*handler)(int)) {
+  return (action.sa_flags & SA_SIGINFO) == 0 && action.sa_handler == handler;
 }
 
 extern "C" void note_signal(int signal, siginfo_t* info, void* context) {
   const int saved_errno = errno;
   last_signal = signal;
   for (std::size_t i = 0; i < kSignals.size(); ++i) {
-    if (kSignals[i] != signal || is_default(before[i])) continue;
+    if (kSignals[i] != signal || is(before[i], SIG_DFL)) continue;
     if ((before[i].sa_flags & SA_SIGINFO) != 0) {
       before[i].sa_sigaction(signal, info, context);
     } else {
@@ -48,7 +44,7 @@ EndingSignals::EndingSignals() {
   last_signal = 0;
   for (std::size_t i = 0; i < kSignals.size(); ++i) {
     sigaction(kSignals[i], nullptr, &before[i]);
-    if (is_ignored(before[i])) continue;
+    if (is(before[i], SIG_IGN)) continue;
     struct sigaction action {};
     action.sa_sigaction = note_signal;
     action.sa_flags = SA_SIGINFO;
@@ -62,8 +58,8 @@ EndingSignals::~EndingSignals() {
   if (--users > 0) return;
   bool ends_process = false;
   for (std::size_t i = 0; i < kSignals.size(); ++i) {
-    if (!is_ignored(before[i])) sigaction(kSignals[i], &before[i], nullptr);
-    ends_process = ends_process || (is_default(before[i]) && kSignals[i] == last_signal);
+    if (!is(before[i], SIG_IGN)) sigaction(kSignals[i], &before[i], nullptr);
+    ends_process = ends_process || (is(before[i], SIG_DFL) && kSignals[i] == last_signal);
   }
   if (ends_process) std::raise(last_signal);
 }
