@@ -50,13 +50,6 @@ Image8 difference(const Image8& a, const Image8& b, const Image8* valid) {
   return result;
 }
 
-std::string table_row(std::string name, std::size_t name_columns, const ImageQuality& quality) {
-  name.resize(name_columns, ' ');
-  name += print_to_string("  %8.3f  %7.4f", quality.psnr, quality.ssim);
-  if (quality.corrected_psnr) name += print_to_string("  %8.3f", *quality.corrected_psnr);
-  return quality.lpips ? name + print_to_string("  %7.4f", *quality.lpips) : name;
-}
-
 /// Warns if photographs are not those that the model was trained on.
 void check_photographs(const LoadedModel& model, const std::vector<View>& views, StatusLine& status) {
   const std::vector<std::string> changed = changed_views(model.folder.photographs(), views);
@@ -70,18 +63,22 @@ void print_table(const Evaluation& evaluation) {
   std::size_t columns = 12;
   for (const ViewQuality& view : evaluation.views) columns = std::max(columns, view.name.size());
   for (const std::string& name : evaluation.unmeasured) columns = std::max(columns, name.size());
-  std::string heading = "view";
-  heading.resize(columns, ' ');
-  std::cout << heading << "   PSNR dB     SSIM" << (evaluation.mean.corrected_psnr ? "   CC PSNR" : "")
-            << (evaluation.lpips_network.empty() ? "" : "    LPIPS") << "\n";
-  for (const ViewQuality& view : evaluation.views) {
-    std::cout << table_row(view.name, columns, view.quality) << "\n";
-  }
-  for (const std::string& name : evaluation.unmeasured) {
-    std::cout << name << std::string(columns - name.size(), ' ') << "  no valid pixel: not in the mean\n";
-  }
+  const auto print = [&](std::string name, const std::string& rest) {
+    name.resize(columns, ' ');
+    std::cout << name << rest << "\n";
+  };
+  const auto print_row = [&](const std::string& name, const ImageQuality& quality) {
+    std::string row = print_to_string("  %8.3f  %7.4f", quality.psnr, quality.ssim);
+    if (quality.corrected_psnr) row += print_to_string("  %8.3f", *quality.corrected_psnr);
+    if (quality.lpips) row += print_to_string("  %7.4f", *quality.lpips);
+    print(name, row);
+  };
+  print("view", std::string("   PSNR dB     SSIM") + (evaluation.mean.corrected_psnr ? "   CC PSNR" : "") +
+                    (evaluation.lpips_network.empty() ? "" : "    LPIPS"));
+  for (const ViewQuality& view : evaluation.views) print_row(view.name, view.quality);
+  for (const std::string& name : evaluation.unmeasured) print(name, "  no valid pixel: not in the mean");
   if (evaluation.views.empty()) return;
-  std::cout << table_row("mean of " + std::to_string(evaluation.views.size()), columns, evaluation.mean) << "\n";
+  print_row("mean of " + std::to_string(evaluation.views.size()), evaluation.mean);
   if (evaluation.mean.corrected_psnr) {
     std::cout << "CC PSNR: colour-corrected, with the colours of each render fitted to its photograph\n";
   }
@@ -151,22 +148,19 @@ struct SplitEvaluator {
 bool can_write_results(const LoadedModel& model, const EvalOptions& options, StatusLine& status) {
   const std::string remedy = "allow writing there, or evaluate a copy of the model folder";
   const std::string with_results = model.config.eval ? "test" : "train";
-  const auto is_evaluated = [&](const std::string& split) {
-    return options.split == "all" || split == (options.split == "auto" ? with_results : options.split);
-  };
+  const std::string split = options.split == "auto" ? with_results : options.split;
   try {
-    if (is_evaluated(with_results)) {
-      for (const std::filesystem::path& file : model.folder.results()) require_writable(file, remedy);
+    for (const std::filesystem::path& file : model.folder.results()) {
+      if (split == "all" || split == with_results) require_writable(file, remedy);
     }
   } catch (const InputError& error) {
     if (options.save_images) throw;
     status.warn(std::string("results are printed only: ") + error.what());
     return false;
   }
-  for (const std::string split : {"test", "train"}) {
-    if (options.save_images && is_evaluated(split)) {
-      require_writable(model.folder.root() / split / "views.json", remedy);
-    }
+  for (const std::string part : {"test", "train"}) {
+    if (!options.save_images || (split != "all" && split != part)) continue;
+    require_writable(model.folder.root() / part / "views.json", remedy);
   }
   return true;
 }

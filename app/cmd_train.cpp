@@ -62,10 +62,9 @@ std::string describe_ranks(int n_ranks, const TrainPlan& plan) {
 /// How ranks exchange, where that is slow; otherwise empty.
 std::string describe_slow_transport(const Communicator& ranks) {
   if (ranks.size() == 1 || ranks.transport() != Transport::kRelay) return "";
-  const std::string reason = ranks.shares_gpus()        ? "ranks share a GPU"
-                             : ranks.device().is_cuda() ? "a build has no NCCL"
-                                                        : "a build has no Gloo";
-  return "exchange    through the memory of rank 0, which is slow: " + reason;
+  const char* const without = ranks.device().is_cuda() ? "a build has no NCCL" : "a build has no Gloo";
+  return std::string("exchange    through the memory of rank 0, which is slow: ") +
+         (ranks.shares_gpus() ? "ranks share a GPU" : without);
 }
 
 std::string describe_memory(const MemoryForecast& forecast) {
@@ -84,11 +83,10 @@ void report_history(const ModelFolder& folder, std::int64_t limit) {
   if (!kept.empty()) print_labelled("Gaussians", kept);
   if (!floaters.empty()) print_labelled("floaters", "possible: " + floaters + "; see docs/recipes.md#floaters");
   if (const std::optional<Overfitting> found = find_overfitting(history)) {
-    print_labelled(
-        "overfitting",
-        print_to_string("PSNR was %.2f dB higher after iteration %d, as happens with few photographs or things "
-                        "that move; see docs/recipes.md#few-photographs",
-                        found->lost, found->iteration));
+    print_labelled("overfitting",
+                   print_to_string("PSNR was %.2f dB higher after iteration %d", found->lost, found->iteration) +
+                       ", as happens with few photographs or things that move; see "
+                       "docs/recipes.md#few-photographs");
   }
 }
 
@@ -153,11 +151,16 @@ void resume(Trainer& trainer, const fs::path& checkpoint, bool is_first) {
   for (const std::string& change : changes) std::cout << "  " << change << std::endl;
 }
 
-void replace_model(const ModelFolder& folder, StatusLine& status) {
-  const fs::path aside = put_model_aside(folder);
-  if (aside.empty()) return;
-  status.warn("files of the model that is replaced were not written by b3dgs, or changed since; they are now in " +
-              aside.string());
+/// A training does not end, or fail, because nobody can read what it prints (`| head -1`, a full disk under `> log`).
+void drop_unshown_output() {
+  std::cout.flush();
+  if (std::cout && std::ferror(stdout) == 0) return;
+  std::cerr << "warning: standard output could not be written; what was printed from then on is lost" << std::endl;
+  const int nowhere = ::open("/dev/null", O_WRONLY | O_CLOEXEC);
+  if (nowhere >= 0) ::dup2(nowhere, STDOUT_FILENO);
+  if (nowhere > STDERR_FILENO) ::close(nowhere);
+  std::clearerr(stdout);
+  std::cout.clear();
 }
 
 /// @param device_name_of_all  --device, the same on all ranks
@@ -196,17 +199,11 @@ int train(const CommandLine& line, const TrainCommandOptions& options, const std
   for (const std::string& text : fit_to_scene(plan, scene)) say(text);
 
   TrainProgressView progress(status, config);
-  TrainHooks hooks;
+  TrainHooks hooks = hooks_for(status);  // which is silent on other ranks
   hooks.stop_signal = &stop_signal();
   hooks.on_loading = on_loading;
   use_rank_stepper(ranks, config, hooks);
-  if (is_first) {
-    hooks.on_progress = std::ref(progress);
-    hooks.on_message = [&](const std::string& message) {
-      if (!options.quiet) status.print(message);
-    };
-    hooks.on_warning = [&](const std::string& message) { status.warn(message); };
-  }
+  if (is_first) hooks.on_progress = std::ref(progress);
   std::unique_ptr<Trainer> owned;
   hooks.on_result = [&] { record_previews(*owned, scene, folder, ranks); };
   std::optional<WatchedTraining> watched;
@@ -224,7 +221,7 @@ int train(const CommandLine& line, const TrainCommandOptions& options, const std
   say("photographs " + trainer.describe_images());
   if (!plan.checkpoint.empty()) resume(trainer, plan.checkpoint, is_first);
   throw_if_stopped();  // before anything is replaced
-  if (plan.is_replaced) replace_model(folder, status);
+  if (plan.is_replaced) put_model_aside(folder, status);
   ranks.barrier("model folder");
 
   if (const auto forecast = trainer.forecast_memory()) say(describe_memory(*forecast));
@@ -233,7 +230,7 @@ int train(const CommandLine& line, const TrainCommandOptions& options, const std
   status.clear();
   if (is_first) report_training(result, config, steady_seconds() - start_s);
   try {
-    record_session({describe_machine(device), reading_s, result.output_s}, trainer, scene, folder, ranks);
+    record_session(describe_machine(device), reading_s, result.output_s, trainer, scene, folder, ranks);
     if (is_first) {
       report_history(folder, result.interrupted ? 0 : config.max_gaussians);
       print_labelled("report", write_train_report(folder).string());
@@ -242,38 +239,15 @@ int train(const CommandLine& line, const TrainCommandOptions& options, const std
     status.warn(detail::concat(error.what(), "; only the report is missing, write it with: b3dgs report ",
                                shell_quote(folder.root().string())));
   }
-  if (is_first && !result.interrupted && !result.ply.empty()) drop_replaced_model(folder);
+  if (is_first && !result.interrupted && !result.ply.empty()) drop_replaced_model(folder.root());
   // A launcher may end ranks that still run after another one has returned something else than 0.
   ranks.barrier("end");
-  if (!result.interrupted) return 0;
-  if (is_first) {
+  if (is_first && result.interrupted) {
     std::cout << "stopped by a signal; resume with: b3dgs train --resume " << shell_quote(result.checkpoint.string())
               << options.rank.as_words() << (ranks.shares_gpus() ? " --device cuda" : "") << "\n";
   }
-  return 128 + static_cast<int>(ranks.max("stop signal", stop_signal()));
-}
-
-/// A training does not end, or fail, because nobody can read what it prints (`| head -1`, a full disk under `> log`).
-void drop_unshown_output() {
-  std::cout.flush();
-  if (std::cout && std::ferror(stdout) == 0) return;
-  std::cerr << "warning: standard output could not be written; what was printed from then on is lost" << std::endl;
-  const int nowhere = ::open("/dev/null", O_WRONLY | O_CLOEXEC);
-  if (nowhere >= 0) ::dup2(nowhere, STDOUT_FILENO);
-  if (nowhere > STDERR_FILENO) ::close(nowhere);
-  std::clearerr(stdout);
-  std::cout.clear();
-}
-
-int train_alone(const CommandLine& line, const TrainCommandOptions& options, const std::string& device) {
-  try {
-    const int code = train(line, options, device, *Communicator::alone());
-    drop_unshown_output();
-    return code;
-  } catch (const StoppedEarly& stopped) {
-    std::cout << stopped.what() << "; nothing was written\n";
-    return 128 + stop_signal();
-  }
+  drop_unshown_output();
+  return result.interrupted ? 128 + static_cast<int>(ranks.max("stop signal", stop_signal())) : 0;
 }
 
 void check_view_options(const TrainCommandOptions& options, const RankPlan& plan) {
@@ -308,14 +282,19 @@ int run_train(const std::vector<std::string>& words) {
     all.insert(all.end(), words.begin(), words.end());
     return start_ranks(plan.n_to_start, all);
   }
-  if (plan.place.size == 1) return train_alone(line, options, plan.device_name);
+  if (plan.place.size == 1) {
+    try {
+      return train(line, options, plan.device_name, *Communicator::alone());
+    } catch (const StoppedEarly& stopped) {
+      std::cout << stopped.what() << "; nothing was written\n";
+      return 128 + stop_signal();
+    }
+  }
   const JoinedRank joined = join_ranks(plan);
   return run_as_rank(*joined.ranks, [&] {
     const MachineShare machine = share_machine(*joined.ranks);
     set_default_threads(machine.n_cores);
-    const int code = train(line, options, device_name(joined.device), *joined.ranks, machine);
-    drop_unshown_output();
-    return code;
+    return train(line, options, device_name(joined.device), *joined.ranks, machine);
   });
 }
 

@@ -12,19 +12,6 @@
 #include "train/device.h"
 
 namespace b3dgs {
-namespace {
-
-/// With photographs where the scene is there; else with the cameras of the model folder, if it has any.
-LoadedModel load_with_photographs(const ModelOptions& options, StatusLine& status) {
-  LoadedModel model = load_model(options);
-  if (model.is_file() && options.source_path.empty()) return model;
-  model.config.eval = model.config.eval || model.is_file();
-  const std::string why_not = add_scene_or_cameras(model, options, status);
-  if (!why_not.empty()) status.warn("no photographs to compare with: " + why_not);
-  return model;
-}
-
-}  // namespace
 
 int run_view(const std::vector<std::string>& words) {
   CommandLine line("view", "Show a model folder or a file of Gaussians in a browser.", "b3dgs view output/garden");
@@ -40,7 +27,13 @@ int run_view(const std::vector<std::string>& words) {
   StatusLine status = StatusLine::for_stderr(model_options.quiet);
   const torch::Device device = choose_device(model_options.device);
   const std::string title = std::filesystem::path(model_options.model_path).lexically_normal().filename().string();
-  const LoadedModel model = load_with_photographs(model_options, status);
+  LoadedModel model = load_model(model_options);
+  // With photographs where the scene is there; else with the cameras of the model folder, if it has any.
+  if (!model.is_file() || !model_options.source_path.empty()) {
+    model.config.eval = model.config.eval || model.is_file();
+    const std::string why_not = add_scene_or_cameras(model, model_options, status);
+    if (!why_not.empty()) status.warn("no photographs to compare with: " + why_not);
+  }
   ModelRenderer renderer(model, device);
   WatchedModel watched({renderer.gaussians, renderer.settings, model.iteration}, model.scene,
                        viewed_scene(model.scene, model.splats.means, title));

@@ -30,22 +30,20 @@ std::string words_for_ply(const fs::path& checkpoint, std::int64_t iteration) {
 }
 
 int choose_iteration(const ModelFolder& folder, int wanted) {
-  const std::vector<int> saved = folder.ply_iterations();
-  if (const std::vector<int> stopped = folder.checkpoint_iterations(); saved.empty() && !stopped.empty()) {
+  const std::vector<int> saved = folder.ply_iterations(), stopped = folder.checkpoint_iterations();
+  const std::string root = folder.root().string();
+  if (saved.empty() && !stopped.empty()) {
     const fs::path last = folder.checkpoint(stopped.back());
-    input_error("no PLY in ", folder.root().string(), ": the training was interrupted at iteration ", stopped.back(),
+    input_error("no PLY in ", root, ": the training was interrupted at iteration ", stopped.back(),
                 "; continue with b3dgs train --resume ", shell_quote(last.string()),
                 ", or write the PLY of this iteration with ", words_for_ply(last, stopped.back()));
   }
   if (saved.empty()) {
-    input_error("no trained model: ", folder.root().string(),
-                " (expected point_cloud/iteration_N/); train one with b3dgs train");
+    input_error("no trained model: ", root, " (expected point_cloud/iteration_N/); train one with b3dgs train");
   }
   if (wanted < 0) return saved.back();
   if (std::find(saved.begin(), saved.end(), wanted) != saved.end()) return wanted;
-  std::string list;
-  for (const int iteration : saved) list += (list.empty() ? "" : ", ") + std::to_string(iteration);
-  input_error("iteration ", wanted, " was not saved: ", folder.root().string(), " (found ", list, ")");
+  input_error("iteration ", wanted, " was not saved: ", root, " (found ", list_text(saved), ")");
 }
 
 LoadedModel read_folder(const std::string& root, int iteration) {
@@ -111,37 +109,6 @@ bool views_are_as_trained(const ModelOptions& options) {
   return options.source_path.empty() && options.resolution == 0 && options.lenses == "trained";
 }
 
-/// Applies the options that may differ from those of the training.
-void apply_options(LoadedModel& model, const ModelOptions& options) {
-  if (!options.source_path.empty()) model.config.source_path = options.source_path;
-  make_absolute(model.config.source_path);
-  if (options.resolution != 0) model.config.resolution = options.resolution;
-  if (options.lenses != "trained") model.config.lenses = options.lenses;
-  model.config.device = device_name(choose_device(options.device));
-  set_compute_threads(options.threads);
-}
-
-/// @throws InputError if the folder of the scene that the model was trained with is not there any more
-void require_scene_folder(const LoadedModel& model) {
-  const std::string& scene = model.config.source_path;
-  if (model.is_file() || fs::exists(scene)) return;
-  input_error("scene folder not found: ", scene, "; if the scene of ", model.folder.root().string(),
-              " has moved, name its folder with -s");
-}
-
-/// The views used for training, from cameras.json.
-Scene scene_of_cameras(const LoadedModel& model) {
-  std::vector<NamedCamera> cameras = read_cameras_json(model.folder.cameras());
-  std::sort(cameras.begin(), cameras.end(), [](const NamedCamera& a, const NamedCamera& b) { return a.name < b.name; });
-  Scene scene;
-  scene.source_path = model.config.source_path;
-  for (const NamedCamera& named : cameras) {
-    std::vector<View>& part = named.held_out ? scene.test : scene.train;
-    part.push_back({named.name, "", named.camera, nullptr, nullptr});
-  }
-  return scene;
-}
-
 /// Gives the training views the poses that the model was trained with, if --pose_opt refined them.
 void refine_poses(LoadedModel& model) {
   if (!model.is_file() && fs::exists(model.folder.poses()))
@@ -163,8 +130,9 @@ void use_frame_of_gaussians(LoadedModel& model) {
   scene.points = {};
 }
 
-std::string count_and_first(const std::vector<std::string>& names) {
-  return detail::concat(names.size(), names.size() == 1 ? " view (" : " views (the first: ", names.front(), ")");
+void warn_of_views(const char* what, const std::vector<std::string>& names, StatusLine& status) {
+  if (names.empty()) return;
+  status.warn(detail::concat(what, names.size(), names.size() == 1 ? " view (" : " views (the first: ", names[0], ")"));
 }
 
 /// Splits the views as the training did, by cameras.json: which are held out may depend on the photographs that are
@@ -173,55 +141,46 @@ void split_as_trained(LoadedModel& model, StatusLine& status) {
   if (!fs::exists(model.folder.cameras())) return;
   std::map<std::string, bool> held_out;
   for (const NamedCamera& named : read_cameras_json(model.folder.cameras())) held_out[named.name] = named.held_out;
-  std::vector<View> train, test;
+  std::array<std::vector<View>, 2> parts;  // training and test
   std::vector<std::string> added, missing;
   bool has_moved = false;
-  for (std::vector<View>* views : {&model.scene.train, &model.scene.test}) {
-    for (View& view : *views) {
+  for (const bool is_test : {false, true}) {
+    for (const View& view : is_test ? model.scene.test : model.scene.train) {
       const auto known = held_out.find(view.name);
       if (known == held_out.end()) {
         added.push_back(view.name);
         continue;
       }
-      has_moved = has_moved || known->second != (views == &model.scene.test);
-      (known->second ? test : train).push_back(view);
+      has_moved = has_moved || known->second != is_test;
+      parts[known->second ? 1 : 0].push_back(view);
       held_out.erase(known);
     }
   }
-  if (train.empty() && test.empty()) return;  // other names altogether
-  const auto by_name = [](const View& a, const View& b) { return a.name < b.name; };
-  if (has_moved) {
-    std::sort(train.begin(), train.end(), by_name);
-    std::sort(test.begin(), test.end(), by_name);
+  if (parts[0].empty() && parts[1].empty()) return;  // other names altogether
+  for (std::vector<View>& part : parts) {
+    if (has_moved) std::sort(part.begin(), part.end(), [](const View& a, const View& b) { return a.name < b.name; });
   }
-  model.scene.train = std::move(train);
-  model.scene.test = std::move(test);
+  model.scene.train = std::move(parts[0]);
+  model.scene.test = std::move(parts[1]);
   for (const auto& [name, is_held_out] : held_out) missing.push_back(name);
-  if (!added.empty()) status.warn("left out, since the training did not have them: " + count_and_first(added));
-  if (!missing.empty()) status.warn("not found, but used by the training: " + count_and_first(missing));
+  warn_of_views("left out, since the training did not have them: ", added, status);
+  warn_of_views("not found, but used by the training: ", missing, status);
 }
 
-/// Adds the views of the scene that the config names.
-void add_views(LoadedModel& model, bool with_photographs, StatusLine& status) {
-  SceneOptions options = scene_options(model.config);
-  options.load_images = with_photographs;
-  options.seed_points = false;  // the model's Gaussians take the place of points
-  model.scene = open_scene(options, status);
-  if (!model.is_file()) {
-    std::string trained = model.folder.read_config().source_path;
-    make_absolute(trained);
-    if (trained == model.config.source_path) split_as_trained(model, status);
+/// Adds the views of the model folder's cameras.json, sorted by name. False if there is none.
+bool add_saved_cameras(LoadedModel& model) {
+  if (model.is_file() || !fs::exists(model.folder.cameras())) return false;
+  std::vector<NamedCamera> cameras = read_cameras_json(model.folder.cameras());
+  std::sort(cameras.begin(), cameras.end(), [](const NamedCamera& a, const NamedCamera& b) { return a.name < b.name; });
+  model.scene = Scene();
+  model.scene.source_path = model.config.source_path;
+  for (const NamedCamera& named : cameras) {
+    std::vector<View>& part = named.held_out ? model.scene.test : model.scene.train;
+    part.push_back({named.name, "", named.camera, nullptr, nullptr});
   }
   refine_poses(model);
   use_frame_of_gaussians(model);
-}
-
-/// The cameras of the model folder's cameras.json, if there is one.
-void add_saved_cameras(LoadedModel& model) {
-  if (model.is_file() || !fs::exists(model.folder.cameras())) return;
-  model.scene = scene_of_cameras(model);
-  refine_poses(model);
-  use_frame_of_gaussians(model);
+  return true;
 }
 
 /// How the views of a scene differ from those of the training.
@@ -244,14 +203,11 @@ SceneDifference compare_views(const std::vector<NamedCamera>& cameras, const Sce
         difference.views = true;
         continue;
       }
-      const std::array<double, 3> was = change_frame({}, scene.frame, *found->second).center();
-      const std::array<double, 3> is = view.camera.center();
-      for (std::size_t i = 0; i < 3; ++i) {
-        const double size = std::max({scene.extent, std::abs(was[0]), std::abs(was[1]), std::abs(was[2])});
-        difference.views = difference.views || !(std::abs(was[i] - is[i]) <= kTolerance * size);
-      }
-      difference.sizes =
-          difference.sizes || found->second->width != view.camera.width || found->second->height != view.camera.height;
+      const Camera& camera = *found->second;
+      difference.sizes |= camera.width != view.camera.width || camera.height != view.camera.height;
+      const std::array<double, 3> was = change_frame({}, scene.frame, camera).center(), is = view.camera.center();
+      const double size = std::max({scene.extent, std::abs(was[0]), std::abs(was[1]), std::abs(was[2])});
+      for (std::size_t i = 0; i < 3; ++i) difference.views |= !(std::abs(was[i] - is[i]) <= kTolerance * size);
     }
   }
   return difference;
@@ -261,14 +217,33 @@ SceneDifference compare_views(const std::vector<NamedCamera>& cameras, const Sce
 
 LoadedModel load_model(const ModelOptions& options, bool needs_views) {
   LoadedModel model = read_model(options, needs_views);
-  apply_options(model, options);
+  if (!options.source_path.empty()) model.config.source_path = options.source_path;
+  make_absolute(model.config.source_path);
+  if (options.resolution != 0) model.config.resolution = options.resolution;
+  if (options.lenses != "trained") model.config.lenses = options.lenses;
+  model.config.device = device_name(choose_device(options.device));
+  set_compute_threads(options.threads);
   use_frame_of_gaussians(model);
   return model;
 }
 
-void add_scene(LoadedModel& model, StatusLine& status) {
-  require_scene_folder(model);
-  add_views(model, /*with_photographs=*/true, status);
+void add_scene(LoadedModel& model, StatusLine& status, bool with_photographs) {
+  const std::string& source = model.config.source_path;
+  if (!model.is_file() && !fs::exists(source)) {
+    input_error("scene folder not found: ", source, "; if the scene of ", model.folder.root().string(),
+                " has moved, name its folder with -s");
+  }
+  SceneOptions options = scene_options(model.config);
+  options.load_images = with_photographs;
+  options.seed_points = false;  // the model's Gaussians take the place of points
+  model.scene = open_scene(options, status);
+  if (!model.is_file()) {
+    std::string trained = model.folder.read_config().source_path;
+    make_absolute(trained);
+    if (trained == source) split_as_trained(model, status);
+  }
+  refine_poses(model);
+  use_frame_of_gaussians(model);
 }
 
 std::string add_scene_or_cameras(LoadedModel& model, const ModelOptions& options, StatusLine& status) {
@@ -284,12 +259,8 @@ std::string add_scene_or_cameras(LoadedModel& model, const ModelOptions& options
 }
 
 void add_cameras(LoadedModel& model, const ModelOptions& options, StatusLine& status) {
-  if (!model.is_file() && views_are_as_trained(options) && fs::exists(model.folder.cameras())) {
-    add_saved_cameras(model);
-  } else {
-    require_scene_folder(model);
-    add_views(model, /*with_photographs=*/false, status);
-  }
+  if (views_are_as_trained(options) && add_saved_cameras(model)) return;
+  add_scene(model, status, /*with_photographs=*/false);
 }
 
 RenderSettings image_settings(const LoadedModel& model) {

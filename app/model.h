@@ -55,14 +55,13 @@ struct LoadedModel {
   bool is_file() const { return !file.empty(); }
 };
 
-/// The Gaussians and the config of a model folder or of a file of Gaussians (model/formats/splat_formats.h); without a
+/// The Gaussians and the config of a model folder or of a file of Gaussians (model/formats/splat_formats.h), without a
 /// scene. The PLY of a model folder stands for its folder and iteration if no scene is named. @throws InputError, with
-/// `needs_views` also before a file is read if the options name no scene to take views from
+/// `needs_views` also if a file comes without a scene to take views from
 LoadedModel load_model(const ModelOptions& options, bool needs_views = false);
 
-/// Adds the scene that the config names, with photographs, and the poses that the model was trained with.
-/// @throws InputError
-void add_scene(LoadedModel& model, StatusLine& status);
+/// Adds the scene that the config names, and the poses that the model was trained with. @throws InputError
+void add_scene(LoadedModel& model, StatusLine& status, bool with_photographs = true);
 
 /// The same, or without the scene of the training the cameras of the model folder's cameras.json. Returns why there are
 /// no photographs, empty: there are. @throws InputError if the options name a scene that cannot be read

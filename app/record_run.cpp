@@ -41,9 +41,9 @@ std::vector<Preview> render_previews(Trainer& trainer, const std::vector<View>& 
   const auto on_rendered = [&](std::size_t index, const View& view, const RenderedView& rendered,
                                const std::optional<ImageQuality>& quality) {
     if (!quality || fault) return;  // no quality: no valid pixel
+    const fs::path truth = report_folder(folder) / ("truth_" + image_name(index));
+    const fs::path render = report_folder(folder) / ("render_" + image_name(index));
     try {
-      const fs::path truth = report_folder(folder) / ("truth_" + image_name(index));
-      const fs::path render = report_folder(folder) / ("render_" + image_name(index));
       write_image(truth, small(*view.image->read()));
       write_image(render, small(to_image8(rendered.color)));
       previews.push_back({view.name, quality->psnr, truth, render});
@@ -124,8 +124,8 @@ void record_previews(Trainer& trainer, const Scene& scene, const ModelFolder& fo
   write_run_info(record, folder);
 }
 
-void record_session(const SessionRecord& session, Trainer& trainer, const Scene& scene, const ModelFolder& folder,
-                    Communicator& ranks) {
+void record_session(const nlohmann::ordered_json& machine, double reading_s, double output_s, Trainer& trainer,
+                    const Scene& scene, const ModelFolder& folder, Communicator& ranks) {
   RunInfo record;
   if (ranks.is_first()) record = read_run_info(folder);
   const bool has_previews = record.iteration == trainer.iteration() && !record.previews.empty();
@@ -134,9 +134,9 @@ void record_session(const SessionRecord& session, Trainer& trainer, const Scene&
     if (ranks.is_first()) record = read_run_info(folder);
   }
   if (!ranks.is_first()) return;
-  record.machine = session.machine;
-  record.reading_s += session.reading_s;
-  record.output_s += session.output_s;
+  record.machine = machine;
+  record.reading_s += reading_s;
+  record.output_s += output_s;
   write_run_info(record, folder);
 }
 

@@ -21,15 +21,9 @@ nlohmann::ordered_json describe_machine(const torch::Device& device);
 /// call this together, since rendering may need all of them, and rank 0 writes. @throws IoError
 void record_previews(Trainer& trainer, const Scene& scene, const ModelFolder& folder, Communicator& ranks);
 
-/// What one session adds.
-struct SessionRecord {
-  nlohmann::ordered_json machine;
-  double reading_s = 0, output_s = 0;
-};
-
 /// Adds a session, and the views if record_previews() was not called at this iteration, as in an interrupted training.
-/// All ranks call this together, and rank 0 writes. @throws IoError
-void record_session(const SessionRecord& session, Trainer& trainer, const Scene& scene, const ModelFolder& folder,
-                    Communicator& ranks);
+/// `machine`: describe_machine(). All ranks call this together, and rank 0 writes. @throws IoError
+void record_session(const nlohmann::ordered_json& machine, double reading_s, double output_s, Trainer& trainer,
+                    const Scene& scene, const ModelFolder& folder, Communicator& ranks);
 
 }  // namespace b3dgs

@@ -70,25 +70,8 @@ fs::path find_checkpoint(TrainConfig& config, const TrainCommandOptions& options
   return "";
 }
 
-/// Of what the user has written.
 void warn_of_former(const nlohmann::ordered_json& options, const std::string& place, StatusLine& status) {
   for (const std::string& line : describe_former_options(options)) status.warn(place + line);
-}
-
-/// The config stored in a checkpoint, with the folder that now contains the checkpoint as model folder.
-TrainConfig config_of_checkpoint(const fs::path& checkpoint, StatusLine& status) {
-  const nlohmann::ordered_json header = read_checkpoint_header(checkpoint);
-  TrainConfig config;
-  if (!header.contains("config"))
-    input_error("not a training checkpoint: ", checkpoint.string(), " (expected a config in its header)");
-  stored_config_from_json(config, header["config"], checkpoint.string());
-  for (const std::string& line : describe_former_options(header["config"])) {
-    status.warn(checkpoint.string() + ": " + line);
-  }
-  config.device = TrainConfig{}.device;  // depends on the machine, not on the training
-  const fs::path folder = fs::absolute(checkpoint).lexically_normal().parent_path();
-  if (folder.filename() == "checkpoints") config.model_path = folder.parent_path().string();
-  return config;
 }
 
 /// @throws InputError if a rank would render nothing
@@ -129,6 +112,19 @@ void check_inputs_are_elsewhere(const ModelFolder& folder, const TrainPlan& plan
 }
 
 }  // namespace
+
+TrainConfig config_of_checkpoint(const fs::path& checkpoint, StatusLine& status) {
+  const nlohmann::ordered_json header = read_checkpoint_header(checkpoint);
+  TrainConfig config;
+  if (!header.contains("config"))
+    input_error("not a training checkpoint: ", checkpoint.string(), " (expected a config in its header)");
+  stored_config_from_json(config, header["config"], checkpoint.string());
+  warn_of_former(header["config"], checkpoint.string() + ": ", status);
+  config.device = TrainConfig{}.device;  // depends on the machine, not on the training
+  const fs::path folder = fs::absolute(checkpoint).lexically_normal().parent_path();
+  if (folder.filename() == "checkpoints") config.model_path = folder.parent_path().string();
+  return config;
+}
 
 TrainPlan make_plan(const CommandLine& line, StatusLine& status, const TrainCommandOptions& options, int n_ranks,
                     const std::string& device) {

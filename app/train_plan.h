@@ -53,6 +53,10 @@ struct TrainPlan {
   bool is_replaced = false;          // the model in the folder
 };
 
+/// The config stored in a checkpoint, with the folder that now contains the checkpoint as model folder. @throws
+/// InputError
+TrainConfig config_of_checkpoint(const std::filesystem::path& checkpoint, StatusLine& status);
+
 /// The options of the training but for what depends on its scene: from the command line, the config file, and the
 /// checkpoint or model folder to resume. Without --batch, a step has a view for each rank; it cannot have fewer.
 /// `device`, of all ranks, is a value of --device. @throws InputError

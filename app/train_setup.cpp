@@ -6,8 +6,6 @@
 #include <cstdint>
 #include <ctime>
 
-#include <vector>
-
 #include "core/check.h"
 #include "core/files/atomic_file.h"
 #include "core/files/own_files.h"
@@ -53,25 +51,25 @@ std::vector<fs::path> parts_of(const ModelFolder& folder) {
   return parts;
 }
 
-/// Of what would be taken for a part of the new model: PLYs, checkpoints and results.
-fs::path move_remains(const ModelFolder& folder, OwnFiles& own) {
-  std::vector<fs::path> remains;
+/// Moves what would be taken for a part of the new model, PLYs, checkpoints and results, to a new folder in set_aside/.
+void move_remains(const ModelFolder& folder, OwnFiles& own, StatusLine& status) {
+  const auto results = folder.results();
+  std::vector<fs::path> remains(results.begin(), results.end());
   for (const int iteration : folder.ply_iterations()) remains.push_back(folder.ply(iteration));
   for (const int iteration : folder.checkpoint_iterations()) remains.push_back(folder.checkpoint(iteration));
-  for (const fs::path& results : folder.results()) {
-    if (fs::exists(results)) remains.push_back(results);
-  }
-  if (remains.empty()) return {};
   fs::path aside;
   for (int i = 1; aside.empty() || fs::exists(aside); ++i) {
     aside = folder.root() / "set_aside" / ("replaced_" + std::to_string(i));
   }
   for (const fs::path& file : remains) {
+    if (!fs::exists(file)) continue;
     const fs::path to = aside / file.lexically_relative(folder.root());
     create_folder(to.parent_path());
     own.move(file, to);
   }
-  return aside;
+  if (!fs::exists(aside)) return;
+  status.warn("files of the model that is replaced were not written by b3dgs, or changed since; they are now in " +
+              aside.string());
 }
 
 /// Moves the files in `from` that are the program's own to the same places below `to`.
@@ -102,10 +100,6 @@ bool is_finished(const ModelFolder& folder) {
 
 constexpr const char *kReplaced = "replaced", *kMoving = "replaced.moving";
 
-fs::path replaced_folder(const ModelFolder& folder) {
-  return folder.root() / kReplaced;
-}
-
 }  // namespace
 
 const std::atomic<int>& stop_signal() {
@@ -127,12 +121,6 @@ void make_absolute(std::string& path) {
   if (!path.empty()) path = fs::absolute(path).lexically_normal().string();
 }
 
-fs::path remove_model(const ModelFolder& folder) {
-  OwnFiles own(folder.root());
-  for (const fs::path& part : parts_of(folder)) own.remove(part);
-  return move_remains(folder, own);
-}
-
 void require_movable(const ModelFolder& folder) {
   struct stat root {};
   if (::stat(folder.root().c_str(), &root) != 0) return;
@@ -146,33 +134,32 @@ void require_movable(const ModelFolder& folder) {
   }
 }
 
-fs::path put_model_aside(const ModelFolder& folder) {
+void put_model_aside(const ModelFolder& folder, StatusLine& status) {
   require_movable(folder);
-  // A folder of another name until all is in it: if this is interrupted, the next call goes on.
-  const fs::path moving = folder.root() / kMoving;
-  if (!fs::exists(moving)) {
-    if (!is_finished(folder) && fs::exists(replaced_folder(folder))) return remove_model(folder);
-    drop_replaced_model(folder);
-  }
   OwnFiles own(folder.root());
-  for (const fs::path& part : parts_of(folder)) {
-    if (fs::exists(part)) move_own(part, moving / part.filename(), own);
+  // A folder of another name until all is in it: if this is interrupted, the next call goes on.
+  const fs::path moving = folder.root() / kMoving, replaced = folder.root() / kReplaced;
+  if (!fs::exists(moving) && fs::exists(replaced) && !is_finished(folder)) {
+    for (const fs::path& part : parts_of(folder)) own.remove(part);
+  } else {
+    if (!fs::exists(moving)) own.remove(replaced);
+    for (const fs::path& part : parts_of(folder)) move_own(part, moving / part.filename(), own);
+    move_own(moving, replaced, own);
   }
-  if (fs::exists(moving)) move_own(moving, replaced_folder(folder), own);
-  return move_remains(folder, own);
+  move_remains(folder, own, status);
 }
 
 void put_aside(const fs::path& folder, const std::vector<fs::path>& parts) {
   OwnFiles own(folder);
   for (const fs::path& part : parts) {
     const fs::path to = folder / kReplaced / part.filename();
-    if (fs::exists(part) && !fs::exists(to)) move_own(part, to, own);
+    if (!fs::exists(to)) move_own(part, to, own);
   }
 }
 
-void drop_replaced_model(const ModelFolder& folder) {
-  OwnFiles own(folder.root());
-  for (const char* kept : {kReplaced, kMoving}) own.remove(folder.root() / kept);
+void drop_replaced_model(const fs::path& folder) {
+  OwnFiles own(folder);
+  for (const char* kept : {kReplaced, kMoving}) own.remove(folder / kept);
 }
 
 }  // namespace b3dgs

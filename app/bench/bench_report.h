@@ -1,7 +1,8 @@
 // Results of benchmarks: timings, differences between kernels, and the tables and JSON that show them.
 #pragma once
 
-#include <cstdint>
+#include <torch/types.h>
+
 #include <nlohmann/json.hpp>
 #include <optional>
 #include <string>
@@ -23,26 +24,19 @@ nlohmann::ordered_json to_json(const Timing& timing, nlohmann::ordered_json head
 /// A row of a table, without its end: name, median, minimum and maximum.
 void print_timing(const std::string& name, const Timing& timing);
 
-/// Number of tiles, number of pairs, and load_statistics() of the lengths of the tiles' lists. `lengths` must not be
-/// empty.
-nlohmann::ordered_json list_statistics(const std::vector<std::int64_t>& lengths);
-void print_list_statistics(const nlohmann::ordered_json& statistics);
-
-/// Largest |a - b|; infinite if a value is NaN.
-double largest_difference(const std::vector<float>& a, const std::vector<float>& b);
+/// Number of tiles, number of pairs, and load_statistics() of the lengths of the tiles' lists, int64 on the CPU.
+nlohmann::ordered_json list_statistics(const torch::Tensor& lengths);
 
 /// Largest difference divided by the largest magnitude in `reference` or by `size`, whichever is larger; 0 if there is
 /// no difference.
-double relative_difference(const std::vector<float>& values, const std::vector<float>& reference, double size = 0);
-
-/// @throws InputError if there is something at `path`, which --json names and may be empty
-void check_new_json(const std::string& path);
+double relative_difference(const torch::Tensor& values, const torch::Tensor& reference, double size = 0);
 
 /// Results so far as a new JSON file, which is rewritten with every result: a benchmark that is interrupted keeps them.
 /// Does nothing without a path.
 class BenchFile {
  public:
-  explicit BenchFile(std::string path) : path_(std::move(path)) { check_new_json(path_); }
+  /// @throws InputError if there is something at `path`
+  explicit BenchFile(std::string path);
 
   /// @throws IoError
   void set(const std::string& key, nlohmann::ordered_json value);
@@ -53,17 +47,17 @@ class BenchFile {
 };
 
 struct ParameterGradient {
-  std::vector<float> values;
+  torch::Tensor values;
   double size = 0;  // lower limit of the magnitude in relative_difference()
 };
 
-/// Timing and results of one kernel.
+/// Timing and results of one kernel, on the CPU.
 struct Measurement {
   std::string name;
   Timing timing;
-  std::vector<float> image;                  // compared by absolute difference
-  std::vector<ParameterGradient> gradients;  // compared by relative_difference()
-  std::optional<Timing> keeping{};           // forward kernels: when also storing data for the backward pass
+  torch::Tensor image{};                       // compared by absolute difference; may be undefined
+  std::vector<ParameterGradient> gradients{};  // compared by relative_difference()
+  std::optional<Timing> keeping{};             // forward kernels: when also storing data for the backward pass
 };
 
 /// A table of kernels for one pass, each compared with the first, of which the same must have been measured.
@@ -77,8 +71,6 @@ class ComparisonTable {
   const nlohmann::ordered_json& rows() const { return rows_; }
 
  private:
-  void print_header() const;
-
   std::string title_;
   std::optional<Measurement> first_;
   nlohmann::ordered_json rows_ = nlohmann::ordered_json::array();

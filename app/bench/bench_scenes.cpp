@@ -64,23 +64,24 @@ class SpreadDensity {
 
 /// Appends the attributes of a trained Gaussian except its mean: random shape, opacity and colour.
 void append_trained(SplatCloud& cloud, double median_sigma, Random& random) {
-  const int n_rest = 3 * (sh_coefficient_count(cloud.sh_degree) - 1);
+  const auto add = [&](std::vector<float>& values, int n, double middle, double spread) {
+    for (int k = 0; k < n; ++k) values.push_back(static_cast<float>(middle + spread * random.normal()));
+  };
   const double log_sigma = std::log(median_sigma) + 0.5 * random.normal();
-  for (int k = 0; k < 3; ++k) cloud.log_scales.push_back(static_cast<float>(log_sigma + 0.3 * random.normal()));
-  for (int k = 0; k < 4; ++k) cloud.quats.push_back(static_cast<float>(random.normal()));
-  cloud.logit_opacities.push_back(static_cast<float>(1.5 * random.normal()));
-  for (int k = 0; k < 3; ++k) cloud.sh0.push_back(static_cast<float>(random.normal()));
-  for (int k = 0; k < n_rest; ++k) cloud.shN.push_back(static_cast<float>(0.1 * random.normal()));
+  add(cloud.log_scales, 3, log_sigma, 0.3);
+  add(cloud.quats, 4, 0, 1);
+  add(cloud.logit_opacities, 1, 0, 1.5);
+  add(cloud.sh0, 3, 0, 1);
+  add(cloud.shN, 3 * (sh_coefficient_count(cloud.sh_degree) - 1), 0, 0.1);
 }
 
 /// Appends the attributes that splats_from_points() gives to a point of random colour, except its mean.
 void append_untrained(SplatCloud& cloud, double sigma, Random& random) {
-  const int n_rest = 3 * (sh_coefficient_count(cloud.sh_degree) - 1);
   cloud.log_scales.insert(cloud.log_scales.end(), 3, static_cast<float>(std::log(sigma)));
   cloud.quats.insert(cloud.quats.end(), {1, 0, 0, 0});
   cloud.logit_opacities.push_back(logit(kInitialOpacity));
   for (int k = 0; k < 3; ++k) cloud.sh0.push_back(sh0_from_color(random.uniform()));
-  cloud.shN.insert(cloud.shN.end(), n_rest, 0.0f);
+  cloud.shN.resize(cloud.shN.size() + 3 * (sh_coefficient_count(cloud.sh_degree) - 1));
 }
 
 const Camera& choose_view(const std::vector<NamedCamera>& cameras, const std::string& name) {
@@ -127,16 +128,11 @@ BenchScene read_bench_scene(const BenchConfig& config) {
 
 }  // namespace
 
-void resolve_auto(BenchRun& run) {
-  if (run.device == "auto") run.device = device_name(choose_device(run.device));
-}
-
 BenchScene make_spread_scene(const SpreadConfig& spread, const BenchRun& run) {
   constexpr double kFocal = 1000, kNearest = 2, kDepthRange = 8;
   constexpr double kTrainedSigma = 1.7;  // px
-  // Mean distance to the 3 nearest neighbours of random points in a plane with density 1: their expected distances are
-  // 1/2, 3/4 and 15/16. Training takes the root mean square instead; the geometric mean of that differs by less than 1
-  // %.
+  // Mean distance to the 3 nearest neighbours of random points in a plane with density 1: 1/2, 3/4 and 15/16. The
+  // geometric mean of the root mean square, which training takes, differs by less than 1 %.
   constexpr double kSigmaPerSpacing = (0.5 + 0.75 + 0.9375) / 3;
   const double pixels_per_point = static_cast<double>(run.width) * run.height / static_cast<double>(spread.points);
   const SpreadDensity density(spread.skew);
@@ -159,12 +155,7 @@ BenchScene make_spread_scene(const SpreadConfig& spread, const BenchRun& run) {
       append_untrained(cloud, kSigmaPerSpacing * spacing * z / kFocal, random);
     }
   }
-  Camera camera;
-  camera.width = run.width;
-  camera.height = run.height;
-  camera.fx = camera.fy = kFocal;
-  camera.cx = 0.5 * run.width;
-  camera.cy = 0.5 * run.height;
+  const Camera camera{run.width, run.height, kFocal, kFocal, 0.5 * run.width, 0.5 * run.height, {}, {}};
   scene.view = to_camera_view(camera);
   return scene;
 }

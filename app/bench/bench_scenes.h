@@ -33,18 +33,14 @@ void visit_fields(BenchRun& c, Visitor&& field) {
   field(Option{"json"}, c.json, Any{}, "also write all numbers to this new file");
 }
 
-/// Replaces --device auto by the device that it selects. Call this before using it.
-void resolve_auto(BenchRun& run);
-
 /// The state of training that synthetic Gaussians are in.
 enum class SpreadState {
-  /// The scene `spread`: log-normal sizes of about 1.7 px, varied opacities and shapes; skew changes only the
-  /// positions.
-  /// A tile is opaque after about 300 Gaussians, where kernels stop, so skew has little effect on a GPU.
+  /// The scene `spread`: log-normal sizes of about 1.7 px, varied opacities and shapes. About 300 Gaussians make a tile
+  /// opaque, where kernels stop, so skew has little effect on a GPU.
   kTrained,
-  /// Spherical, with opacity 0.1 and sizes that follow from the distance to the nearest neighbours on the screen, 0.729
-  /// / sqrt(density in 1/px^2) px, as training initializes them from points on a surface. A crowded tile needs
-  /// thousands of Gaussians to become opaque, so its thread block runs long after the others, as in `street`.
+  /// Spherical, with opacity 0.1 and sizes of 0.729 / sqrt(density in 1/px^2) px, as training initializes them from
+  /// points on a surface. A crowded tile needs thousands of Gaussians to become opaque, so its thread block runs long
+  /// after the others, as in `street`.
   kFirstIteration,
 };
 
@@ -52,8 +48,7 @@ enum class SpreadState {
 struct SpreadConfig {
   std::int64_t points = 1500000;
   /// Outside a small core, the density is proportional to distance^(-2 skew), where distance is max(|x|, |y|) from the
-  /// image centre in units of half the image size. 0: even; 1: as points of a road near the horizon, where each
-  /// doubling of the distance adds the same number.
+  /// image centre in units of half the image size. 0: even; 1: as points of a road near the horizon.
   double skew = 0;
   int sh_degree = 3;
   SpreadState state = SpreadState::kTrained;

@@ -5,14 +5,14 @@
 #include <numeric>
 
 #include "app/bench/bench_report.h"
-#include "app/status/status_line.h"
+#include "app/terminal/progress.h"
 #include "app/tools/commands.h"
+#include "app/train_plan.h"
 #include "app/train_setup.h"
 #include "config/former_options.h"
 #include "config/option_layers.h"
 #include "config/train_options.h"
 #include "core/check.h"
-#include "core/files/atomic_file.h"
 #include "core/options/command_line.h"
 #include "core/text.h"
 #include "raster/stages.h"
@@ -78,17 +78,14 @@ Json show_stages(const std::vector<StageTimes>& steps) {
   return rows;
 }
 
-TrainConfig make_config(const CommandLine& line, const BenchStepOptions& options) {
+TrainConfig make_config(const CommandLine& line, const BenchStepOptions& options, StatusLine& status) {
   GivenOptions given = given_options(line, /*config_file=*/"");
   given.erase("iterations");  // ignored, so it scales no schedule
   TrainConfig config;
   if (options.checkpoint.empty()) {
     config = resolve_options(given).config;
   } else {
-    const Json header = read_checkpoint_header(options.checkpoint);
-    if (!header.contains("config")) input_error(options.checkpoint, ": not a checkpoint (it has no config)");
-    stored_config_from_json(config, header["config"], options.checkpoint);
-    config.device = TrainConfig{}.device;  // chosen again on this machine
+    config = config_of_checkpoint(options.checkpoint, status);
     apply_at_resume(config, given);
   }
   if (config.source_path.empty()) input_error("missing argument: SOURCE_PATH; usage: b3dgs bench step SOURCE_PATH");
@@ -107,33 +104,31 @@ double run_steps(Trainer& trainer, int n) {
   return 1000 * (steady_seconds() - start_s) / std::max(1, done);
 }
 
-/// Prints all results and returns them as JSON.
-Json report_steps(const StepTimes& times, const TrainConfig& config, const Trainer& trainer, const Scene& scene,
-                  double wall_ms) {
+/// Prints all results and writes them to `file`.
+void report_steps(const StepTimes& times, const TrainConfig& config, const Trainer& trainer, const Scene& scene,
+                  double wall_ms, BenchFile& file) {
   double n_pixels = 0;  // of a view, on average
   for (const View& view : scene.train) n_pixels += static_cast<double>(view.camera.width) * view.camera.height;
   n_pixels /= static_cast<double>(scene.train.size());
   std::printf("%s: %s Gaussians, %.2f Mpixel, %s, SH degree %d; %zu steps\n%s\n", config.source_path.c_str(),
               format_count(trainer.n_gaussians()).c_str(), 1e-6 * n_pixels, config.kernel.c_str(), trainer.sh_degree(),
               times.steps.size(), describe_device(choose_device(config.device)).c_str());
-  Json report;
-  report["stages"] = show_stages(times.steps);
+  file.set("stages", show_stages(times.steps));
   std::printf("%-16s %10.3f  per step, including density control and time between steps\n", "wall clock", wall_ms);
-  report["wall_ms"] = wall_ms;
+  file.set("wall_ms", wall_ms);
   if (!times.rounds.empty()) {
     std::vector<double> ms;
     for (const StageTimes& round : times.rounds) ms.push_back(round.wall_ms);
     print_timing("density control", summarize(ms));
     std::printf("  %zu rounds\n", ms.size());
-    report["density_rounds"] = to_json(summarize(ms), {{"count", ms.size()}});
+    file.set("density_rounds", to_json(summarize(ms), {{"count", ms.size()}}));
   }
-  report.update({{"steps", times.steps.size()},
-                 {"n_gaussians", trainer.n_gaussians()},
-                 {"n_pixels", n_pixels},
-                 {"sh_degree", trainer.sh_degree()},
-                 {"device", config.device},
-                 {"config", config_to_json(config)}});
-  return report;
+  file.set("steps", times.steps.size());
+  file.set("n_gaussians", trainer.n_gaussians());
+  file.set("n_pixels", n_pixels);
+  file.set("sh_degree", trainer.sh_degree());
+  file.set("device", config.device);
+  file.set("config", config_to_json(config));
 }
 
 }  // namespace
@@ -146,20 +141,17 @@ int run_bench_step(const std::vector<std::string>& words) {
   line.add(resolve_options().config, "Training", {"source_path"},
            {"model_path", "iterations", "max_epochs", "test_iterations", "save_iterations", "checkpoint_iterations"});
   if (!line.parse(words)) return 0;
-  check_new_json(options.json);
+  BenchFile file(options.json);
   StatusLine status = StatusLine::for_stderr(false);
   for (const std::string& former : describe_former_options(line.given())) status.warn(former);
-  const TrainConfig config = make_config(line, options);
+  const TrainConfig config = make_config(line, options, status);
   set_compute_threads(config.threads);
 
   SceneOptions how = scene_options(config);
   if (!options.checkpoint.empty()) how.frame = checkpoint_frame(options.checkpoint);
   const Scene scene = open_scene(how, status);
   StepTimes times;
-  TrainHooks hooks;
-  hooks.on_message = [&](const std::string& message) { status.print(message); };
-  hooks.on_warning = [&](const std::string& message) { status.warn(message); };
-  hooks.on_loading = show_loading(status);
+  TrainHooks hooks = hooks_for(status);
   hooks.on_stage_times = [&, n_warmup = options.warmup](const StageTimes& known) mutable {
     if (known.kind == StageTimes::Kind::kDensityRound) {
       if (!times.steps.empty()) times.rounds.push_back(known);
@@ -177,8 +169,7 @@ int run_bench_step(const std::vector<std::string>& words) {
   if (options.warmup > 0) run_steps(trainer, options.warmup);
   const double wall_ms = run_steps(trainer, options.steps);
   if (times.steps.empty()) return 128 + stop_signal();  // interrupted before the first timed step
-  const Json report = report_steps(times, config, trainer, scene, wall_ms);
-  if (!options.json.empty()) write_file(options.json, report.dump(2) + "\n");
+  report_steps(times, config, trainer, scene, wall_ms, file);
   return stop_signal() == 0 ? 0 : 128 + stop_signal();
 }
 

@@ -26,9 +26,9 @@
 namespace b3dgs {
 namespace {
 
-std::vector<float> values_of(const torch::Tensor& tensor) {
-  const torch::Tensor host = tensor.to(torch::kCPU).contiguous();
-  return {host.data_ptr<float>(), host.data_ptr<float>() + host.numel()};
+/// A copy in host memory: the next pass overwrites the tensor.
+torch::Tensor values_of(const torch::Tensor& tensor) {
+  return tensor.to(torch::kCPU, torch::kFloat32, /*non_blocking=*/false, /*copy=*/true);
 }
 
 /// One view of a scene on a device. The loss is the mean of all colour values.
@@ -61,11 +61,7 @@ class BenchView {
   }
 
   std::int64_t n_splats() const { return rasterizer_.view_size().n_splats; }
-  nlohmann::ordered_json lists() const {
-    const torch::Tensor lengths = rasterizer_.count_load().tile_lists.contiguous();
-    const std::int64_t* const first = lengths.data_ptr<std::int64_t>();
-    return list_statistics({first, first + lengths.numel()});
-  }
+  nlohmann::ordered_json lists() const { return list_statistics(rasterizer_.count_load().tile_lists); }
 
   /// A forward pass. `keep`: as in a training step, it stores what a backward pass needs.
   void render(ForwardKernel kernel, bool keep) {
@@ -81,7 +77,7 @@ class BenchView {
 
   Measurement measure(const ForwardKernelName& kernel) {
     render(kernel.kernel, /*keep=*/false);
-    Measurement measured{std::string(kernel.name), time_blend(kernel.kernel), {}, {}};
+    Measurement measured{std::string(kernel.name), time_blend(kernel.kernel)};
     if (is_on_gpu()) {
       render(kernel.kernel, /*keep=*/true);
       measured.keeping = time_blend(kernel.kernel);
@@ -100,7 +96,7 @@ class BenchView {
     settings_.backward_kernel = kernel.kernel;
     render(ForwardKernel::kSharedMemory, /*keep=*/true);
     const Timing timing = time([&] { rasterizer_.reblend_backward(kernel.kernel, grad_); });
-    return {std::string(kernel.name), timing, {}, gradients()};
+    return {std::string(kernel.name), timing, torch::Tensor(), gradients()};
   }
 
   /// Times of the passes of whole views, as in a training step.
@@ -165,18 +161,15 @@ class BenchView {
 };
 
 void time_passes(BenchView& view, BenchFile& file) {
-  constexpr std::pair<Stage, const char*> kPasses[]{{Stage::kProject, "project"},
-                                                    {Stage::kBin, "bin"},
-                                                    {Stage::kBlendForward, "blend forward"},
-                                                    {Stage::kBlendBackward, "blend backward"},
-                                                    {Stage::kProjectBackward, "project backward"}};
   const std::vector<StageTimes> times = view.run_passes();
   nlohmann::ordered_json rows;
   double sum_ms = 0;
   std::printf("\n%-16s %10s %23s\n", "pass", "median ms", "min .. max");
-  for (const auto& [stage, name] : kPasses) {
+  for (const Stage stage :
+       {Stage::kProject, Stage::kBin, Stage::kBlendForward, Stage::kBlendBackward, Stage::kProjectBackward}) {
+    std::string name = kStageNames[static_cast<std::size_t>(stage)];
+    std::replace(name.begin(), name.end(), '_', ' ');
     std::vector<double> ms;
-    ms.reserve(times.size());
     for (const StageTimes& step : times) ms.push_back(step.ms[static_cast<std::size_t>(stage)].value_or(0));
     const Timing timing = summarize(std::move(ms));
     print_timing(name, timing);
@@ -186,32 +179,6 @@ void time_passes(BenchView& view, BenchFile& file) {
   }
   std::printf("%-16s %10.3f\n", "forward+backward", sum_ms);
   file.set("passes", rows);
-}
-
-/// Each kernel is compared with the first. `key`: in the file.
-template <class Kernels>
-void compare_kernels(const char* title, const char* key, const Kernels& kernels, BenchView& view, BenchFile& file) {
-  ComparisonTable table(title);
-  for (const auto& kernel : kernels) {
-    table.add(view.measure(kernel));
-    file.set(key, table.rows());
-  }
-}
-
-/// Prints tables of kernels and passes, a row when it is known, and adds them to `file`.
-void bench_kernels(const BenchRun& run, const BenchScene& scene, BenchFile& file) {
-  BenchView view(run, scene);
-  view.render(ForwardKernel::kNaive, /*keep=*/false);
-  const nlohmann::ordered_json lists = view.lists();
-  std::printf("%lld visible Gaussians; %s\n", static_cast<long long>(view.n_splats()), view.device_text().c_str());
-  print_list_statistics(lists);
-  file.set("machine", describe_machine(view.device()));
-  file.set("lists", lists);
-  file.set("n_splats", view.n_splats());
-  file.set("threads", thread_count());
-  compare_kernels("forward kernel", view.is_on_gpu() ? "forward" : "kernels", kForwardKernels, view, file);
-  if (view.is_on_gpu()) compare_kernels("backward kernel", "backward", kBackwardKernels, view, file);
-  time_passes(view, file);
 }
 
 /// A mistyped subcommand or built-in scene would be taken for a folder. @throws InputError
@@ -234,7 +201,7 @@ int run_bench_kernels(const std::vector<std::string>& words) {
   line.add(config, "Benchmark", {"scene"});
   if (!line.parse(words)) return 0;
   check_scene(config.scene);
-  resolve_auto(config);
+  config.device = device_name(choose_device(config.device));  // of auto
   set_compute_threads(config.threads);
 
   const BenchScene scene = make_bench_scene(config);
@@ -243,7 +210,30 @@ int run_bench_kernels(const std::vector<std::string>& words) {
   BenchFile file(config.json);
   file.set("config", config_to_json(config));
   file.set("n_gaussians", scene.cloud.size());
-  bench_kernels(config, scene, file);
+  BenchView view(config, scene);
+  view.render(ForwardKernel::kNaive, /*keep=*/false);
+  const nlohmann::ordered_json lists = view.lists();
+  std::printf("%lld visible Gaussians; %s\n", static_cast<long long>(view.n_splats()), view.device_text().c_str());
+  std::printf(
+      "Gaussians per tile: mean %.0f, median %lld, 90th percentile %lld, 99th percentile %lld, maximum %lld, Gini "
+      "coefficient %.2f; %lld (tile, splat) pairs\n",
+      lists["mean"].get<double>(), lists["median"].get<long long>(), lists["p90"].get<long long>(),
+      lists["p99"].get<long long>(), lists["max"].get<long long>(), lists["gini"].get<double>(),
+      lists["pairs"].get<long long>());
+  file.set("machine", describe_machine(view.device()));
+  file.set("lists", lists);
+  file.set("n_splats", view.n_splats());
+  file.set("threads", thread_count());
+  const auto compare = [&](const char* title, const char* key, const auto& kernels) {
+    ComparisonTable table(title);
+    for (const auto& kernel : kernels) {
+      table.add(view.measure(kernel));
+      file.set(key, table.rows());
+    }
+  };
+  compare("forward kernel", view.is_on_gpu() ? "forward" : "kernels", kForwardKernels);
+  if (view.is_on_gpu()) compare("backward kernel", "backward", kBackwardKernels);
+  time_passes(view, file);
   return 0;
 }
 
@@ -259,15 +249,6 @@ void visit_fields(SweepConfig& c, Visitor&& field) {
   field(Option{"skew"}, c.skew, InRange{0, 2},
         "density ~ (distance from image centre)^(-2 X); 0: even, 1: like street");
   visit_fields(static_cast<BenchRun&>(c), field);
-}
-
-void print_head() {
-  std::printf(
-      "mean, max, Gini: Gaussians per tile and their Gini coefficient (0 = even); kernels: median ms; speedup: of the "
-      "fastest kernel relative to naive\n");
-  std::printf("%10s %5s | %7s %8s %5s |", "points", "skew", "mean", "max", "Gini");
-  for (const ForwardKernelName& kernel : kForwardKernels) std::printf(" %14s", std::string(kernel.name).c_str());
-  std::printf(" | %-14s %s\n", "fastest", "speedup");
 }
 
 /// Prints a row of the table and returns it as JSON.
@@ -295,13 +276,12 @@ int run_bench_sweep(const std::vector<std::string>& words) {
   SweepConfig config;
   CommandLine line("bench sweep",
                    "Time every forward kernel on a grid of synthetic scenes, by number and distribution of Gaussians, "
-                   "in the state of "
-                   "a first iteration. Times are in ms, list lengths in Gaussians per tile.",
+                   "in the state of a first iteration. Times are in ms, list lengths in Gaussians per tile.",
                    "b3dgs bench sweep --json sweep.json");
   line.add(config, "Benchmark");
   if (!line.parse(words)) return 0;
   if (config.skew.empty()) input_error("--skew needs at least one value");
-  resolve_auto(config);
+  config.device = device_name(choose_device(config.device));  // of auto
   if (config.points.empty()) {
     const int least = config.device == "cuda" ? 250000 : 25000;
     config.points = {least, 4 * least, 16 * least};
@@ -319,7 +299,12 @@ int run_bench_sweep(const std::vector<std::string>& words) {
       view.render(ForwardKernel::kNaive, /*keep=*/false);
       if (cells.empty()) {
         std::printf("%d x %d px; %s\n", config.width, config.height, view.device_text().c_str());
-        print_head();
+        std::printf(
+            "mean, max, Gini: Gaussians per tile and their Gini coefficient (0 = even); kernels: median ms; "
+            "speedup: of the fastest kernel relative to naive\n");
+        std::printf("%10s %5s | %7s %8s %5s |", "points", "skew", "mean", "max", "Gini");
+        for (const ForwardKernelName& kernel : kForwardKernels) std::printf(" %14s", std::string(kernel.name).c_str());
+        std::printf(" | %-14s %s\n", "fastest", "speedup");
         file.set("device", view.device_text());
       }
       cells.push_back(time_cell(points, skew, view));

@@ -1,7 +1,6 @@
 // b3dgs compare: trains one scene with several configurations, taking turns, and compares their time and quality.
 #include <algorithm>
 #include <iostream>
-#include <set>
 
 #include "app/compare/interleaved_training.h"
 #include "app/model.h"
@@ -58,40 +57,34 @@ TrainConfig default_config() {
   return config;
 }
 
+[[noreturn]] void fail_without_scene() {
+  input_error("missing argument: SOURCE_PATH; usage: b3dgs compare SOURCE_PATH");
+}
+
 std::string output_folder(const CommandLine& line) {
   const std::string model = line.given().value("model_path", ""), source = line.given().value("source_path", "");
   if (!model.empty()) return model;
-  if (source.empty()) input_error("missing argument: SOURCE_PATH; usage: b3dgs compare SOURCE_PATH");
+  if (source.empty()) fail_without_scene();
   return (fs::path("output") / (scene_name(source) + "-compare")).string();
 }
 
 /// As parse_configurations() reads them.
 std::string joined(const std::vector<std::string>& configs) {
-  std::string text;
-  for (const std::string& entry : configs) text += (text.empty() ? "" : ",") + entry;
-  return text;
+  return list_text(configs, ",");
 }
 
 /// @throws InputError if options that were given differ from those of the comparison to resume
 void refuse_changes(const CommandLine& line, const CompareOptions& options, const ComparisonPlan& plan,
-                    std::int64_t planned_seed, const std::string& planned_preset) {
-  const std::string remedy = "use another folder (-m)";
-  if (line.was_given("configs") && joined(options.configs) != plan.configs) {
-    input_error("--resume cannot change --configs (", plan.configs, "); ", remedy);
-  }
-  if (line.was_given("seed") || plan.base.seed != planned_seed) {
-    std::string seeds;
-    for (const std::int64_t seed : plan.seeds) seeds += " " + std::to_string(seed);
-    input_error("--resume cannot change --seed (the comparison has the seeds", seeds, "); add seeds with --seeds, or ",
-                remedy);
-  }
-  if (plan.base.preset != planned_preset) {
-    input_error("--resume cannot change --preset (", planned_preset, "); ", remedy);
-  }
-  if (line.was_given("noise") && options.noise != plan.has_repetition) {
-    input_error("--resume cannot change --noise (the comparison was started ", plan.has_repetition ? "with" : "without",
-                " it); ", remedy);
-  }
+                    const TrainConfig& planned) {
+  const auto refuse_if = [](bool is_changed, const std::string& option, const std::string& was) {
+    if (is_changed) input_error("--resume cannot change --", option, " (", was, "); use another folder (-m)");
+  };
+  refuse_if(line.was_given("configs") && joined(options.configs) != plan.configs, "configs", plan.configs);
+  refuse_if(line.was_given("seed") || plan.base.seed != planned.seed, "seed",
+            "the comparison has the seeds " + list_text(plan.seeds) + "; --seeds adds seeds");
+  refuse_if(plan.base.preset != planned.preset, "preset", planned.preset);
+  refuse_if(line.was_given("noise") && options.noise != plan.has_repetition, "noise",
+            std::string("the comparison was started ") + (plan.has_repetition ? "with" : "without") + " it");
 }
 
 /// The stored plan for --resume, else a plan from the command line.
@@ -110,24 +103,21 @@ ComparisonPlan make_plan(const CommandLine& line, const CompareOptions& options)
     input_error(root, ": this comparison was begun by an earlier version of b3dgs, whose defaults differ; finish it ",
                 "with that version, or compare anew in another folder (-m); b3dgs report shows what it holds");
   }
-  const std::int64_t planned_seed = plan.base.seed;
-  const std::string planned_preset = plan.base.preset;
+  const TrainConfig planned = plan.base;
   GivenOptions& given = plan.given;
   given.update(given_options(line, options.config));
   if (!options.resume) given.emplace("eval", default_config().eval);
   plan.base = resolve_options(given).config;
   plan.set_photographs(plan.photographs);  // of the comparison to resume
   plan.base.model_path = root;
-  if (plan.base.source_path.empty()) {
-    input_error("missing argument: SOURCE_PATH; usage: b3dgs compare SOURCE_PATH");
-  }
+  if (plan.base.source_path.empty()) fail_without_scene();
   make_absolute(plan.base.source_path);
   make_absolute(plan.base.init_ply);
   given["source_path"] = plan.base.source_path;
   given["init_ply"] = plan.base.init_ply;
 
   if (options.resume) {
-    refuse_changes(line, options, plan, planned_seed, planned_preset);
+    refuse_changes(line, options, plan, planned);
   } else {
     plan.configs = joined(options.configs);
     plan.has_repetition = options.noise;
@@ -135,15 +125,12 @@ ComparisonPlan make_plan(const CommandLine& line, const CompareOptions& options)
   if (!options.resume || line.was_given("chunk")) plan.chunk = options.chunk;
   if (line.was_given("seeds")) plan.seeds = options.seeds;
   if (plan.seeds.empty()) plan.seeds = {plan.base.seed};
-  std::set<std::int64_t> seen;
   for (const std::int64_t seed : plan.seeds) {
-    if (!seen.insert(seed).second) input_error("--seeds: ", seed, " occurs twice");
+    if (std::count(plan.seeds.begin(), plan.seeds.end(), seed) > 1) input_error("--seeds: ", seed, " occurs twice");
   }
   // All have one scene, and anti-aliasing needs pinholes (scene_options()).
-  const std::vector<Configuration> all = plan.configurations();
-  if (plan.base.lenses == "auto" &&
-      std::any_of(all.begin(), all.end(), [](const Configuration& own) { return own.config.antialiasing; })) {
-    given["lenses"] = plan.base.lenses = "undistort";
+  for (const Configuration& own : plan.configurations()) {
+    if (own.config.antialiasing && own.config.lenses == "auto") given["lenses"] = plan.base.lenses = "undistort";
   }
   return plan;
 }
@@ -185,11 +172,11 @@ void suggest_fewer_iterations(const ComparisonPlan& plan, const torch::Device& d
 }
 
 bool is_trained(const ComparisonPlan& plan, std::int64_t seed) {
-  const std::vector<Configuration> all = plan.configurations();
-  return std::all_of(all.begin(), all.end(), [&](const Configuration& configuration) {
+  for (const Configuration& configuration : plan.configurations()) {
     const std::vector<int> saved = plan.folder(configuration, seed).ply_iterations();
-    return std::find(saved.begin(), saved.end(), configuration.config.iterations) != saved.end();
-  });
+    if (std::count(saved.begin(), saved.end(), configuration.config.iterations) == 0) return false;
+  }
+  return true;
 }
 
 /// Moves the runs of earlier comparisons, and what the last one has found, to replaced/ in their folders.
@@ -198,10 +185,7 @@ void put_comparison_aside(const std::vector<ComparisonPlan>& replaced, StatusLin
     for (const ModelFolder& folder : model_folders(old)) require_movable(folder);
   }
   for (const ComparisonPlan& old : replaced) {
-    for (const ModelFolder& folder : model_folders(old)) {
-      const fs::path aside = put_model_aside(folder);
-      if (!aside.empty()) status.warn("files that b3dgs has not written, or that were changed: " + aside.string());
-    }
+    for (const ModelFolder& folder : model_folders(old)) put_model_aside(folder, status);
   }
   const fs::path root = replaced.front().root();
   put_aside(root, {root / kComparisonFile, root / kComparisonReport});
@@ -209,13 +193,13 @@ void put_comparison_aside(const std::vector<ComparisonPlan>& replaced, StatusLin
 
 /// Removes what put_comparison_aside() has kept, also of configurations that are compared no longer.
 void drop_replaced_comparison(const fs::path& root) {
-  drop_replaced_model(ModelFolder(root));
+  drop_replaced_model(root);
   std::error_code error;  // of folders that cannot be read: nothing of this program's is in them
   for (const fs::directory_entry& configuration : fs::directory_iterator(root, error)) {
     if (!configuration.is_directory(error) || configuration.is_symlink(error)) continue;
     for (const fs::directory_entry& run : fs::directory_iterator(configuration, error)) {
       const bool is_run = run.path().filename().string().rfind("seed_", 0) == 0;
-      if (is_run && run.is_directory(error) && !run.is_symlink(error)) drop_replaced_model(ModelFolder(run.path()));
+      if (is_run && run.is_directory(error) && !run.is_symlink(error)) drop_replaced_model(run.path());
     }
   }
 }
@@ -278,14 +262,13 @@ int run_compare(const std::vector<std::string>& words) {
   if (!line.parse(words)) return 0;
 
   StatusLine status = StatusLine::for_stderr(options.quiet);
-  for (const auto& formers :
-       {describe_former_options(line.given()), describe_former_parts(joined(options.configs))}) {
+  for (const auto& formers : {describe_former_options(line.given()), describe_former_parts(joined(options.configs))}) {
     for (const std::string& former : formers) status.warn(former);
   }
   ComparisonPlan plan = make_plan(line, options);
   const torch::Device device = choose_device(plan.base.device);
   plan.base.device = device_name(device);
-  // Errors are reported before photographs are read and before anything is written.
+  // Before photographs are read and anything is written.
   for (const Configuration& configuration : plan.configurations()) check_options(configuration.config);
   const FolderLock lock(plan.root());
   guard_comparison(plan, options);
@@ -295,8 +278,7 @@ int run_compare(const std::vector<std::string>& words) {
   if (options.overwrite && holds_comparison(plan.root())) {
     try {
       replaced.push_back(read_plan(plan.root()));
-    } catch (const InputError&) {
-      // Not a comparison, or a damaged one: the file is moved aside when another takes its place.
+    } catch (const InputError&) {  // damaged: the file is moved aside when another takes its place
     }
   }
 

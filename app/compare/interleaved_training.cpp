@@ -48,7 +48,7 @@ class InterleavedTraining {
     if (!is_complete) write_checkpoints();
     for (const Turn& turn : turns_) {
       if (turn.result.iteration == 0) continue;  // stopped before its first turn
-      record_session({machine, reading_s, turn.result.output_s}, *turn.trainer, scene_, turn.folder, *ranks_);
+      record_session(machine, reading_s, turn.result.output_s, *turn.trainer, scene_, turn.folder, *ranks_);
       write_train_report(turn.folder);
     }
     return is_complete;
@@ -73,16 +73,11 @@ class InterleavedTraining {
     const std::string label = detail::concat(configuration.name, ", seed ", seed_, ": ");
     Turn& turn = turns_.emplace_back(Turn{configuration, folder, label, Eta(config.iterations)});
     turn.lock = std::make_unique<FolderLock>(folder.root());
-    TrainHooks hooks;
+    TrainHooks hooks = hooks_for(status_, turn.label);
     hooks.on_progress = [this, &turn](const TrainProgress& progress) { show(turn, progress); };
-    hooks.on_message = [this, &turn](const std::string& message) {
-      if (!status_.is_quiet()) status_.print(turn.label + message);
-    };
-    hooks.on_warning = [this, &turn](const std::string& message) { status_.warn(turn.label + message); };
     hooks.stop_signal = &stop_signal();
     hooks.image_budget = image_budget;
     hooks.on_result = [this, &turn] { record_previews(*turn.trainer, scene_, turn.folder, *ranks_); };
-    hooks.on_loading = show_loading(status_);
     hooks.resume_command = resume_command(plan_);
     turn.trainer = std::make_unique<Trainer>(config, scene_, folder, hooks);
     status_.clear();

@@ -10,9 +10,9 @@
 
 namespace b3dgs {
 
-/// Trains all configurations of one seed in this process, with all models in memory at the same time: to the end, or
-/// until a stop signal, after which each has a checkpoint. Each resumes from its newest checkpoint, if it has one.
-/// `reading_s`, `machine`: for the reports. Returns whether training is complete.
+/// Trains all configurations of one seed, with all models in memory at the same time: to the end, or until a stop
+/// signal, after which each has a checkpoint. Each resumes from its newest checkpoint, if it has one. `reading_s`,
+/// `machine`: for the reports. Returns whether training is complete.
 bool train_in_turns(const ComparisonPlan& plan, std::int64_t seed, const Scene& scene, double reading_s,
                     const nlohmann::ordered_json& machine, StatusLine& status);
 

@@ -27,10 +27,6 @@ bool is_path(const CameraOptions& options) {
   return goes_around(options) || options.path == "interpolated";
 }
 
-double radians(double degrees) {
-  return degrees * kPi / 180;
-}
-
 /// The views that a path goes through or around, or that are rendered themselves.
 CameraChoice key_cameras(const CommandLine& line, const CameraOptions& options, const Scene& scene,
                          const CoordinateFrame& frame) {
@@ -82,7 +78,7 @@ Camera orbit_lens(const CameraOptions& options, const std::vector<Camera>& keys)
   Camera lens = fit_to_size(keys[0], wanted_size(options, {keys[0].width, keys[0].height}));
   if (has_fov) {
     const double pixel_aspect = lens.fx / lens.fy;
-    lens.fy = 0.5 * lens.height / std::tan(0.5 * radians(fov));
+    lens.fy = 0.5 * lens.height / std::tan(0.5 * fov * kDegree);
     lens.fx = pixel_aspect * lens.fy;
   }
   return lens;
@@ -114,15 +110,15 @@ Orbit choose_orbit(const CommandLine& line, const CameraOptions& options, const 
   const cv::Vec3d up = up_axis(options.up, keys);
   const cv::Vec3d focus = focus_of(keys, bounds.center);
   if (options.path == "orbit" && !keys.empty()) return orbit_through(keys, focus, up);
-  CameraPlacement placement{fitting_distance(bounds, lens), radians(kDefaultElevation)};
+  CameraPlacement placement{fitting_distance(bounds, lens), kDefaultElevation * kDegree};
   cv::Vec3d toward = focus + cv::Vec3d{0, 0, -1};
   if (!keys.empty()) {
     placement = placement_of(keys, focus, up);
     toward = cv::Vec3d(keys[0].center().data());
   }
   if (options.distance > 0) placement.distance = options.distance / splats.frame.unit;
-  if (line.was_given("elevation")) placement.elevation = radians(options.elevation);
-  placement.elevation = std::clamp(placement.elevation, radians(-89), radians(89));
+  if (line.was_given("elevation")) placement.elevation = options.elevation * kDegree;
+  placement.elevation = std::clamp(placement.elevation, -89 * kDegree, 89 * kDegree);
   return turntable(focus, up, placement.distance, placement.elevation, toward);
 }
 
@@ -139,7 +135,7 @@ Camera in_projection(const CameraOptions& options, const Camera& camera) {
     projected = panorama_camera(options.width > 0 ? ImageSize{camera.width, std::max(1, camera.width / 2)}
                                                   : ImageSize{2 * camera.height, camera.height});
   } else {
-    const double focal = camera.height / radians(options.fov > 0 ? options.fov : kDefaultFisheyeFov);
+    const double focal = camera.height / ((options.fov > 0 ? options.fov : kDefaultFisheyeFov) * kDegree);
     projected = {camera.width, camera.height, focal, focal, 0.5 * camera.width, 0.5 * camera.height, {}, {}};
     projected.lens.kind = LensKind::kFisheye;
     projected = native_camera(projected, "--projection " + options.projection);
@@ -175,11 +171,11 @@ CameraChoice choose_places(const CommandLine& line, const CameraOptions& options
   const Coverage coverage = coverage_of(keys, orbit.focus, orbit.up, orbit.first_axis);
   if (orbit.swing > 0) {
     choice.notes.push_back(print_to_string("along an arc of %.0f degrees and back: the cameras do not go all around",
-                                           2 * orbit.swing * 180 / kPi));
+                                           2 * orbit.swing / kDegree));
   } else if (coverage.gap > kFullCircleGap) {
     choice.notes.push_back(
         print_to_string("the cameras leave a gap of %.0f degrees around this point; expect blur and holes there",
-                        coverage.gap * 180 / kPi));
+                        coverage.gap / kDegree));
   }
   return choice;
 }
@@ -191,26 +187,22 @@ bool needs_views(const CameraOptions& options) {
 }
 
 void check_camera_options(const CommandLine& line, const CameraOptions& options) {
+  const bool around = goes_around(options), is_fisheye = options.projection == "fisheye";
   if (!options.cameras.empty() && line.was_given("path") && !is_path(options)) {
     input_error("--cameras replaces --path ", options.path, "; use one of them");
   }
-  if (!options.cameras.empty() && line.was_given("resolution")) {
-    input_error("-r is for the views of a scene; use --width and --height with --cameras");
-  }
-  if (line.was_given("frames") && !is_path(options)) {
-    input_error("--frames is for --path interpolated, orbit and turntable; the others have one image for each view");
-  }
-  const bool is_fisheye = options.projection == "fisheye";
-  if (line.was_given("fov") && !goes_around(options) && !is_fisheye) {
-    input_error("--fov is for --path orbit and turntable and --projection fisheye");
-  }
-  if (line.was_given("up") && !goes_around(options)) input_error("--up is for --path orbit and turntable");
+  const auto allow = [&](const char* option, bool is_used, const char* use) {
+    if (line.was_given(option) && !is_used) input_error("--", option, " is for ", use);
+  };
+  allow("resolution", options.cameras.empty(), "the views of a scene; use --width and --height with --cameras");
+  allow("frames", is_path(options),
+        "--path interpolated, orbit and turntable; the others have one image for each view");
+  allow("fov", around || is_fisheye, "--path orbit and turntable and --projection fisheye");
+  allow("up", around, "--path orbit and turntable");
+  for (const char* name : {"elevation", "distance"}) allow(name, options.path == "turntable", "--path turntable");
   if (options.fov > kMaxPinholeFov && !is_fisheye) {
     input_error("--fov ", options.fov, ": a pinhole shows at most ", kMaxPinholeFov,
                 " degrees; use --projection fisheye");
-  }
-  for (const char* name : {"elevation", "distance"}) {
-    if (line.was_given(name) && options.path != "turntable") input_error("--", name, " is for --path turntable");
   }
 }
 

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <opencv2/core.hpp>
+#include <opencv2/core/quaternion.hpp>
 #include <utility>
 
 #include "core/check.h"
@@ -24,26 +25,16 @@ cv::Vec3d center_of(const Camera& camera) {
 cv::Vec3d axis_of(const Camera& camera, std::size_t axis) {
   return cv::Vec3d(&camera.cam_from_world.rotation[3 * axis]);
 }
-/// Of a camera at `center`; `rotation` is row-major.
-Pose pose_at(const cv::Vec3d& center, const std::array<double, 9>& rotation) {
-  return {rotation, rotated(rotation, {-center[0], -center[1], -center[2]})};
+/// Of a camera at `center`.
+Pose pose_at(const cv::Vec3d& center, const cv::Matx33d& rotation) {
+  Pose pose;
+  std::copy_n(rotation.val, 9, pose.rotation.begin());
+  pose.translation = rotated(pose.rotation, {-center[0], -center[1], -center[2]});
+  return pose;
 }
 
-using Quat = std::array<double, 4>;
-
-Quat slerp(const Quat& a, Quat b, double share) {
-  double cosine = a[0] * b[0] + a[1] * b[1] + a[2] * b[2] + a[3] * b[3];
-  if (cosine < 0) {  // b and -b are the same rotation: take the shorter path
-    cosine = -cosine;
-    for (double& value : b) value = -value;
-  }
-  const double angle = std::acos(std::min(cosine, 1.0));
-  const bool is_tiny = angle < 1e-6;  // sin(angle) would vanish; linear interpolation is accurate enough
-  const double weight_a = is_tiny ? 1 - share : std::sin((1 - share) * angle) / std::sin(angle);
-  const double weight_b = is_tiny ? share : std::sin(share * angle) / std::sin(angle);
-  Quat result{};
-  for (int i = 0; i < 4; ++i) result[i] = weight_a * a[i] + weight_b * b[i];
-  return result;
+cv::Quatd rotation_of(const Camera& camera) {
+  return cv::Quatd::createFromRotMat(cv::Matx33d(camera.cam_from_world.rotation.data()));
 }
 
 /// Catmull-Rom segment from p1 to p2, t in [0, 1].
@@ -136,9 +127,8 @@ std::vector<Camera> interpolate_cameras(const std::vector<Camera>& keys, int fra
     camera.cy += share * (next.cy - camera.cy);
     const cv::Vec3d center =
         catmull_rom(center_at(key - 1), center_at(key), center_at(key + 1), center_at(key + 2), share);
-    const Quat rotation = slerp(quaternion_from_rotation(camera.cam_from_world.rotation),
-                                quaternion_from_rotation(next.cam_from_world.rotation), share);
-    camera.cam_from_world = pose_at(center, rotation_from_quaternion(rotation));
+    const cv::Quatd rotation = cv::Quatd::slerp(rotation_of(camera), rotation_of(next), share, cv::QUAT_ASSUME_UNIT);
+    camera.cam_from_world = pose_at(center, rotation.toRotMat3x3(cv::QUAT_ASSUME_UNIT));
     path.push_back(camera);
   }
   return path;

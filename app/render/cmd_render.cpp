@@ -74,12 +74,6 @@ void check_options(const CommandLine& line, const ModelOptions& model, const Ren
   }
 }
 
-LoadedModel load_with_cameras(const ModelOptions& options, const CameraOptions& cameras, StatusLine& status) {
-  LoadedModel model = load_model(options, needs_views(cameras));
-  if (!model.is_file() || !options.source_path.empty()) add_cameras(model, options, status);
-  return model;
-}
-
 /// `variant`: results_variant().
 fs::path frames_folder(const LoadedModel& model, const RenderOptions& options, const std::string& set,
                        const std::string& variant) {
@@ -125,8 +119,8 @@ class Output {
       range_ = visible_depth_range(model.splats, choice.cameras, model.near_plane);
     }
     if (!options.video.empty()) {
-      video_.emplace(options.video, frame_size(choice.cameras), options.video_of == "alpha" ? 1 : 3,
-                     VideoSettings{options.fps, options.crf});
+      video_.emplace(options.video, frame_size(choice.cameras), options.video_of == "alpha" ? 1 : 3, options.fps,
+                     options.crf);
     }
     if (options.writes_images() && options.depth && options.depth_format == "png16") {
       // Half the near end of the range: only what is much nearer than the scene, such as floaters, is out of range.
@@ -193,11 +187,7 @@ class Output {
     if (options_.alpha) write_image(folder_ / "alpha" / image_name(frame.index), frame.alpha);
     if (!options_.depth) return;
     const fs::path file = folder_ / "depth" / image_name(frame.index);
-    if (options_.depth_format == "color") {
-      write_image(file, depth);
-    } else {
-      write_depth_numbers(file, frame);
-    }
+    options_.depth_format == "color" ? write_image(file, depth) : write_depth_numbers(file, frame);
   }
 
   void write_depth_numbers(fs::path file, const RenderedFrame& frame) {
@@ -244,7 +234,8 @@ int run_render(const std::vector<std::string>& words) {
   check_options(line, model_options, options);
   check_camera_options(line, camera_options);
   if (!options.ply.empty()) model_options.model_path = options.ply;
-  const LoadedModel model = load_with_cameras(model_options, camera_options, status);
+  LoadedModel model = load_model(model_options, needs_views(camera_options));
+  if (!model.is_file() || !model_options.source_path.empty()) add_cameras(model, model_options, status);
   const CameraChoice choice = choose_cameras(line, camera_options, model.scene, model.splats);
   if (choice.fps > 0 && !line.was_given("fps")) options.fps = choice.fps;
 

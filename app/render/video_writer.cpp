@@ -25,12 +25,12 @@ Words words_of(const std::string& text) {
 }
 
 /// What ffmpeg is told about the output, without the file's name.
-Words output_options(const std::string& extension, const VideoSettings& settings) {
+Words output_options(const std::string& extension, int crf) {
   if (extension == ".gif") {
     return words_of("-vf split[frames][all];[all]palettegen[palette];[frames][palette]paletteuse -loop 0 -f gif");
   }
   const bool is_mp4 = extension == ".mp4";
-  const int crf = settings.crf >= 0 ? settings.crf : is_mp4 ? 18 : 30;
+  if (crf < 0) crf = is_mp4 ? 18 : 30;
   // Without these tags, players take videos of HD size for BT.709, but ffmpeg converts to BT.601. The transfer function
   // is that of the images, sRGB.
   return words_of(detail::concat(
@@ -56,7 +56,7 @@ void check_video_file(const fs::path& path, bool may_replace) {
   }
 }
 
-VideoWriter::VideoWriter(const fs::path& path, ImageSize size, int channels, const VideoSettings& settings)
+VideoWriter::VideoWriter(const fs::path& path, ImageSize size, int channels, double fps, int crf)
     : path_(path), size_(size), channels_(channels), file_(path) {
   B3DGS_CHECK(channels == 1 || channels == 3, channels, " channels");
   if (size.width < 2 || size.height < 2) {
@@ -65,8 +65,8 @@ VideoWriter::VideoWriter(const fs::path& path, ImageSize size, int channels, con
   check_video_file(path, /*may_replace=*/true);
   Words words = words_of(detail::concat("ffmpeg -hide_banner -loglevel error -y -f rawvideo -pixel_format ",
                                         channels == 3 ? "rgb24" : "gray", " -video_size ", size.width, "x", size.height,
-                                        print_to_string(" -framerate %.6g -i pipe:0", settings.fps)));
-  const Words output = output_options(extension_of(path), settings);
+                                        print_to_string(" -framerate %.6g -i pipe:0", fps)));
+  const Words output = output_options(extension_of(path), crf);
   words.insert(words.end(), output.begin(), output.end());
   words.push_back("file:" + file_.temporary().string());
   ffmpeg_ = std::make_unique<Child>(words, [this](const std::string& line) {

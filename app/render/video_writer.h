@@ -7,15 +7,9 @@
 
 #include "core/files/atomic_file.h"
 #include "core/process/child_process.h"
-#include "core/process/ending_signals.h"
 #include "scene/images/image.h"
 
 namespace b3dgs {
-
-struct VideoSettings {
-  double fps = 30;
-  int crf = -1;  // constant rate factor of the encoder, lower is better; -1: 18 for H.264, 30 for VP9
-};
 
 /// @throws InputError unless the name ends in .mp4, .webm or .gif and ffmpeg is installed, or if the file exists and
 /// may not be replaced
@@ -25,9 +19,9 @@ void check_video_file(const std::filesystem::path& path, bool may_replace);
 class VideoWriter {
  public:
   /// Starts ffmpeg: H.264 in .mp4, VP9 in .webm, both with 4:2:0 chroma and BT.709, or .gif. Sizes are made even by
-  /// leaving out the last row or column. `channels`: 3, RGB, or 1, grey. @throws InputError as check_video_file();
-  /// IoError
-  VideoWriter(const std::filesystem::path& path, ImageSize size, int channels, const VideoSettings& settings);
+  /// leaving out the last row or column. `channels`: 3, RGB, or 1, grey. `crf`: quality, lower is better; -1: 18 for
+  /// H.264, 30 for VP9. @throws InputError as check_video_file(); IoError
+  VideoWriter(const std::filesystem::path& path, ImageSize size, int channels, double fps, int crf);
 
   /// Appends a frame of the size and channels above. @throws IoError with ffmpeg's last line
   void write(const Image8& frame);

@@ -47,6 +47,16 @@ std::string format_train_progress(const TrainProgress& progress, double iteratio
   return text + "  " + progress.activity;
 }
 
+TrainHooks hooks_for(StatusLine& status, const std::string& label) {
+  TrainHooks hooks;
+  hooks.on_message = [&status, label](const std::string& message) {
+    if (!status.is_quiet()) status.print(label + message);
+  };
+  hooks.on_warning = [&status, label](const std::string& message) { status.warn(label + message); };
+  hooks.on_loading = show_loading(status);
+  return hooks;
+}
+
 TrainProgressView::TrainProgressView(StatusLine& status, const TrainConfig& config)
     : status_(status), eta_(config.iterations) {}
 

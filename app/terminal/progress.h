@@ -33,6 +33,9 @@ class Eta {
 std::string format_train_progress(const TrainProgress& progress, double iterations_per_second,
                                   std::optional<double> seconds_left);
 
+/// Hooks that show loading, messages and warnings on the status line, the latter two after `label`.
+TrainHooks hooks_for(StatusLine& status, const std::string& label = "");
+
 /// Shows the progress of training; a callback for TrainHooks::on_progress.
 class TrainProgressView {
  public:

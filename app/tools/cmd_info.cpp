@@ -107,9 +107,7 @@ void describe_model(const std::string& path) {
   const TrainConfig config = folder.read_config();
   std::printf("%s: model of %s\n", path.c_str(), config.source_path.c_str());
   const auto list = [](const std::vector<int>& iterations) {
-    std::string text;
-    for (const int iteration : iterations) text += (text.empty() ? "" : ", ") + std::to_string(iteration);
-    return text.empty() ? std::string("none") : text;
+    return iterations.empty() ? "none" : list_text(iterations);
   };
   print_row("iterations", "%d", config.iterations);
   print_row("saved", "%s", list(saved).c_str());
@@ -157,16 +155,6 @@ void describe_folder(const std::string& path) {
               "`b3dgs reconstruct PHOTOS SCENE` makes a scene from photographs");
 }
 
-/// The first bytes of a file, which identify its format.
-std::string read_start(const std::string& path) {
-  std::ifstream file(path, std::ios::binary);
-  if (!file) input_error("cannot open file: ", path);
-  std::string start(8, '\0');
-  file.read(start.data(), static_cast<std::streamsize>(start.size()));
-  start.resize(static_cast<std::size_t>(file.gcount()));
-  return start;
-}
-
 }  // namespace
 
 int run_info(const std::vector<std::string>& words) {
@@ -189,7 +177,7 @@ int run_info(const std::vector<std::string>& words) {
     holds_splats(path) ? describe_splats(path) : describe_points(path);
     return 0;
   }
-  if (start.compare(0, 8, "B3DGSCKP") != 0) {
+  if (start != "B3DGSCKP") {
     input_error("unknown file format: ", path, " (expected a PLY, an SPZ or a b3dgs checkpoint); the program ",
                 "splat-transform converts other files of Gaussians to PLY");
   }

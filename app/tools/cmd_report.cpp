@@ -20,29 +20,27 @@ int run_report(const std::vector<std::string>& words) {
   if (option.value.empty()) input_error("missing argument: FOLDER; usage: b3dgs report FOLDER");
 
   const std::filesystem::path folder = option.value;
-  if (!std::filesystem::exists(folder)) input_error("folder not found: ", folder.string());
   if (!std::filesystem::is_directory(folder)) {
-    input_error("not a directory: ", folder.string(), " (expected the output folder of b3dgs train or b3dgs compare)");
+    input_error(std::filesystem::exists(folder) ? "not a directory: " : "folder not found: ", folder.string(),
+                " (expected the output folder of b3dgs train or b3dgs compare)");
   }
   const OwnFiles own_files(folder);
   if (holds_comparison(folder)) {
     const Comparison comparison = load_comparison(read_plan(folder));
     write_comparison(comparison);
-    std::cout << describe_comparison(comparison);
-    std::cout << "written: " << (folder / "report.html").string() << "\n";
-  } else {
-    if (!ModelFolder(folder).has_config()) {
-      input_error("neither a model folder nor a comparison: ", folder.string(),
-                  " (expected config.json or compare.json); pass the folder that was given with -m");
-    }
-    const std::filesystem::path log = ModelFolder(folder).log();
-    if (read_train_log(log).points.empty()) {
-      input_error(log.string(), ": not found, or without iterations (expected the log of a training); no report was ",
-                  "written");
-    }
-    const std::filesystem::path written = write_train_report(ModelFolder(folder));
-    std::cout << "written: " << written.string() << "\n";
+    std::cout << describe_comparison(comparison) << "written: " << (folder / "report.html").string() << "\n";
+    return 0;
   }
+  const ModelFolder model(folder);
+  if (!model.has_config()) {
+    input_error("neither a model folder nor a comparison: ", folder.string(),
+                " (expected config.json or compare.json); pass the folder that was given with -m");
+  }
+  if (read_train_log(model.log()).points.empty()) {
+    input_error(model.log().string(), ": not found, or without iterations (expected the log of a training); no report ",
+                "was written");
+  }
+  std::cout << "written: " << write_train_report(model).string() << "\n";
   return 0;
 }
 

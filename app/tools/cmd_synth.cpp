@@ -1,6 +1,5 @@
 // b3dgs synth: writes a synthetic COLMAP scene.
 #include <iostream>
-#include <utility>
 
 #include "app/status/status_line.h"
 #include "app/tools/commands.h"
@@ -32,9 +31,8 @@ int run_synth(const std::vector<std::string>& words) {
   line.add(config, "Scene", {"scene", "output"});
   line.add(options, "Run");
   if (!line.parse(words)) return 0;
-  const std::pair<const char*, const char*> scene_of_option[]{
-      {"sh_degree", "orbit"}, {"skew", "street"}, {"truth", "street"}};
-  for (const auto& [option, scene] : scene_of_option) {
+  for (const char* option : {"sh_degree", "skew", "truth"}) {
+    const std::string scene = std::string(option) == "sh_degree" ? "orbit" : "street";
     if (line.was_given(option) && config.scene != scene) {
       input_error("--", option, " has no effect on ", config.scene, "; it is an option of ", scene);
     }

@@ -9,6 +9,7 @@
 
 #include "core/check.h"
 #include "core/options/command_line.h"
+#include "core/text.h"
 #include "dist/control/message.h"
 
 namespace b3dgs {
@@ -17,13 +18,12 @@ namespace {
 enum ExitCode { kFailed = 1, kBadInput = 2, kPeerFailed = PeerError::kExitCode };
 
 int report_error(const std::string& message, ExitCode code) {
-  const std::string line = message.substr(0, message.find('\n'));  // LibTorch appends a stack trace
-  std::cerr << "error: " + line + '\n';  // one write: lines of several ranks on one terminal do not mix
+  std::cerr << "error: " + first_line(message) + '\n';  // one write: lines of several ranks on one terminal do not mix
   return code;
 }
 
 int report_out_of_memory(const std::string& what) {
-  return report_error(what.substr(0, what.find('\n')) +
+  return report_error(first_line(what) +
                           "; use smaller images (-r 2), limit the Gaussians (--max_gaussians), "
                           "or free memory and resume from the last checkpoint (--resume auto)",
                       kFailed);
@@ -32,14 +32,10 @@ int report_out_of_memory(const std::string& what) {
 /// @throws InputError that names a similar command, or all commands
 [[noreturn]] void reject_command(const std::string& word) {
   std::vector<std::string> names;
-  std::string list;
-  for (const CommandName& command : kCommandNames) {
-    names.emplace_back(command.name);
-    list += (list.empty() ? "" : ", ") + names.back();
-  }
+  for (const CommandName& command : kCommandNames) names.emplace_back(command.name);
   const std::string nearest = nearest_name(word, names);
   input_error("unknown command \"", word, "\"; ",
-              nearest.empty() ? "expected one of " + list : "did you mean " + nearest + "?");
+              nearest.empty() ? "expected one of " + list_text(names) : "did you mean " + nearest + "?");
 }
 
 }  // namespace

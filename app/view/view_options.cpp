@@ -2,7 +2,7 @@
 
 #include <charconv>
 #include <iostream>
-#include <string_view>
+#include <regex>
 #include <system_error>
 
 #include "core/check.h"
@@ -15,13 +15,8 @@ constexpr const char* kAutoPort = "auto";
 
 /// A port, or an address in digits or `localhost` and a port; anything else after --view is the next argument.
 bool is_place(const std::string& word) {
-  const std::size_t colon = word.rfind(':');
-  const std::string address = colon == std::string::npos ? "" : word.substr(0, colon), port = word.substr(colon + 1);
-  const auto consists_of = [](const std::string& text, std::string_view characters) {
-    return !text.empty() && text.find_first_not_of(characters) == std::string::npos;
-  };
-  return (port == kAutoPort || consists_of(port, "0123456789")) &&
-         (colon == std::string::npos || address == "localhost" || consists_of(address, "0123456789abcdefABCDEF.:[]"));
+  static const std::regex kPlace(R"(((localhost|[0-9a-fA-F.:\[\]]+):)?(auto|[0-9]+))");
+  return std::regex_match(word, kPlace);
 }
 
 }  // namespace

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <algorithm>
+#include <vector>
 
 #include "config/train_config.h"
 
@@ -16,36 +17,22 @@ struct OutputPlan {
   bool checkpoint = false;
 };
 
-inline OutputPlan output_plan(const TrainConfig& config, int iteration, bool has_test_views) {
-  constexpr int kLogInterval = 10;
-  const auto is_in = [&](const std::vector<int>& list) {
-    return std::find(list.begin(), list.end(), iteration) != list.end();
-  };
-  const bool is_last = iteration == config.iterations;
-  OutputPlan plan;
-  plan.evaluate = has_test_views && (is_last || is_in(config.test_iterations));
-  plan.log = plan.evaluate || is_last || iteration % kLogInterval == 0;
-  // The load is most uneven in the first iteration.
-  plan.statistics = config.stats_interval > 0 && (iteration == 1 || iteration % config.stats_interval == 0);
-  plan.kernel_times = config.kernel_times_interval > 0 && (is_last || iteration % config.kernel_times_interval == 0);
-  plan.save = is_last || is_in(config.save_iterations);
-  plan.checkpoint = is_last || is_in(config.checkpoint_iterations) ||
-                    (config.checkpoint_interval > 0 && iteration % config.checkpoint_interval == 0);
-  return plan;
-}
-
 /// What falls on any of the iterations from `first` to `last`, which are one step.
 inline OutputPlan output_plan(const TrainConfig& config, int first, int last, bool has_test_views) {
-  OutputPlan plan = output_plan(config, last, has_test_views);
-  for (int iteration = first; iteration < last; ++iteration) {
-    const OutputPlan other = output_plan(config, iteration, has_test_views);
-    plan.log |= other.log;
-    plan.statistics |= other.statistics;
-    plan.kernel_times |= other.kernel_times;
-    plan.evaluate |= other.evaluate;
-    plan.save |= other.save;
-    plan.checkpoint |= other.checkpoint;
-  }
+  constexpr int kLogInterval = 10;
+  const auto is_in = [&](const std::vector<int>& list) {
+    return std::any_of(list.begin(), list.end(), [&](int own) { return first <= own && own <= last; });
+  };
+  const auto is_due = [&](int interval) { return interval > 0 && last / interval > (first - 1) / interval; };
+  const bool is_last = first <= config.iterations && config.iterations <= last;
+  OutputPlan plan;
+  plan.evaluate = has_test_views && (is_last || is_in(config.test_iterations));
+  plan.log = plan.evaluate || is_last || is_due(kLogInterval);
+  // The load is most uneven in the first iteration.
+  plan.statistics = config.stats_interval > 0 && (first == 1 || is_due(config.stats_interval));
+  plan.kernel_times = config.kernel_times_interval > 0 && (is_last || is_due(config.kernel_times_interval));
+  plan.save = is_last || is_in(config.save_iterations);
+  plan.checkpoint = is_last || is_in(config.checkpoint_iterations) || is_due(config.checkpoint_interval);
   return plan;
 }
 

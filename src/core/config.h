@@ -22,6 +22,7 @@
 #include <vector>
 
 #include "core/check.h"
+#include "core/text.h"
 
 namespace b3dgs {
 
@@ -84,12 +85,6 @@ inline bool is_among(const std::string& value, const std::vector<std::string>& v
   return std::find(values.begin(), values.end(), value) != values.end();
 }
 
-inline std::string joined(const std::vector<std::string>& words) {
-  std::string text;
-  for (const std::string& word : words) text += (text.empty() ? "" : ", ") + word;
-  return text;
-}
-
 }  // namespace detail
 
 // Which values a field may have, and the same as text, such as "at least 1". Of a list of numbers, each entry.
@@ -118,7 +113,7 @@ struct InRange {
 struct OneOf {
   std::vector<std::string> values;
   bool allows(const std::string& value) const { return detail::is_among(value, values); }
-  std::string text() const { return "one of " + detail::joined(values); }
+  std::string text() const { return "one of " + list_text(values); }
 };
 /// For a list of names: at least `least` of them, without repetition.
 struct SomeOf {
@@ -128,7 +123,7 @@ struct SomeOf {
     return chosen.size() >= least && std::set<std::string>(chosen.begin(), chosen.end()).size() == chosen.size() &&
            std::all_of(chosen.begin(), chosen.end(), [&](const auto& name) { return detail::is_among(name, values); });
   }
-  std::string text() const { return detail::concat(least, " or more different names out of ", detail::joined(values)); }
+  std::string text() const { return detail::concat(least, " or more different names out of ", list_text(values)); }
 };
 
 namespace detail {

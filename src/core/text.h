@@ -8,9 +8,11 @@
 #include <cstddef>
 #include <cstdint>
 #include <cstdio>
+#include <sstream>
 #include <string>
 #include <string_view>
 #include <type_traits>
+#include <vector>
 
 #include "core/check.h"
 
@@ -49,6 +51,14 @@ inline std::string format_duration(double seconds) {
   const int hours = static_cast<int>(total / 3600), minutes = static_cast<int>(total / 60 % 60);
   const int rest = static_cast<int>(total % 60);
   return hours > 0 ? print_to_string("%d:%02d:%02d", hours, minutes, rest) : print_to_string("%d:%02d", minutes, rest);
+}
+
+/// "1, 2, 3".
+template <class Item>
+std::string list_text(const std::vector<Item>& items, const char* separator = ", ") {
+  std::ostringstream text;
+  for (std::size_t i = 0; i < items.size(); ++i) text << (i == 0 ? "" : separator) << items[i];
+  return text.str();
 }
 
 /// Of ASCII letters.

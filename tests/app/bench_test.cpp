@@ -1,5 +1,6 @@
 // b3dgs bench: tables, statistics, synthetic scenes, and the program.
 #include <gtest/gtest.h>
+#include <torch/torch.h>
 
 #include <algorithm>
 #include <array>
@@ -18,7 +19,6 @@
 #include "support/files.h"
 #include "support/run_program.h"
 #include "support/temp_dir.h"
-#include "train/device.h"
 #include "train/evaluate.h"
 #include "train/gaussians/gaussian_model.h"
 
@@ -37,35 +37,36 @@ TEST(BenchReport, SummarizesByMedianAndRange) {
 }
 
 TEST(BenchReport, ListStatisticsOfKnownLists) {
-  const auto even = list_statistics(std::vector<std::int64_t>(100, 7));
+  const auto even = list_statistics(torch::full({100}, 7, torch::kInt64));
   EXPECT_EQ(even["mean"], 7);
   EXPECT_EQ(even["max"], 7);
   EXPECT_NEAR(even["gini"].get<double>(), 0, 1e-12);
 
-  std::vector<std::int64_t> one(100, 0);
+  torch::Tensor one = torch::zeros({100}, torch::kInt64);
   one[37] = 1000;
   const auto crowded = list_statistics(one);
   EXPECT_EQ(crowded["median"], 0);
   EXPECT_EQ(crowded["pairs"], 1000);
   EXPECT_NEAR(crowded["gini"].get<double>(), 0.99, 1e-12);  // 1 - 1 / n
 
-  EXPECT_EQ(list_statistics({0, 0, 0})["gini"], 0) << "empty lists are evenly distributed";
+  EXPECT_EQ(list_statistics(torch::zeros({3}, torch::kInt64))["gini"], 0) << "empty lists are evenly distributed";
 }
 
-TEST(BenchReport, DifferencesOfNanAreInfinite) {
-  EXPECT_EQ(largest_difference({1, 2, 3}, {1, 4, 2}), 2);
-  EXPECT_EQ(largest_difference({1, std::numeric_limits<float>::quiet_NaN(), 3}, {1, 2, 3}), HUGE_VAL);
-  EXPECT_EQ(relative_difference({0.5f, -4}, {1, -4}), 0.125);
-  EXPECT_EQ(relative_difference({0, 0}, {0, 0}), 0);
-  EXPECT_EQ(relative_difference({0, 1}, {0, 0}), HUGE_VAL);
-  EXPECT_THROW(largest_difference({1}, {1, 2}), Error);
+TEST(BenchReport, DifferencesAreRelativeToTheLargestMagnitude) {
+  const auto values = [](float a, float b) { return torch::tensor({a, b}); };
+  EXPECT_EQ(relative_difference(values(0.5f, -4), values(1, -4)), 0.125);
+  EXPECT_EQ(relative_difference(values(0.5f, -4), values(1, -4), 5), 0.1);
+  EXPECT_EQ(relative_difference(values(0, 0), values(0, 0)), 0);
+  EXPECT_EQ(relative_difference(values(0, 1), values(0, 0)), HUGE_VAL);
+  EXPECT_TRUE(std::isnan(relative_difference(values(1, std::numeric_limits<float>::quiet_NaN()), values(1, 2))));
 }
 
 TEST(BenchReport, ComparesEveryRowWithTheFirst) {
   testing::internal::CaptureStdout();
   ComparisonTable table("forward kernel");
-  table.add({"naive", {6, 5, 7}, {0.5f, 1}, {{{10, -20}}, {{1, 1}}}});
-  table.add({"fast", {2, 2, 2}, {0.5f, 0.75f}, {{{10, -19}}, {{1, 0.9f}}}});
+  const auto values = [](float a, float b) { return torch::tensor({a, b}); };
+  table.add({"naive", {6, 5, 7}, values(0.5f, 1), {{values(10, -20)}, {values(1, 1)}}});
+  table.add({"fast", {2, 2, 2}, values(0.5f, 0.75f), {{values(10, -19)}, {values(1, 0.9f)}}});
   const std::string printed = testing::internal::GetCapturedStdout();
   const json rows = table.rows();
   ASSERT_EQ(rows.size(), 2u);
@@ -83,16 +84,9 @@ TEST(BenchReport, ComparesEveryRowWithTheFirst) {
 TEST(BenchReport, ColumnsThatWereNotMeasuredAreAbsent) {
   testing::internal::CaptureStdout();
   ComparisonTable table("forward kernel");
-  table.add({"naive", {1, 1, 1}, {0.5f}, {}});
+  table.add({"naive", {1, 1, 1}, torch::tensor({0.5f})});
   EXPECT_EQ(testing::internal::GetCapturedStdout().find("grad. diff."), std::string::npos);
   EXPECT_FALSE(table.rows()[0].contains("gradient_difference"));
-}
-
-TEST(BenchRun, AutoSelectsTheDefaultDevice) {
-  BenchRun run;
-  ASSERT_EQ(run.device, "auto") << "the default, as in other commands";
-  resolve_auto(run);
-  EXPECT_EQ(run.device, device_name(choose_device("auto")));
 }
 
 constexpr int kWidth = 480, kHeight = 270;

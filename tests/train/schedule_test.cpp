@@ -398,20 +398,21 @@ TEST(Random, HasTheMomentsOfItsDistributions) {
 TEST(OutputPlan, WritesEverythingAfterTheLastIteration) {
   TrainConfig config;
   config.iterations = 2003;
-  const OutputPlan last = output_plan(config, 2003, true);
+  const OutputPlan last = output_plan(config, 2003, 2003, true);
   EXPECT_TRUE(last.log && last.evaluate && last.save && last.checkpoint);
-  EXPECT_FALSE(output_plan(config, 2003, false).evaluate) << "without test views";
-  const OutputPlan before = output_plan(config, 2002, true);
+  EXPECT_FALSE(output_plan(config, 2003, 2003, false).evaluate) << "without test views";
+  const OutputPlan before = output_plan(config, 2002, 2002, true);
   EXPECT_FALSE(before.log || before.evaluate || before.save || before.checkpoint);
 }
 
 TEST(OutputPlan, LogsTheLoadAfterTheFirstIterationAndAtIntervals) {
   TrainConfig config;
   config.stats_interval = 250;
-  for (const int iteration : {1, 250, 500, 30000}) EXPECT_TRUE(output_plan(config, iteration, true).statistics);
-  for (const int iteration : {2, 249, 251}) EXPECT_FALSE(output_plan(config, iteration, true).statistics);
+  for (const int iteration : {1, 250, 500, 30000})
+    EXPECT_TRUE(output_plan(config, iteration, iteration, true).statistics);
+  for (const int iteration : {2, 249, 251}) EXPECT_FALSE(output_plan(config, iteration, iteration, true).statistics);
   config.stats_interval = 0;
-  for (const int iteration : {1, 250}) EXPECT_FALSE(output_plan(config, iteration, true).statistics);
+  for (const int iteration : {1, 250}) EXPECT_FALSE(output_plan(config, iteration, iteration, true).statistics);
 }
 
 TEST(OutputPlan, FollowsListsAndIntervals) {
@@ -420,13 +421,13 @@ TEST(OutputPlan, FollowsListsAndIntervals) {
   config.checkpoint_interval = 500;
   config.test_iterations = {15};
   config.save_iterations = {30};
-  EXPECT_TRUE(output_plan(config, 15, true).checkpoint);
-  EXPECT_TRUE(output_plan(config, 15, true).evaluate);
-  EXPECT_TRUE(output_plan(config, 15, true).log) << "an evaluation has its line";
-  EXPECT_FALSE(output_plan(config, 15, true).save);
-  EXPECT_TRUE(output_plan(config, 30, true).save);
-  EXPECT_TRUE(output_plan(config, 1000, true).checkpoint);
-  EXPECT_TRUE(output_plan(config, 40, true).log);
+  EXPECT_TRUE(output_plan(config, 15, 15, true).checkpoint);
+  EXPECT_TRUE(output_plan(config, 15, 15, true).evaluate);
+  EXPECT_TRUE(output_plan(config, 15, 15, true).log) << "an evaluation has its line";
+  EXPECT_FALSE(output_plan(config, 15, 15, true).save);
+  EXPECT_TRUE(output_plan(config, 30, 30, true).save);
+  EXPECT_TRUE(output_plan(config, 1000, 1000, true).checkpoint);
+  EXPECT_TRUE(output_plan(config, 40, 40, true).log);
 }
 
 }  // namespace

@@ -113,14 +113,16 @@ AtomicFile::~AtomicFile() {
   if (!temporary_.empty()) ::unlink(temporary_.c_str());
 }
 
-/// Calls write_some(from, n), which returns the number of bytes written, until all are written.
-template <class WriteSome>
-void AtomicFile::write_all(const void* data, std::size_t bytes, WriteSome&& write_some) {
+void AtomicFile::write(const void* data, std::size_t bytes) {
+  rewrite(size_, data, bytes);
+  size_ += bytes;
+}
+
+void AtomicFile::rewrite(std::uint64_t offset, const void* data, std::size_t bytes) {
   B3DGS_CHECK(file_ >= 0, target_.string(), " is written after commit()");
   const char* from = static_cast<const char*>(data);
-  std::size_t left = bytes;
-  while (left > 0) {
-    const ssize_t written = write_some(from, left);
+  for (std::size_t left = bytes; left > 0;) {
+    const ssize_t written = ::pwrite(file_, from, left, static_cast<off_t>(offset));
     if (written < 0 && errno == EINTR) continue;
     if (written <= 0) {
       const int failed = written < 0 ? errno : ENOSPC;
@@ -129,20 +131,9 @@ void AtomicFile::write_all(const void* data, std::size_t bytes, WriteSome&& writ
       io_error("cannot write ", target_.string(), with_remedy(failed, std::to_string(bytes) + " bytes: "), kept);
     }
     from += written;
+    offset += static_cast<std::uint64_t>(written);
     left -= static_cast<std::size_t>(written);
   }
-}
-
-void AtomicFile::write(const void* data, std::size_t bytes) {
-  write_all(data, bytes, [this](const char* from, std::size_t n) { return ::write(file_, from, n); });
-}
-
-void AtomicFile::rewrite(std::uint64_t offset, const void* data, std::size_t bytes) {
-  write_all(data, bytes, [&](const char* from, std::size_t n) {
-    const ssize_t written = ::pwrite(file_, from, n, static_cast<off_t>(offset));
-    if (written > 0) offset += static_cast<std::uint64_t>(written);
-    return written;
-  });
 }
 
 void AtomicFile::commit() {

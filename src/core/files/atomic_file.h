@@ -35,10 +35,8 @@ class AtomicFile {
 
  private:
   std::filesystem::path target_, temporary_;
+  std::uint64_t size_ = 0;  // bytes
   int file_ = -1;
-
-  template <class WriteSome>
-  void write_all(const void* data, std::size_t bytes, WriteSome&& write_some);
 };
 
 /// Writes a file atomically. @throws IoError

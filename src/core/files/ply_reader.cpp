@@ -158,12 +158,12 @@ void PlyReader::check_size() const {
 }
 
 const PlyElement& PlyReader::vertices() const {
-  std::string names;
+  std::vector<std::string> names;
   for (const PlyElement& element : elements_) {
     if (element.name == "vertex") return element;
-    names += (names.empty() ? "" : ", ") + element.name;
+    names.push_back(element.name);
   }
-  input_error(name(), ": expected an element \"vertex\", found ", names.empty() ? "none" : names);
+  input_error(name(), ": expected an element \"vertex\", found ", names.empty() ? "none" : list_text(names));
 }
 
 void PlyReader::read_vertices(const std::vector<std::string>& columns, const RowsFn& on_rows) {

@@ -33,9 +33,9 @@ std::string wrap(const std::string& text, std::size_t columns, std::size_t inden
 
 /// "--a, --b", or in Markdown "`--a`, `--b`".
 std::string alias_list(const OptionSpec& spec, const std::string& quote = "") {
-  std::string text;
-  for (const std::string& name : spec.aliases) text += (text.empty() ? "" : ", ") + quote + "--" + name + quote;
-  return text;
+  std::vector<std::string> names;
+  for (const std::string& name : spec.aliases) names.push_back(quote + "--" + name + quote);
+  return list_text(names);
 }
 
 /// The default value; empty for an empty text and for a flag that is off.
@@ -53,9 +53,8 @@ std::string description(const OptionSpec& spec, bool all) {
   if (notes.empty()) return spec.help;
   // A note at the end of the help text, "(0 = never)", and these share one pair of parentheses.
   const bool has_note = !spec.help.empty() && spec.help.back() == ')' && spec.help.find(" (") != std::string::npos;
-  std::string text = has_note ? spec.help.substr(0, spec.help.size() - 1) + "; " : spec.help + " (";
-  for (std::size_t i = 0; i < notes.size(); ++i) text += (i == 0 ? "" : "; ") + notes[i];
-  return text + ")";
+  return (has_note ? spec.help.substr(0, spec.help.size() - 1) + "; " : spec.help + " (") + list_text(notes, "; ") +
+         ")";
 }
 
 std::string value_name(const OptionSpec& spec) {
