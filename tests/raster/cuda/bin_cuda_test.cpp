@@ -51,7 +51,7 @@ ProjectedRows project_on_gpu(const TestScene& scene, const RenderSettings& setti
   args.culling = settings.culling;
   args.grid = make_tile_grid(scene.view.width, scene.view.height, settings.tile);
   args.out = {splats.data(), extents.data(), radii.data(), nullptr, counts.data()};
-  cuda::DriverMemory memory;
+  DriverMemory memory;
   cuda::project(args, cuda::make_launch_context(nullptr, memory));
   return {download(splats.data(), n_rows), download(extents.data(), n_rows), download(radii.data(), n_rows),
           download(counts.data(), 1).front()};

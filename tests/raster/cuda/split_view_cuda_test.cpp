@@ -207,7 +207,7 @@ class CudaSplit {
     DeviceArray<float> color, depth, alpha;
   };
 
-  cuda::DriverMemory memory_;
+  DriverMemory memory_;
   cuda::LaunchContext context_ = cuda::make_launch_context(nullptr, memory_);
   std::optional<Images> images_;  // the backward blend reads them
   std::int64_t n_rows_ = 0;

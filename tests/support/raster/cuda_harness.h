@@ -17,6 +17,17 @@ inline torch::Tensor to_host(const DeviceArray<float>& array, torch::IntArrayRef
   return host;
 }
 
+/// Memory from the CUDA driver.
+class DriverMemory final : public cuda::DeviceMemory {
+ public:
+  void* allocate(std::size_t bytes, cudaStream_t stream) override {
+    void* memory = nullptr;
+    B3DGS_CUDA_CHECK(cudaMallocAsync(&memory, bytes, stream));
+    return memory;
+  }
+  void free(void* memory, cudaStream_t stream) noexcept override { cudaFreeAsync(memory, stream); }
+};
+
 /// One view of a scene in the CUDA rasterizer, with the interface of CpuView.
 class CudaView {
  public:
@@ -132,7 +143,7 @@ class CudaView {
   }
 
   const TestScene& scene_;
-  cuda::DriverMemory memory_;
+  DriverMemory memory_;
   cuda::LaunchContext context_;
   std::unique_ptr<RasterizerBackend> rasterizer_;
   std::int64_t pixels_;

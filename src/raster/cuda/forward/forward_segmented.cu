@@ -303,13 +303,10 @@ void launch_forward_segmented(const BlendForwardCudaArgs& args, const LaunchCont
                 "32 bits index the pixels of all segments, which are shorter only if there are few");
   if (!args.cut.cuts()) return launch_forward_shared_memory(args, context);
   const std::int32_t n_tiles = args.blend.grid.n_tiles(), n_tasks_max = args.segments.n_tasks_max;
-  cut_lists_kernel<<<1, kCutThreads, 0, context.stream>>>(args);
-  B3DGS_CUDA_CHECK_LAUNCH();
   static_assert(kStagedBlocks == kSegmentBlocks);
-  forward_segmented_kernel<<<kStagedBlocks*(n_tiles + n_tasks_max), kStagedThreads, 0, context.stream>>>(args);
-  B3DGS_CUDA_CHECK_LAUNCH();
-  finish_pixels_kernel<<<kStagedBlocks * n_tasks_max, kStagedThreads, 0, context.stream>>>(args);
-  B3DGS_CUDA_CHECK_LAUNCH();
+  launch_blocks(cut_lists_kernel, 1, kCutThreads, context, args);
+  launch_blocks(forward_segmented_kernel, kStagedBlocks * (n_tiles + n_tasks_max), kStagedThreads, context, args);
+  launch_blocks(finish_pixels_kernel, kStagedBlocks * n_tasks_max, kStagedThreads, context, args);
 }
 
 }  // namespace b3dgs::cuda
