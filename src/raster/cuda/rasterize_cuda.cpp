@@ -295,19 +295,20 @@ class CudaBackend final : public RasterizerBackend {
     args.tiles_by_length = binned_.tiles_by_length;
     args.parts = parts_;
     if (kernel == ForwardKernel::kSegmented) args.cut = list_cut(binned_.counts, context.n_multiprocessors);
-    stored_parts_ = parts_;
+    BucketParts stored = parts_;
     if (args.cut.cuts()) {
       // Not in the scratch memory, which later passes overwrite: the backward pass needs them.
       Segments& segments = args.segments;
       const std::int64_t n_pixels = args.cut.segments_before(binned_.bins.n_pairs) * kCudaTilePixels;
       segments.first_of_tile = blended_.first_segment_of_tile.resize(state_.grid.n_tiles(), context);
       if (parts_.color != nullptr) segments.fronts = blended_.segment_fronts.resize(n_pixels, context);
-      stored_parts_.first_segment_of_tile = segments.first_of_tile;
-      stored_parts_.segment_fronts = segments.fronts;
-      stored_parts_.segment_buckets_log2 = args.cut.entries_log2 - ListCut::kMinLog2;
+      stored.first_segment_of_tile = segments.first_of_tile;
+      stored.segment_fronts = segments.fronts;
+      stored.segment_buckets_log2 = args.cut.entries_log2 - ListCut::kMinLog2;
     }
     assign_scratch(scratch_, context, [&](ScratchArrays& arrays) { take_forward_scratch(kernel, args, arrays); });
     kForwardLaunches[static_cast<std::size_t>(kernel)](args, context);
+    stored_parts_ = stored;
   }
 
   /// `sums`: [rows] out.
