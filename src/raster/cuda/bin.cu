@@ -291,8 +291,7 @@ void number_lists(ListArgs& args, BinBuffers& buffers, ViewCounts* host_counts, 
   launch_blocks(number_lists_kernel, 1, kNumberThreads, context, args, host_counts);
 }
 
-BinnedView bin(ListArgs args, bool with_slots, BinBuffers& buffers, PassScratch& scratch,
-               const LaunchContext& context) {
+void bin(ListArgs& args, bool with_slots, BinBuffers& buffers, PassScratch& scratch, const LaunchContext& context) {
   const std::int64_t n_pairs = args.counts.n_pairs;
   args.splat_ids = buffers.splat_ids.resize(n_pairs, context);
   args.tile_of_bucket = buffers.tile_of_bucket.resize(args.counts.n_buckets, context);
@@ -319,10 +318,6 @@ BinnedView bin(ListArgs args, bool with_slots, BinBuffers& buffers, PassScratch&
       launch_blocks(find_slots_kernel, args.grid.n_tiles(), kThreads, context, args);
     }
   }
-  return {{args.tile_offsets, args.splat_ids, args.pair_slots, args.slot_offsets, n_pairs},
-          {args.bucket_offsets, args.tile_of_bucket, args.counts.n_buckets},
-          args.tiles_by_length,
-          args.counts};
 }
 
 }  // namespace b3dgs::cuda

@@ -115,7 +115,16 @@ B3DGS_HD std::int32_t n_buckets_of(std::int32_t length) {
   return (length + kBucketEntries - 1) / kBucketEntries;
 }
 
-/// A list per tile, while they are made by bin.cu and sort_lists.cu.
+/// Buckets: kBucketEntries consecutive entries of a tile's list; a list's last bucket may be shorter. Numbered tile by
+/// tile.
+struct Buckets {
+  const std::int64_t* offsets = nullptr;         // [n_tiles] each tile's first bucket
+  const std::int32_t* tile_of_bucket = nullptr;  // [n]
+  std::int64_t n = 0;
+};
+
+/// The lists of a view, which bin.cu and sort_lists.cu make. Ids of splats are rows of ProjectOutputs, and so are
+/// slot_offsets.
 struct ListArgs {
   ProjectOutputs projected{};
   std::int64_t n_rows = 0;
@@ -134,30 +143,17 @@ struct ListArgs {
   std::int32_t* tile_of_bucket = nullptr;       // [n_buckets] out
   std::int64_t* slot_offsets = nullptr;         // [n_rows + 1] out: BinnedSplats; null: no slots are wanted
   std::int64_t* pair_slots = nullptr;           // [n_pairs] out, the same
+
+  BinnedSplats bins() const { return {tile_offsets, splat_ids, pair_slots, slot_offsets, counts.n_pairs}; }
+  Buckets buckets() const { return {bucket_offsets, tile_of_bucket, counts.n_buckets}; }
 };
 
 /// First part of binning, which needs no counts on the host: where each tile's list begins, and all counts, which it
 /// writes to pinned memory. Sets the arrays of `args` that it writes.
 void number_lists(ListArgs& args, BinBuffers& buffers, ViewCounts* host_counts, const LaunchContext& context);
 
-/// Buckets: kBucketEntries consecutive entries of a tile's list; a list's last bucket may be shorter. Numbered tile by
-/// tile.
-struct Buckets {
-  const std::int64_t* offsets = nullptr;         // [n_tiles] each tile's first bucket
-  const std::int32_t* tile_of_bucket = nullptr;  // [n]
-  std::int64_t n = 0;
-};
-
-/// Result of binning. Ids of splats are rows of ProjectOutputs, and so are slot_offsets.
-struct BinnedView {
-  BinnedSplats bins{};  // its slots are null unless they were wanted
-  Buckets buckets{};
-  const std::int32_t* tiles_by_length = nullptr;  // ListArgs
-  ViewCounts counts{};
-};
-
-/// Second part of binning, given args.counts. Pairs are sorted in `scratch`; the result does not use it.
-BinnedView bin(ListArgs args, bool with_slots, BinBuffers& buffers, PassScratch& scratch, const LaunchContext& context);
+/// Second part of binning, given args.counts. Pairs are sorted in `scratch`, which is free afterwards.
+void bin(ListArgs& args, bool with_slots, BinBuffers& buffers, PassScratch& scratch, const LaunchContext& context);
 
 /// Sorts the list of each tile, written in any order to args.keys, to args.splat_ids; fills args.tile_of_bucket.
 void sort_lists(const ListArgs& args, const LaunchContext& context);
@@ -239,7 +235,7 @@ struct Segments {
 struct BlendForwardCudaArgs {
   BlendForwardArgs blend{};
   Buckets buckets{};
-  const std::int32_t* tiles_by_length = nullptr;  // [n_tiles] a permutation; BinnedView
+  const std::int32_t* tiles_by_length = nullptr;  // [n_tiles] a permutation; ListArgs
   ListCut cut{};                                  // for `segmented`
   BucketParts parts{};
   std::int32_t* next_task = nullptr;  // [1] task counter, for kernels that set it to 0 first
@@ -264,7 +260,7 @@ struct BlendBackwardCudaArgs {
   // Scratch of per-bucket, [n_buckets, pixels of a tile row by row]: what is behind each bucket of a list that is not
   // short (kShortListEntries), as `behind` of ReverseState. Null: per-pixel, or not has_many_parts().
   float* behind = nullptr;
-  const std::int32_t* tiles_by_length = nullptr;  // BinnedView; with `behind`
+  const std::int32_t* tiles_by_length = nullptr;  // ListArgs; with `behind`
   std::int32_t n_long_lists = 0;                  // with `behind`; ViewCounts
   // [n_pairs] by slot, must be zero. Null: gradients are added to splat_grads with atomics, in an order that changes
   // from run to run. Only the per-bucket kernel supports it.

@@ -154,7 +154,7 @@ class CudaBackend final : public RasterizerBackend {
 
   void count_load(std::int32_t* processed, std::int32_t* contributing) const override {
     state_.check_view("count_load()");
-    cuda::count_load({rows_.splats.data(), binned_.bins, state_.grid, processed, contributing}, context_());
+    cuda::count_load({rows_.splats.data(), lists_.bins(), state_.grid, processed, contributing}, context_());
   }
 
   const double* camera_gradient() const override {
@@ -167,7 +167,7 @@ class CudaBackend final : public RasterizerBackend {
   const std::int32_t* last_ids() const override { return blended_.last_ids.data(); }
   const Splat* splats() const override { return rows_.splats.data(); }
   std::int64_t n_rows() const override { return n_rows_; }
-  BinnedSplats bins() const override { return binned_.bins; }
+  BinnedSplats bins() const override { return lists_.bins(); }
 
   std::int64_t memory_bytes() override {
     std::int64_t bytes = 0;
@@ -252,7 +252,7 @@ class CudaBackend final : public RasterizerBackend {
     }
     state_.n_splats = lists_.counts.n_splats + lists_.counts.n_second;
     const bool with_slots = settings.deterministic && settings.keep_for_backward;
-    binned_ = bin(lists_, with_slots, bin_buffers_, scratch_, context);
+    bin(lists_, with_slots, bin_buffers_, scratch_, context);
   }
 
   /// From the lists to the images.
@@ -268,7 +268,7 @@ class CudaBackend final : public RasterizerBackend {
       if (settings.depth_gradient) parts_.depth = blended_.part_depth.resize(n_bucket_pixels(), context);
       // What the backward pass needs, while this pass can still be repeated.
       sums_.splats.resize(n_rows_, context);
-      if (settings.deterministic) sums_.pairs.resize(binned_.bins.n_pairs, context);
+      if (settings.deterministic) sums_.pairs.resize(lists_.counts.n_pairs, context);
       if (settings.camera_gradient) {
         sums_.camera_parts.resize(kCameraGradientParts * kCameraGradients, context);
         sums_.camera.resize(kCameraGradients, context);
@@ -285,21 +285,21 @@ class CudaBackend final : public RasterizerBackend {
     BlendForwardCudaArgs args{};
     args.blend = {rows_.splats.data(),
                   rows_.extents.data(),
-                  binned_.bins,
+                  lists_.bins(),
                   state_.grid,
                   state_.settings.background,
                   state_.rendered,
                   blended_.transmittance.data(),
                   blended_.last_ids.data()};
-    args.buckets = binned_.buckets;
-    args.tiles_by_length = binned_.tiles_by_length;
+    args.buckets = lists_.buckets();
+    args.tiles_by_length = lists_.tiles_by_length;
     args.parts = parts_;
-    if (kernel == ForwardKernel::kSegmented) args.cut = list_cut(binned_.counts, context.n_multiprocessors);
+    if (kernel == ForwardKernel::kSegmented) args.cut = list_cut(lists_.counts, context.n_multiprocessors);
     BucketParts stored = parts_;
     if (args.cut.cuts()) {
       // Not in the scratch memory, which later passes overwrite: the backward pass needs them.
       Segments& segments = args.segments;
-      const std::int64_t n_pixels = args.cut.segments_before(binned_.bins.n_pairs) * kCudaTilePixels;
+      const std::int64_t n_pixels = args.cut.segments_before(lists_.counts.n_pairs) * kCudaTilePixels;
       segments.first_of_tile = blended_.first_segment_of_tile.resize(state_.grid.n_tiles(), context);
       if (parts_.color != nullptr) segments.fronts = blended_.segment_fronts.resize(n_pixels, context);
       stored.first_segment_of_tile = segments.first_of_tile;
@@ -320,7 +320,7 @@ class CudaBackend final : public RasterizerBackend {
     BlendBackwardCudaArgs args{};
     args.blend = {rows_.splats.data(),
                   rows_.extents.data(),
-                  binned_.bins,
+                  lists_.bins(),
                   state_.grid,
                   state_.settings.background,
                   state_.rendered,
@@ -328,23 +328,23 @@ class CudaBackend final : public RasterizerBackend {
                   blended_.last_ids.data(),
                   grad,
                   nullptr};
-    args.buckets = binned_.buckets;
+    args.buckets = lists_.buckets();
     args.parts = stored_parts_;
     args.splat_grads = sums;
     if (sums != sums_.splats.data() || !std::exchange(sums_.are_zero, false)) zero(sums, n_rows_, context);
-    if (state_.settings.deterministic && binned_.bins.n_pairs > 0) {
-      args.pair_grads = sums_.pairs.resize(binned_.bins.n_pairs, context);
-      zero(args.pair_grads, binned_.bins.n_pairs, context);
+    if (state_.settings.deterministic && lists_.counts.n_pairs > 0) {
+      args.pair_grads = sums_.pairs.resize(lists_.counts.n_pairs, context);
+      zero(args.pair_grads, lists_.counts.n_pairs, context);
     }
-    if (kernel == BackwardKernel::kPerBucket && has_many_parts(binned_.counts)) {
+    if (kernel == BackwardKernel::kPerBucket && has_many_parts(lists_.counts)) {
       assign_scratch(scratch_, context,
                      [&](ScratchArrays& arrays) { args.behind = arrays.take<float>(n_bucket_pixels()); });
-      args.tiles_by_length = binned_.tiles_by_length;
-      args.n_long_lists = static_cast<std::int32_t>(binned_.counts.n_long_lists);
+      args.tiles_by_length = lists_.tiles_by_length;
+      args.n_long_lists = static_cast<std::int32_t>(lists_.counts.n_long_lists);
     }
     kBackwardLaunches[static_cast<std::size_t>(kernel)](args, context);
     if (args.pair_grads != nullptr) {
-      sum_splat_grads(n_rows_, binned_.bins.slot_offsets, args.pair_grads, sums, context);
+      sum_splat_grads(n_rows_, lists_.slot_offsets, args.pair_grads, sums, context);
     }
     if (state_.settings.inverse_depth && grad.depth != nullptr) {
       invert_depth_gradients(n_rows_, rows_.radii.data(), rows_.splats.data(), sums, context);
@@ -403,8 +403,8 @@ class CudaBackend final : public RasterizerBackend {
   /// `sums`: [rows] out.
   void score_rows(const float* error, ScoreSums* sums, bool wants_weights, const LaunchContext& context) {
     zero(sums, n_rows_, context);
-    cuda::score({rows_.splats.data(), rows_.extents.data(), binned_.bins, state_.grid, error, sums},
-                binned_.tiles_by_length, wants_weights, context);
+    cuda::score({rows_.splats.data(), rows_.extents.data(), lists_.bins(), state_.grid, error, sums},
+                lists_.tiles_by_length, wants_weights, context);
   }
 
   template <class Row>
@@ -413,7 +413,7 @@ class CudaBackend final : public RasterizerBackend {
   }
 
   /// At least one, so that there is memory for parts, which says that they were kept.
-  std::int64_t n_bucket_pixels() const { return std::max<std::int64_t>(binned_.buckets.n, 1) * kCudaTilePixels; }
+  std::int64_t n_bucket_pixels() const { return std::max<std::int64_t>(lists_.counts.n_buckets, 1) * kCudaTilePixels; }
 
   template <class Visit>
   void visit_buffers(Visit&& visit) {
@@ -460,7 +460,6 @@ class CudaBackend final : public RasterizerBackend {
   std::int64_t n_rows_ = 0, n_first_rows_ = 0;  // of the last projection: all, and without second splats
   // Of the last forward pass:
   ListArgs lists_{};
-  BinnedView binned_{};
   BucketParts parts_{};         // memory for the bucket parts
   BucketParts stored_parts_{};  // what the last blend stored there
 };
