@@ -9,7 +9,7 @@ export PATH=$PATH:/usr/local/cuda/bin
 ptx=$(mktemp)
 trap 'rm -f "$ptx"' EXIT
 failed=0
-for source in project splat_rows bin; do
+for source in project bin; do
   nvcc -std=c++17 -O3 --extended-lambda -lineinfo -arch=compute_80 -Isrc -ptx "src/raster/cuda/$source.cu" -o "$ptx"
   # The first pass finds the numbers of the two headers, the second the float operations that come from their lines.
   awk -v source="$source.cu" '

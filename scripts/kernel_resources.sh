@@ -54,9 +54,9 @@ print_table() {
     report=$(find "$build/$module/CMakeFiles" -path "*.dir/${source#"$module"/}.o.ptxas" 2>/dev/null | head -n 1)
     [[ -n $report ]] || fail "$source has no report below $build; build with scripts/compile_cuda.sh first"
     # From "void b3dgs::cuda::(anonymous namespace)::name<128>(b3dgs::Args)" to "name<128>", and so for the rows of
-    # row_kernel<&b3dgs::name, 128, b3dgs::Args>(...)
+    # row_kernel<&b3dgs::name, 128, b3dgs::Args>(...) and each_row_kernel<128, b3dgs::cuda::name(...)::{lambda...}>(...)
     parse_report "$report" | c++filt | grep -v '\bcub::' |
-      sed -E 's/^void //; s/b3dgs::|cuda::|\(anonymous namespace\):://g; s/\([A-Za-z ]+\)([0-9]+)/\1/g; s/\([^|]*\|/|/;
+      sed -E 's/each_row_kernel<([0-9]+), ([A-Za-z0-9_:<>]+)\([^|]*\|/\2<\1>|/; s/^void //; s/b3dgs::|cuda::|\(anonymous namespace\):://g; s/\([A-Za-z ]+\)([0-9]+)/\1/g; s/\([^|]*\|/|/;
         s/row_kernel<&([a-z0-9_]+), ([0-9]+), [A-Za-z]+>/\1<\2>/' |
       awk -F'|' -v source="${source#src/}" '{
         printf "%-46s %-38s %-6s %9d %6d %12d %11d %7d\n", source, $1, $2, $3, $4, $5, $6, $7 }' | sort

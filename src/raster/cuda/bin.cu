@@ -16,11 +16,8 @@
 
 #include <cub/cub.cuh>
 
-#include <cstdint>
-
-#include "core/cuda_rows.cuh"
+#include "raster/cuda/launch.cuh"
 #include "raster/cuda/passes.h"
-#include "raster/cuda/sort_lists.h"
 #include "raster/cuda/tile_spans.cuh"
 #include "raster/cuda/warp.cuh"
 #include "raster/math/tiling.h"
@@ -55,20 +52,9 @@ __device__ __forceinline__ std::int32_t take_place(std::int32_t* counters, int k
   return __shfl_sync(active, first, leader) + __popc(same & ((1u << lane_id()) - 1));
 }
 
-struct NumberListsArgs {
-  const std::int32_t* list_growth;  // [n_tiles + 1], kCounterStride apart
-  std::int32_t n_tiles;
-  std::int64_t* tile_offsets;     // [n_tiles + 1] out
-  std::int64_t* bucket_offsets;   // [n_tiles] out
-  std::int32_t* next_entries;     // [n_tiles], kCounterStride apart; out: the tile's offset
-  std::int32_t* first_more_runs;  // [n_tiles] out: number of runs after the first of the lists in front
-  std::int32_t* tiles_by_length;  // [n_tiles] out: longest first, roughly
-  const ViewCounts* counts;       // numbers of splats, first_invalid
-  ViewCounts* host_counts;        // out: these and all others
-};
-
 /// One block, four tiles per thread at a time.
-__global__ void __launch_bounds__(kNumberThreads) number_lists_kernel(const NumberListsArgs args) {
+__global__ void __launch_bounds__(kNumberThreads)
+    number_lists_kernel(const ListArgs args, ViewCounts* const host_counts) {
   constexpr int kItems = 4;
   using ScanCounts = cub::BlockScan<std::int32_t, kNumberThreads>;
   using ScanPlaces = cub::BlockScan<std::uint64_t, kNumberThreads>;  // pairs in the upper half, buckets in the lower
@@ -80,6 +66,7 @@ __global__ void __launch_bounds__(kNumberThreads) number_lists_kernel(const Numb
   __shared__ std::int32_t longest, n_long_lists;
   __shared__ unsigned long long n_pairs;
   const auto thread = static_cast<std::int32_t>(threadIdx.x);
+  const std::int32_t n_tiles = args.grid.n_tiles();
   if (thread < kLengthClasses) next_of_class[thread] = 0;
   if (thread == 0) longest = n_long_lists = 0, n_pairs = 0;
   __syncthreads();
@@ -89,19 +76,19 @@ __global__ void __launch_bounds__(kNumberThreads) number_lists_kernel(const Numb
   // Of all tiles before this round; length: of the last one.
   std::int32_t length_before = 0, more_runs_before = 0;
   std::uint64_t places_before = 0;
-  for (std::int32_t start = 0; start < args.n_tiles; start += kNumberThreads * kItems) {
+  for (std::int32_t start = 0; start < n_tiles; start += kNumberThreads * kItems) {
     const std::int32_t first = start + thread * kItems;
     std::int32_t lengths[kItems], growth = 0;
 #pragma unroll
     for (int k = 0; k < kItems; ++k) {
-      lengths[k] = first + k < args.n_tiles ? args.list_growth[kCounterStride * (first + k)] : 0;
+      lengths[k] = first + k < n_tiles ? args.projected.list_growth[kCounterStride * (first + k)] : 0;
     }
     ScanCounts(memory.counts).InclusiveSum(lengths, lengths, growth);
     __syncthreads();  // the memory is free again
     std::uint64_t places[kItems], all_places = 0;
 #pragma unroll
     for (int k = 0; k < kItems; ++k) {
-      lengths[k] = first + k < args.n_tiles ? lengths[k] + length_before : 0;
+      lengths[k] = first + k < n_tiles ? lengths[k] + length_before : 0;
       places[k] = std::uint64_t{static_cast<std::uint32_t>(lengths[k])} << 32 | n_buckets_of(lengths[k]);
       own_pairs += static_cast<unsigned long long>(lengths[k]);
       own_longest = max(own_longest, lengths[k]);
@@ -116,7 +103,7 @@ __global__ void __launch_bounds__(kNumberThreads) number_lists_kernel(const Numb
     }
 #pragma unroll
     for (int k = 0; k < kItems; ++k) {
-      if (first + k >= args.n_tiles) break;
+      if (first + k >= n_tiles) break;
       const std::uint64_t place = places_before + places[k];
       args.tile_offsets[first + k] = static_cast<std::int64_t>(place >> 32);
       args.next_entries[kCounterStride * (first + k)] = static_cast<std::int32_t>(place >> 32);
@@ -143,13 +130,14 @@ __global__ void __launch_bounds__(kNumberThreads) number_lists_kernel(const Numb
   std::int32_t place = 0;
   ScanCounts(memory.counts).ExclusiveSum(thread < kLengthClasses ? next_of_class[thread] : 0, place);
   if (thread < kLengthClasses) next_of_class[thread] = place;
-  if (thread == 0) args.tile_offsets[args.n_tiles] = static_cast<std::int64_t>(places_before >> 32);
+  if (thread == 0) args.tile_offsets[n_tiles] = static_cast<std::int64_t>(places_before >> 32);
   __syncthreads();  // where each class begins, all offsets, and what threads have added up
   if (thread == 0) {
-    ViewCounts& out = *args.host_counts;
-    out.n_splats = args.counts->n_splats;
-    out.n_second = args.counts->n_second;
-    out.first_invalid = args.counts->first_invalid;
+    ViewCounts& out = *host_counts;
+    const ViewCounts& projected = *args.projected.counts;
+    out.n_splats = projected.n_splats;
+    out.n_second = projected.n_second;
+    out.first_invalid = projected.first_invalid;
     out.n_buckets = static_cast<std::int64_t>(places_before & 0xffffffffu);
     out.longest_list = longest;
     out.n_long_lists = n_long_lists;
@@ -157,7 +145,7 @@ __global__ void __launch_bounds__(kNumberThreads) number_lists_kernel(const Numb
     __threadfence_system();
     *static_cast<volatile std::int64_t*>(&out.n_pairs) = static_cast<std::int64_t>(n_pairs);  // the host polls it
   }
-  for (std::int32_t tile = thread; tile < args.n_tiles; tile += kNumberThreads) {
+  for (std::int32_t tile = thread; tile < n_tiles; tile += kNumberThreads) {
     const auto length = static_cast<std::int32_t>(args.tile_offsets[tile + 1] - args.tile_offsets[tile]);
     args.tiles_by_length[take_place(next_of_class, length_class(length))] = tile;
   }
@@ -168,16 +156,6 @@ __global__ void __launch_bounds__(kNumberThreads) number_lists_kernel(const Numb
 /// If a list has more entries, each block reserves its own in a list at once, except of tiles without a slot in
 /// BlockCounters.
 constexpr std::int64_t kManyInOneList = 8192;
-
-struct EmitArgs {
-  ProjectOutputs projected;
-  std::int64_t n_rows;
-  TileGrid grid;
-  Culling culling;
-  std::int32_t* next_entries;  // [n_tiles], kCounterStride apart; in and out
-  EntryKey* keys;              // [n_pairs] out
-  std::int32_t n_pairs;
-};
 
 /// Reserves the entries that the block has counted: each count becomes the index of the first.
 __device__ __forceinline__ void reserve_entries(BlockCounters& counters, std::int32_t* next_entries) {
@@ -197,11 +175,12 @@ __device__ __forceinline__ void reserve_entries(BlockCounters& counters, std::in
 
 /// kReservesAtOnce: see kManyInOneList.
 template <bool kReservesAtOnce>
-__global__ void __launch_bounds__(kThreads) emit_entries_kernel(const EmitArgs args) {
+__global__ void __launch_bounds__(kThreads) emit_entries_kernel(const ListArgs args) {
   constexpr int kAtOnce = 4;  // atomics in flight
   __shared__ SpanTasks<kThreads> tasks;
   __shared__ BlockCounters counters;
   __shared__ EntryKey keys[kThreads];
+  const auto n_pairs = static_cast<std::int32_t>(args.counts.n_pairs);
   const std::int64_t i = spread_row<kThreads>();
   TileRows rows = no_tile_rows(args.culling);
   const std::int32_t radius = i < args.n_rows ? args.projected.radii[i] : 0;
@@ -236,11 +215,11 @@ __global__ void __launch_bounds__(kThreads) emit_entries_kernel(const EmitArgs a
         if (kReservesAtOnce && column + k < span.end) {
           if (std::int32_t* const of_block = counters.find(tile)) next = of_block;
         }
-        entry[k] = column + k < span.end ? atomicAdd(next, 1) : args.n_pairs;
+        entry[k] = column + k < span.end ? atomicAdd(next, 1) : n_pairs;
       }
 #pragma unroll
       for (int k = 0; k < kAtOnce; ++k) {
-        if (entry[k] < args.n_pairs) args.keys[entry[k]] = key;
+        if (entry[k] < n_pairs) args.keys[entry[k]] = key;
       }
     }
   });
@@ -248,18 +227,8 @@ __global__ void __launch_bounds__(kThreads) emit_entries_kernel(const EmitArgs a
 
 // ---- slots
 
-struct FindSlotsArgs {
-  ProjectOutputs projected;
-  TileGrid grid;
-  Culling culling;
-  const std::int64_t* tile_offsets;  // [n_tiles + 1]
-  const std::int32_t* splat_ids;     // [n_pairs]
-  const std::int64_t* slot_offsets;  // [n_rows + 1]
-  std::int64_t* pair_slots;          // [n_pairs] out
-};
-
 /// A block per tile.
-__global__ void __launch_bounds__(kThreads) find_slots_kernel(const FindSlotsArgs args) {
+__global__ void __launch_bounds__(kThreads) find_slots_kernel(const ListArgs args) {
   const auto tile = static_cast<std::int32_t>(blockIdx.x);
   const std::int32_t tile_row = tile / args.grid.columns, column = tile % args.grid.columns;
   for (std::int64_t k = args.tile_offsets[tile] + threadIdx.x; k < args.tile_offsets[tile + 1]; k += kThreads) {
@@ -277,13 +246,11 @@ __global__ void __launch_bounds__(kThreads) find_slots_kernel(const FindSlotsArg
 
 /// Number of tiles of each row, input of a scan; 0 behind the last.
 struct TilesOfRow {
-  ProjectOutputs projected;
-  std::int64_t n_rows;
-  TileGrid grid;
-  Culling culling;
+  ListArgs lists;
   __device__ std::int64_t operator()(std::int64_t i) const {
-    if (i >= n_rows || projected.radii[i] == 0) return 0;
-    return tiles_touched(grid, culling, projected.splats[i], projected.extents[i], projected.radii[i]);
+    const ProjectOutputs& rows = lists.projected;
+    if (i >= lists.n_rows || rows.radii[i] == 0) return 0;
+    return tiles_touched(lists.grid, lists.culling, rows.splats[i], rows.extents[i], rows.radii[i]);
   }
 };
 
@@ -301,21 +268,6 @@ void run_cub(BinBuffers& buffers, const LaunchContext& context, Call&& call) {
   B3DGS_CUDA_CHECK(call(temporary, bytes));
 }
 
-/// The first slot of each row, and from that the slot of each entry.
-void find_slots(const BinCudaArgs& args, BinBuffers& buffers, const LaunchContext& context) {
-  std::int64_t* const slot_offsets = buffers.slot_offsets.resize(args.n_rows + 1, context);
-  std::int64_t* const pair_slots = buffers.pair_slots.resize(args.counts.n_pairs, context);
-  const auto n_tiles = thrust::make_transform_iterator(
-      thrust::counting_iterator<std::int64_t>(0), TilesOfRow{args.projected, args.n_rows, args.grid, args.culling});
-  run_cub(buffers, context, [&](void* temporary, std::size_t& bytes) {
-    return cub::DeviceScan::ExclusiveSum(temporary, bytes, n_tiles, slot_offsets, args.n_rows + 1, context.stream);
-  });
-  const FindSlotsArgs find{args.projected,           args.grid,    args.culling, buffers.tile_offsets.data(),
-                           buffers.splat_ids.data(), slot_offsets, pair_slots};
-  find_slots_kernel<<<static_cast<unsigned>(args.grid.n_tiles()), kThreads, 0, context.stream>>>(find);
-  B3DGS_CUDA_CHECK_LAUNCH();
-}
-
 }  // namespace
 
 void list_seen(const ProjectOutputs& projected, std::int64_t n_rows, BinBuffers& buffers,
@@ -329,56 +281,43 @@ void list_seen(const ProjectOutputs& projected, std::int64_t n_rows, BinBuffers&
   });
 }
 
-void number_lists(const ProjectOutputs& projected, std::int32_t n_tiles, BinBuffers& buffers, ViewCounts* host_counts,
-                  const LaunchContext& context) {
-  const NumberListsArgs args{projected.list_growth,
-                             n_tiles,
-                             buffers.tile_offsets.resize(n_tiles + 1, context),
-                             buffers.bucket_offsets.resize(n_tiles, context),
-                             buffers.next_entries.resize(kCounterStride * n_tiles, context),
-                             buffers.first_more_runs.resize(n_tiles, context),
-                             buffers.tiles_by_length.resize(n_tiles, context),
-                             projected.counts,
-                             host_counts};
-  number_lists_kernel<<<1, kNumberThreads, 0, context.stream>>>(args);
-  B3DGS_CUDA_CHECK_LAUNCH();
+void number_lists(ListArgs& args, BinBuffers& buffers, ViewCounts* host_counts, const LaunchContext& context) {
+  const std::int32_t n_tiles = args.grid.n_tiles();
+  args.tile_offsets = buffers.tile_offsets.resize(n_tiles + 1, context);
+  args.bucket_offsets = buffers.bucket_offsets.resize(n_tiles, context);
+  args.next_entries = buffers.next_entries.resize(kCounterStride * n_tiles, context);
+  args.first_more_runs = buffers.first_more_runs.resize(n_tiles, context);
+  args.tiles_by_length = buffers.tiles_by_length.resize(n_tiles, context);
+  launch_blocks(number_lists_kernel, 1, kNumberThreads, context, args, host_counts);
 }
 
-BinnedView bin(const BinCudaArgs& args, BinBuffers& buffers, PassScratch& scratch, const LaunchContext& context) {
+void bin(ListArgs& args, bool with_slots, BinBuffers& buffers, PassScratch& scratch, const LaunchContext& context) {
   const std::int64_t n_pairs = args.counts.n_pairs;
-  const std::int32_t n_tiles = args.grid.n_tiles();
-  SortListsArgs sort{buffers.tile_offsets.data(),
-                     buffers.first_more_runs.data(),
-                     buffers.tiles_by_length.data(),
-                     n_tiles,
-                     static_cast<std::int32_t>(args.n_rows),
-                     args.counts,
-                     buffers.bucket_offsets.data()};
-  sort.splat_ids = buffers.splat_ids.resize(n_pairs, context);
-  sort.tile_of_bucket = buffers.tile_of_bucket.resize(args.counts.n_buckets, context);
-  scratch.allocate(context, [&](ScratchArrays& arrays) {
-    sort.keys = arrays.take<EntryKey>(n_pairs);
-    sort.merged = arrays.take<EntryKey>(n_pairs);
+  args.splat_ids = buffers.splat_ids.resize(n_pairs, context);
+  args.tile_of_bucket = buffers.tile_of_bucket.resize(args.counts.n_buckets, context);
+  if (with_slots) {
+    args.slot_offsets = buffers.slot_offsets.resize(args.n_rows + 1, context);
+    args.pair_slots = buffers.pair_slots.resize(n_pairs, context);
+  }
+  assign_scratch(scratch, context, [&](ScratchArrays& arrays) {
+    args.keys = arrays.take<EntryKey>(n_pairs);
+    args.merged = arrays.take<EntryKey>(n_pairs);
   });
   if (n_pairs > 0) {
-    const EmitArgs emit{args.projected,
-                        args.n_rows,
-                        args.grid,
-                        args.culling,
-                        buffers.next_entries.data(),
-                        sort.keys,
-                        static_cast<std::int32_t>(n_pairs)};
-    launch_rows<kThreads>(
-        args.counts.longest_list > kManyInOneList ? emit_entries_kernel<true> : emit_entries_kernel<false>, emit,
-        args.n_rows, context.stream);
-    sort_lists(sort, context);
-    if (args.keep_slots) find_slots(args, buffers, context);
+    const bool has_long_list = args.counts.longest_list > kManyInOneList;
+    launch_blocks(has_long_list ? emit_entries_kernel<true> : emit_entries_kernel<false>,
+                  n_blocks(args.n_rows, kThreads), kThreads, context, args);
+    sort_lists(args, context);
+    if (with_slots) {
+      const auto n_tiles =
+          thrust::make_transform_iterator(thrust::counting_iterator<std::int64_t>(0), TilesOfRow{args});
+      run_cub(buffers, context, [&](void* temporary, std::size_t& bytes) {
+        return cub::DeviceScan::ExclusiveSum(temporary, bytes, n_tiles, args.slot_offsets, args.n_rows + 1,
+                                             context.stream);
+      });
+      launch_blocks(find_slots_kernel, args.grid.n_tiles(), kThreads, context, args);
+    }
   }
-  return {{sort.tile_offsets, sort.splat_ids, args.keep_slots ? buffers.pair_slots.data() : nullptr,
-           args.keep_slots ? buffers.slot_offsets.data() : nullptr, n_pairs},
-          {sort.bucket_offsets, sort.tile_of_bucket, args.counts.n_buckets},
-          sort.tiles_by_length,
-          args.counts};
 }
 
 }  // namespace b3dgs::cuda

@@ -1,11 +1,9 @@
-// The blending kernels on CUDA, generated from the tables in raster/kernels.h, and the memory that forward kernels need
-// in addition to their arguments and results.
+// The blending kernels on CUDA, generated from the tables in raster/kernels.h, and their scratch memory.
 #pragma once
 
 #include <array>
 
 #include "raster/cuda/passes.h"
-#include "raster/cuda/sort_lists.h"
 #include "raster/kernels.h"
 #include "raster/math/tiling.h"
 
@@ -35,8 +33,6 @@ inline constexpr std::array kBackwardLaunches{
 #undef B3DGS_ROW
 };
 
-/// First part of per-bucket, for has_many_parts(): writes args.behind.
-void launch_sum_behind(const BlendBackwardCudaArgs& args, const LaunchContext& context);
 /// Whether to sum the parts behind each bucket once: if it pays (docs/lab/kernels.md: on street 1.5 M, not on 0.5 M),
 /// and the sums fit into the memory in which pairs were sorted. Otherwise each bucket sums those behind it, which takes
 /// time that grows with the square of their number, but saves a kernel.
@@ -48,58 +44,28 @@ inline bool has_many_parts(const ViewCounts& counts) {
 /// `combined` has a mask of 32 bits for a quad and 32 list entries.
 inline constexpr std::int32_t kMasksPerBucket = kBucketEntries / 32;
 
-class ForwardScratch {
- public:
-  /// Sets the scratch pointers of `args` for this kernel; the other arguments must be set. What the backward pass needs
-  /// (parts_after()) is not in `scratch`, which later passes overwrite.
-  void allocate(ForwardKernel kernel, BlendForwardCudaArgs& args, PassScratch& scratch, const LaunchContext& context) {
-    args.next_task = next_task_.resize(1, context);
-    if (kernel == ForwardKernel::kCombined) {
-      scratch.allocate(context, [&](ScratchArrays& arrays) {
-        args.quad_masks = arrays.take<std::uint32_t>(args.buckets.n * kMasksPerBucket * kCudaTilePixels / kQuadPixels);
-      });
-    }
-    if (kernel == ForwardKernel::kSegmented && args.cut.cuts()) {
-      // Each task has a full segment in front of it, since only a list's last segment may be shorter.
-      const std::int64_t n_tasks_max = args.blend.bins.n_pairs >> args.cut.entries_log2;
-      const std::int64_t n = args.cut.segments_before(args.blend.bins.n_pairs), n_pixels = n * kCudaTilePixels;
-      Segments& segments = args.segments;
-      segments.n_max = static_cast<std::int32_t>(n);
-      segments.n_tasks_max = static_cast<std::int32_t>(n_tasks_max);
-      segments.first_of_tile = first_of_tile_.resize(args.blend.grid.n_tiles(), context);
-      if (args.parts.color != nullptr) segments.fronts = fronts_.resize(n_pixels, context);
-      scratch.allocate(context, [&](ScratchArrays& arrays) {
-        segments.tasks = arrays.take<SegmentTask>(n_tasks_max);
-        segments.n_tasks = arrays.take<std::int32_t>(1);
-        segments.n_long = arrays.take<std::int32_t>(1);
-        segments.hidden_from = arrays.take<std::int32_t>(std::int64_t{kSegmentBlocks} * args.blend.grid.n_tiles());
-        segments.is_done = arrays.take<std::int32_t>(kSegmentBlocks * n);
-        segments.transmittance = arrays.take<float>(n_pixels);
-        segments.color_depth = arrays.take<float4>(n_pixels);
-        segments.last = arrays.take<std::int32_t>(n_pixels);
-      });
-    }
+/// Sets the scratch pointers of `args` for this kernel; the other arguments must be set.
+inline void take_forward_scratch(ForwardKernel kernel, BlendForwardCudaArgs& args, ScratchArrays& arrays) {
+  args.next_task = arrays.take<std::int32_t>(1);
+  if (kernel == ForwardKernel::kCombined) {
+    args.quad_masks = arrays.take<std::uint32_t>(args.buckets.n * kMasksPerBucket * kCudaTilePixels / kQuadPixels);
   }
-
-  template <class Visit>
-  void visit_buffers(Visit&& visit) {
-    visit(next_task_), visit(first_of_tile_), visit(fronts_);
+  if (args.cut.cuts()) {
+    // Each task has a full segment in front of it, since only a list's last segment may be shorter.
+    const std::int64_t n_tasks_max = args.blend.bins.n_pairs >> args.cut.entries_log2;
+    const std::int64_t n = args.cut.segments_before(args.blend.bins.n_pairs), n_pixels = n * kCudaTilePixels;
+    Segments& segments = args.segments;
+    segments.n_max = static_cast<std::int32_t>(n);
+    segments.n_tasks_max = static_cast<std::int32_t>(n_tasks_max);
+    segments.tasks = arrays.take<SegmentTask>(n_tasks_max);
+    segments.n_tasks = arrays.take<std::int32_t>(1);
+    segments.n_long = arrays.take<std::int32_t>(1);
+    segments.hidden_from = arrays.take<std::int32_t>(std::int64_t{kSegmentBlocks} * args.blend.grid.n_tiles());
+    segments.is_done = arrays.take<std::int32_t>(kSegmentBlocks * n);
+    segments.transmittance = arrays.take<float>(n_pixels);
+    segments.color_depth = arrays.take<float4>(n_pixels);
+    segments.last = arrays.take<std::int32_t>(n_pixels);
   }
-
- private:
-  DeviceBuffer<std::int32_t> next_task_, first_of_tile_;
-  DeviceBuffer<float> fronts_;
-};
-
-/// The bucket parts that a forward pass with these arguments has stored for the backward pass.
-inline BucketParts parts_after(ForwardKernel kernel, const BlendForwardCudaArgs& args) {
-  BucketParts parts = args.parts;
-  if (kernel == ForwardKernel::kSegmented && args.cut.cuts()) {
-    parts.first_segment_of_tile = args.segments.first_of_tile;
-    parts.segment_fronts = args.segments.fronts;
-    parts.segment_buckets_log2 = args.cut.entries_log2 - ListCut::kMinLog2;
-  }
-  return parts;
 }
 
 }  // namespace b3dgs::cuda

@@ -6,8 +6,6 @@ namespace {
 
 __global__ void probe() {}
 
-constexpr int kArchitectures[] = {__CUDA_ARCH_LIST__};  // 800, 900
-
 }  // namespace
 
 GpuSupport query_gpu_support() {
@@ -15,12 +13,10 @@ GpuSupport query_gpu_support() {
   B3DGS_CUDA_CHECK(cudaGetDevice(&device));
   cudaDeviceProp properties{};
   B3DGS_CUDA_CHECK(cudaGetDeviceProperties(&properties, device));
-  GpuSupport gpu;
-  gpu.name = properties.name;
-  gpu.capability = 10 * properties.major + properties.minor;
-  for (const int architecture : kArchitectures) gpu.architectures.push_back(architecture / 10);
   cudaFuncAttributes attributes{};
   const cudaError_t code = cudaFuncGetAttributes(&attributes, probe);
+  GpuSupport gpu{properties.name, 10 * properties.major + properties.minor, {}, false};
+  for (const int architecture : {__CUDA_ARCH_LIST__}) gpu.architectures.push_back(architecture / 10);  // 800, 900
   gpu.has_code = code != cudaErrorNoKernelImageForDevice && code != cudaErrorInvalidDeviceFunction &&
                  code != cudaErrorUnsupportedPtxVersion;
   if (!gpu.has_code) cudaGetLastError();  // clears the error, which the next check would report

@@ -1,36 +1,67 @@
-// Launch helpers: SH degree as a template argument; number of resident blocks.
+// Launch helpers: kernels, rows, what is constant in a view as template arguments, and the number of resident blocks.
 #pragma once
 
+#include <type_traits>
+
 #include "core/check.h"
+#include "core/cuda_rows.cuh"
+#include "raster/constants.h"
 #include "raster/cuda/device_buffer.h"
-#include "raster/math/tiling.h"
+#include "raster/math/lens.h"
 
 namespace b3dgs::cuda {
+
+/// Queues a kernel, unless there are no blocks. @throws CudaError
+template <class... Params, class... Args>
+void launch_blocks(void (*kernel)(Params...), std::int64_t n_blocks, int threads, const LaunchContext& context,
+                   const Args&... args) {
+  if (n_blocks == 0) return;
+  kernel<<<static_cast<unsigned>(n_blocks), threads, 0, context.stream>>>(args...);
+  B3DGS_CUDA_CHECK_LAUNCH();
+}
+
+/// Number of blocks that together have n threads, entries or tasks, each `of_block`.
+inline std::int64_t n_blocks(std::int64_t n, int of_block) {
+  return (n + of_block - 1) / of_block;
+}
+
+template <int kThreads, class Row>
+__global__ void __launch_bounds__(kThreads) each_row_kernel(const __grid_constant__ Row row, std::int64_t n_rows) {
+  const std::int64_t i = own_row<kThreads>();
+  if (i < n_rows) row(i);
+}
+
+/// Calls row(i), a device lambda, for each i in [0, n_rows), a thread for each. Asynchronous.
+template <int kThreads = 256, class Row>
+void each_row(std::int64_t n_rows, const LaunchContext& context, const Row& row) {
+  launch_blocks(each_row_kernel<kThreads, Row>, n_blocks(n_rows, kThreads), kThreads, context, row, n_rows);
+}
 
 /// Calls body(std::integral_constant<int, degree>): with a constant degree, SH basis values stay in registers. Degrees
 /// below kMin are not instantiated.
 template <int kMin = 0, class Body>
 void with_sh_degree(int degree, Body&& body) {
-  static_assert(kShDegreeMax == 3, "one case per degree");
-  switch (degree) {
-    case 0:
-      if constexpr (kMin <= 0) return body(std::integral_constant<int, 0>());
-      break;
-    case 1:
-      return body(std::integral_constant<int, 1>());
-    case 2:
-      return body(std::integral_constant<int, 2>());
-    case 3:
-      return body(std::integral_constant<int, 3>());
-    default:
-      break;
+  if constexpr (kMin > kShDegreeMax) {
+    B3DGS_CHECK(false, "no kernel for SH degree ", degree);
+  } else if (degree == kMin) {
+    body(std::integral_constant<int, kMin>());
+  } else {
+    with_sh_degree<kMin + 1>(degree, body);
   }
-  B3DGS_CHECK(false, "SH degree is ", degree, ", expected ", kMin, " to ", kShDegreeMax);
 }
 
-/// Sets a task counter to 0.
-inline void reset_tasks(std::int32_t* next_task, const LaunchContext& context) {
-  B3DGS_CUDA_CHECK(cudaMemsetAsync(next_task, 0, sizeof(std::int32_t), context.stream));
+/// Calls body(degree, antialiasing, lens), the first two constants as above, the last a Pinhole or the view's ViewLens.
+template <int kMinDegree = 0, class Body>
+void with_constants(int sh_degree, bool antialiasing, const ViewLens& view_lens, Body&& body) {
+  with_sh_degree<kMinDegree>(sh_degree, [&](auto degree) {
+    with_lens(view_lens, [&](const auto& lens) {
+      if (antialiasing) {
+        body(degree, std::true_type(), lens);
+      } else {
+        body(degree, std::false_type(), lens);
+      }
+    });
+  });
 }
 
 /// Number of blocks that are resident at the same time on the whole device.
@@ -39,6 +70,11 @@ int resident_blocks(Kernel kernel, int threads, const LaunchContext& context) {
   int per_multiprocessor = 0;
   B3DGS_CUDA_CHECK(cudaOccupancyMaxActiveBlocksPerMultiprocessor(&per_multiprocessor, kernel, threads, 0));
   return per_multiprocessor * context.n_multiprocessors;
+}
+
+/// Sets a task counter to 0.
+inline void reset_tasks(std::int32_t* next_task, const LaunchContext& context) {
+  B3DGS_CUDA_CHECK(cudaMemsetAsync(next_task, 0, sizeof(std::int32_t), context.stream));
 }
 
 }  // namespace b3dgs::cuda

@@ -23,14 +23,14 @@ inline constexpr std::int32_t kCounterStride = 8;
 
 /// Totals of one view, which the host reads.
 struct ViewCounts {
-  std::int64_t n_splats;       // of Gaussians that the view sees
-  std::int64_t n_second;       // splats across the seam of a panorama
-  std::int64_t first_invalid;  // smallest index of an invalid Gaussian, -1 if there is none
+  std::int64_t n_splats = 0;        // of Gaussians that the view sees
+  std::int64_t n_second = 0;        // splats across the seam of a panorama
+  std::int64_t first_invalid = -1;  // smallest index of an invalid Gaussian, -1 if there is none
   // After number_lists():
-  std::int64_t n_pairs;                    // (tile, splat) pairs: entries of all lists
-  std::int64_t n_buckets;                  // of all lists
-  std::int64_t longest_list;               // entries
-  std::int64_t n_long_lists, n_more_runs;  // of sort_lists.h: lists that are not short; runs of lists after their first
+  std::int64_t n_pairs = 0;                        // (tile, splat) pairs: entries of all lists
+  std::int64_t n_buckets = 0;                      // of all lists
+  std::int64_t longest_list = 0;                   // entries
+  std::int64_t n_long_lists = 0, n_more_runs = 0;  // lists that are not short; runs of lists after their first
 };
 
 /// Outputs of projection. A row per Gaussian, N in all; of a panorama 2 N, row N + i for the second splat of Gaussian i
@@ -77,57 +77,33 @@ struct ProjectCudaArgs {
 };
 void project(const ProjectCudaArgs& args, const LaunchContext& context);
 
-/// Of a panorama, after load_rows(): the second splats, in as many more rows. `args`: n_gaussians is the number of rows
-/// loaded; parameters and colours are not used.
-void add_second(const ProjectCudaArgs& args, const LaunchContext& context);
+/// In place of project(): splats that were projected elsewhere, numbered as Gaussians, row by row. Of `args`,
+/// n_gaussians is the number of rows; parameters and colours are not used.
+void load_rows(const SplatRows& rows, const ProjectCudaArgs& args, const LaunchContext& context);
 
 /// Of a panorama, after a ColorPass: gives the colours of the first N rows to the others.
 void copy_second_colors(const ProjectOutputs& projected, std::int64_t n_gaussians, const LaunchContext& context);
 
-/// Counts and list lengths of a view without splats. project() and load_rows() begin with it.
-void reset_counts(const ProjectOutputs& out, const TileGrid& grid, const LaunchContext& context);
-
-/// After list_seen(): the rows that have a splat.
-struct CopySeenArgs {
-  ProjectOutputs projected{};
-  const std::int32_t* seen = nullptr;  // [M]
-  std::int64_t n_splats = 0;           // M, or room for as many if the number is on the device
-  SplatRowArrays out{};                // [n_splats]
-  const ViewCounts* counts = nullptr;  // whose n_splats is M; null: the host knows it
-};
-void copy_seen(const CopySeenArgs& args, const LaunchContext& context);
-
-/// In place of project(): splats that were projected elsewhere. They are numbered as Gaussians, row by row.
-struct LoadRowsArgs {
-  SplatRows rows{};
-  TileGrid grid{};
-  Culling culling = Culling::kEllipse;
-  ProjectOutputs out{};
-};
-void load_rows(const LoadRowsArgs& args, const LaunchContext& context);
+/// After list_seen(): copies the first `capacity` rows that have a splat.
+void copy_seen(const ProjectOutputs& projected, const std::int32_t* seen, std::int64_t capacity,
+               const SplatRowArrays& out, const LaunchContext& context);
 
 /// Buffers of binning, reused from view to view.
 struct BinBuffers {
   DeviceBuffer<std::int32_t> seen, next_entries, first_more_runs, tiles_by_length, splat_ids, tile_of_bucket;
   DeviceBuffer<std::int64_t> slot_offsets, pair_slots, tile_offsets, bucket_offsets;
   DeviceBuffer<unsigned char> temporary;  // of CUB's algorithms
-
-  template <class Visit>
-  void visit_buffers(Visit&& visit) {
-    visit(seen), visit(next_entries), visit(first_more_runs), visit(tiles_by_length), visit(splat_ids);
-    visit(tile_of_bucket), visit(slot_offsets), visit(pair_slots), visit(tile_offsets), visit(bucket_offsets);
-    visit(temporary);
-  }
 };
 
-struct BinCudaArgs {
-  ProjectOutputs projected{};
-  std::int64_t n_rows = 0;
-  ViewCounts counts{};
-  TileGrid grid{};
-  Culling culling = Culling::kEllipse;
-  bool keep_slots = false;  // fill pair_slots
-};
+/// Writes the rows that have a splat to buffers.seen, in their order.
+void list_seen(const ProjectOutputs& projected, std::int64_t n_rows, BinBuffers& buffers, const LaunchContext& context);
+
+/// A list entry: the bits of its depth in the upper half, the splat's id, which is its row, in the lower. Depths are
+/// positive floats, which compare like their bits.
+using EntryKey = std::uint64_t;
+
+inline constexpr std::int32_t kRunEntries = 4352;       // what a block sorts
+inline constexpr std::int32_t kShortListEntries = 512;  // a list of fewer is short: a warp sorts it
 
 /// Entries of a bucket: the blocks of the backward pass, and what the forward pass stores its parts for. Fewer mean
 /// more parts to write and read; more, less even shares.
@@ -146,24 +122,40 @@ struct Buckets {
   std::int64_t n = 0;
 };
 
-/// Result of binning: a list per tile. Ids of splats are rows of ProjectOutputs, and so are slot_offsets.
-struct BinnedView {
-  BinnedSplats bins{};  // its slots are null unless keep_slots
-  Buckets buckets{};
-  const std::int32_t* tiles_by_length = nullptr;  // [n_tiles] the longest list first, roughly; short ones last
+/// The lists of a view, which bin.cu and sort_lists.cu make. Ids of splats are rows of ProjectOutputs, and so are
+/// slot_offsets.
+struct ListArgs {
+  ProjectOutputs projected{};
+  std::int64_t n_rows = 0;
+  TileGrid grid{};
+  Culling culling = Culling::kEllipse;
+  // Out, of number_lists():
+  std::int64_t* tile_offsets = nullptr;     // [n_tiles + 1] where each list begins
+  std::int64_t* bucket_offsets = nullptr;   // [n_tiles] each list's first bucket
+  std::int32_t* next_entries = nullptr;     // [n_tiles], kCounterStride apart: each list's next free entry
+  std::int32_t* first_more_runs = nullptr;  // [n_tiles] number of runs after the first of the lists in front
+  std::int32_t* tiles_by_length = nullptr;  // [n_tiles] the longest list first, roughly; short ones last
+  // Of bin():
   ViewCounts counts{};
+  EntryKey *keys = nullptr, *merged = nullptr;  // [n_pairs] scratch
+  std::int32_t* splat_ids = nullptr;            // [n_pairs] out
+  std::int32_t* tile_of_bucket = nullptr;       // [n_buckets] out
+  std::int64_t* slot_offsets = nullptr;         // [n_rows + 1] out: BinnedSplats; null: no slots are wanted
+  std::int64_t* pair_slots = nullptr;           // [n_pairs] out, the same
+
+  BinnedSplats bins() const { return {tile_offsets, splat_ids, pair_slots, slot_offsets, counts.n_pairs}; }
+  Buckets buckets() const { return {bucket_offsets, tile_of_bucket, counts.n_buckets}; }
 };
 
-/// Writes the rows that have a splat to buffers.seen, in their order.
-void list_seen(const ProjectOutputs& projected, std::int64_t n_rows, BinBuffers& buffers, const LaunchContext& context);
-
 /// First part of binning, which needs no counts on the host: where each tile's list begins, and all counts, which it
-/// writes to pinned memory.
-void number_lists(const ProjectOutputs& projected, std::int32_t n_tiles, BinBuffers& buffers, ViewCounts* host_counts,
-                  const LaunchContext& context);
+/// writes to pinned memory. Sets the arrays of `args` that it writes.
+void number_lists(ListArgs& args, BinBuffers& buffers, ViewCounts* host_counts, const LaunchContext& context);
 
-/// Second part of binning. Pairs are sorted in `scratch`; the result does not use it.
-BinnedView bin(const BinCudaArgs& args, BinBuffers& buffers, PassScratch& scratch, const LaunchContext& context);
+/// Second part of binning, given args.counts. Pairs are sorted in `scratch`, which is free afterwards.
+void bin(ListArgs& args, bool with_slots, BinBuffers& buffers, PassScratch& scratch, const LaunchContext& context);
+
+/// Sorts the list of each tile, written in any order to args.keys, to args.splat_ids; fills args.tile_of_bucket.
+void sort_lists(const ListArgs& args, const LaunchContext& context);
 
 /// What the backward pass needs from the forward pass: for each pixel, what each bucket adds to it, up to the
 /// bucket of the pixel's last splat. Stored per bucket rather than as a running sum: what is behind a bucket is then a
@@ -242,7 +234,7 @@ struct Segments {
 struct BlendForwardCudaArgs {
   BlendForwardArgs blend{};
   Buckets buckets{};
-  const std::int32_t* tiles_by_length = nullptr;  // [n_tiles] a permutation; BinnedView
+  const std::int32_t* tiles_by_length = nullptr;  // [n_tiles] a permutation; ListArgs
   ListCut cut{};                                  // for `segmented`
   BucketParts parts{};
   std::int32_t* next_task = nullptr;  // [1] task counter, for kernels that set it to 0 first
@@ -267,41 +259,27 @@ struct BlendBackwardCudaArgs {
   // Scratch of per-bucket, [n_buckets, pixels of a tile row by row]: what is behind each bucket of a list that is not
   // short (kShortListEntries), as `behind` of ReverseState. Null: per-pixel, or not has_many_parts().
   float* behind = nullptr;
-  const std::int32_t* tiles_by_length = nullptr;  // BinnedView; with `behind`
+  const std::int32_t* tiles_by_length = nullptr;  // ListArgs; with `behind`
   std::int32_t n_long_lists = 0;                  // with `behind`; ViewCounts
   // [n_pairs] by slot, must be zero. Null: gradients are added to splat_grads with atomics, in an order that changes
   // from run to run. Only the per-bucket kernel supports it.
   SplatGradSum* pair_grads = nullptr;
 };
 
-/// Sums each splat's pair gradients in a fixed order, so that repeated runs give the same bits.
-struct SumSplatGradsArgs {
-  std::int64_t n_rows = 0;
-  const std::int64_t* slot_offsets = nullptr;  // [n_rows + 1]
-  const SplatGradSum* pair_grads = nullptr;    // [n_pairs] by slot
-  SplatGradSum* splat_grads = nullptr;         // [n_rows] out
-};
-void sum_splat_grads(const SumSplatGradsArgs& args, const LaunchContext& context);
+/// Sums each splat's pair gradients in a fixed order, so that repeated runs give the same bits. `slot_offsets`
+/// [n_rows + 1], `pair_grads` [n_pairs] by slot, `sums` [n_rows] out.
+void sum_splat_grads(std::int64_t n_rows, const std::int64_t* slot_offsets, const SplatGradSum* pair_grads,
+                     SplatGradSum* sums, const LaunchContext& context);
 
-/// Of a panorama: adds the sums of row N + i to those of row i.
+/// Of a panorama: adds the sums of row N + i to those of row i. `radii` and `sums` [2 N].
 template <class Sums>
-struct JoinSecondArgs {
-  std::int64_t n_gaussians = 0;         // N
-  const std::int32_t* radii = nullptr;  // [2 N]
-  Sums* sums = nullptr;                 // [2 N] in and out
-};
-void join_second(const JoinSecondArgs<SplatGradSum>& args, const LaunchContext& context);
-void join_second(const JoinSecondArgs<ScoreSums>& args, const LaunchContext& context);
+void join_second(std::int64_t n_gaussians, const std::int32_t* radii, Sums* sums, const LaunchContext& context);
 
-/// For RenderSettings::inverse_depth (math/project_splat.h): after binning, and after the backward blend.
-struct InvertDepthsArgs {
-  std::int64_t n_rows = 0;
-  const std::int32_t* radii = nullptr;  // [n_rows] 0 if there is no splat
-  Splat* splats = nullptr;              // [n_rows]
-  SplatGradSum* splat_grads = nullptr;  // [n_rows] invert_depth_gradients() only
-};
-void invert_depths(const InvertDepthsArgs& args, const LaunchContext& context);
-void invert_depth_gradients(const InvertDepthsArgs& args, const LaunchContext& context);
+/// For RenderSettings::inverse_depth (math/project_splat.h): after binning, and after the backward blend. All arrays
+/// [n_rows]; rows of radius 0 have no splat.
+void invert_depths(std::int64_t n_rows, const std::int32_t* radii, Splat* splats, const LaunchContext& context);
+void invert_depth_gradients(std::int64_t n_rows, const std::int32_t* radii, const Splat* splats, SplatGradSum* sums,
+                            const LaunchContext& context);
 
 struct ProjectBackwardCudaArgs {
   GaussianArrays gaussians{};
@@ -315,16 +293,9 @@ struct ProjectBackwardCudaArgs {
 };
 void project_backward(const ProjectBackwardCudaArgs& args, const LaunchContext& context);
 
-/// Keeps the splats' sums for a later backward projection.
-struct SplatRecordArgs {
-  std::int64_t n_gaussians = 0;
-  const std::int32_t* radii = nullptr;        // [N] 0 if not seen
-  const Splat* splats = nullptr;              // [N]
-  const SplatGradSum* splat_grads = nullptr;  // [N]
-  std::int32_t* n_records = nullptr;          // [1] in and out: number of records, 0 before
-  SplatRecordArrays out{};
-};
-void keep_splat_records(const SplatRecordArgs& args, const LaunchContext& context);
+/// In place of project_backward(): keeps the splats' sums for a later one. `n_records` [1] scratch.
+void keep_splat_records(const ProjectBackwardCudaArgs& args, std::int32_t* n_records, const SplatRecordArrays& out,
+                        const LaunchContext& context);
 
 /// The same for splats that were drawn elsewhere.
 void keep_splats(const KeepSplatsArgs& args, const LaunchContext& context);

@@ -5,13 +5,12 @@
 //   Shared memory: the rows of tiles of the block's splats, and counters of tiles. Barriers: to use it, and to count
 //     splats.
 //   In a panorama, a Gaussian at the seam has a second splat, in row N + i: the thread writes it after the block has
-//     counted the first ones. copy_second_colors_kernel copies colours to them after a ColorPass. add_second_kernel
-//     makes those of splats that were projected elsewhere.
+//     counted the first ones.
+//   load_rows_kernel, for splats that were projected elsewhere: copies rows instead of projecting.
 //   For the host: ViewCounts, which size the buffers of binning.
 
 #include <cstdint>
 
-#include "core/cuda_rows.cuh"
 #include "raster/cuda/launch.cuh"
 #include "raster/cuda/project.cuh"
 #include "raster/cuda/tile_spans.cuh"
@@ -78,40 +77,42 @@ __device__ __forceinline__ TileRows project_second(const ProjectCudaArgs& args, 
   return tile_rows(args.grid, args.culling, splat.splat, splat.extent, splat.radius);
 }
 
-/// The second splats of the block. All its threads must call it, each with its Gaussian.
-template <int kShDegree>
-__device__ __forceinline__ void project_second_of_block(SpanTasks<kThreads>& tasks, const ProjectCudaArgs& args,
-                                                        std::int64_t i) {
-  const TileRows rows =
+/// Counts the block's splats, whose tiles are `rows`; in a panorama, then makes the second ones. All threads of the
+/// block must call it, each with its Gaussian.
+template <int kShDegree, bool kMaySeam>
+__device__ __forceinline__ void count_and_add_second(const ProjectCudaArgs& args, std::int64_t i,
+                                                     const TileRows& rows) {
+  __shared__ SpanTasks<kThreads> tasks;
+  count_splats(tasks, args.grid, rows, args.out.list_growth, &args.out.counts->n_splats);
+  if (!kMaySeam || splats_per_gaussian(args.view.lens) == 1) return;
+  const TileRows second =
       i < args.gaussians.n_gaussians ? project_second<kShDegree>(args, i) : no_tile_rows(args.culling);
-  if (args.out.list_growth != nullptr) count_spans(tasks, args.grid, rows, args.out.list_growth);
-  count_splats(rows.begin < rows.end, &args.out.counts->n_second);
+  count_splats(tasks, args.grid, second, args.out.list_growth, &args.out.counts->n_second);
 }
 
 template <int kShDegree, bool kAntialiasing, class Lens>
 __global__ void __launch_bounds__(kThreads) project_kernel(const ProjectCudaArgs args) {
-  __shared__ SpanTasks<kThreads> tasks;
   const std::int64_t i = spread_row<kThreads>();
   const TileRows rows = i < args.gaussians.n_gaussians ? project_one<kShDegree, kAntialiasing, Lens>(args, i)
                                                        : no_tile_rows(args.culling);
-  if (args.out.list_growth != nullptr) count_spans(tasks, args.grid, rows, args.out.list_growth);
-  count_splats(rows.begin < rows.end, &args.out.counts->n_splats);
-  if constexpr (!std::is_same_v<Lens, Pinhole>) {
-    if (splats_per_gaussian(args.view.lens) == 2) project_second_of_block<kShDegree>(tasks, args, i);
+  count_and_add_second<kShDegree, !std::is_same_v<Lens, Pinhole>>(args, i, rows);
+}
+
+__global__ void __launch_bounds__(kThreads) load_rows_kernel(const SplatRows given, const ProjectCudaArgs args) {
+  const std::int64_t i = spread_row<kThreads>();
+  TileRows rows = no_tile_rows(args.culling);
+  if (i < given.n_splats) {
+    Splat splat = given.splats[i];
+    splat.gaussian = static_cast<std::int32_t>(i);
+    const Vec2f extent = given.extents[i];
+    const std::int32_t radius = given.radii[i];
+    const bool is_drawn = touches_tiles(args.grid, args.culling, splat, extent, radius);
+    args.out.splats[i] = splat;
+    args.out.extents[i] = extent;
+    args.out.radii[i] = is_drawn ? radius : 0;
+    if (is_drawn) rows = tile_rows(args.grid, args.culling, splat, extent, radius);
   }
-}
-
-__global__ void __launch_bounds__(kThreads) add_second_kernel(const ProjectCudaArgs args) {
-  __shared__ SpanTasks<kThreads> tasks;
-  project_second_of_block</*kShDegree=*/0>(tasks, args, spread_row<kThreads>());  // with the colours that are there
-}
-
-__global__ void __launch_bounds__(kThreads)
-    copy_second_colors_kernel(const ProjectOutputs projected, std::int64_t n_gaussians) {
-  const std::int64_t i = own_row<kThreads>();
-  if (i >= n_gaussians || projected.radii[n_gaussians + i] == 0) return;
-  auto* const words = reinterpret_cast<float4*>(projected.splats + n_gaussians + i);
-  words[2] = reinterpret_cast<const float4*>(projected.splats + i)[2];
+  count_and_add_second</*kShDegree=*/0, /*kMaySeam=*/true>(args, i, rows);  // with the colours that are there
 }
 
 __global__ void __launch_bounds__(kThreads) reset_counts_kernel(const ProjectOutputs out, std::int32_t n_tiles) {
@@ -120,49 +121,27 @@ __global__ void __launch_bounds__(kThreads) reset_counts_kernel(const ProjectOut
   if (tile <= n_tiles && out.list_growth != nullptr) out.list_growth[kCounterStride * tile] = 0;
 }
 
-template <bool kAntialiasing, class Lens>
-void launch(const ProjectCudaArgs& args, const LaunchContext& context) {
-  const auto blocks = static_cast<unsigned>((args.gaussians.n_gaussians + kThreads - 1) / kThreads);
-  if (args.with_colors) {
-    with_sh_degree(args.sh_degree, [&](auto degree) {
-      project_kernel<degree.value, kAntialiasing, Lens><<<blocks, kThreads, 0, context.stream>>>(args);
-    });
-  } else {
-    project_kernel<kNoColors, kAntialiasing, Lens><<<blocks, kThreads, 0, context.stream>>>(args);
-  }
-  B3DGS_CUDA_CHECK_LAUNCH();
+/// Counts and list lengths of a view without splats.
+void reset_counts(const ProjectCudaArgs& args, const LaunchContext& context) {
+  const std::int32_t n_tiles = args.grid.n_tiles();
+  launch_blocks(reset_counts_kernel, n_tiles / kThreads + 1, kThreads, context, args.out, n_tiles);
 }
 
 }  // namespace
 
-void reset_counts(const ProjectOutputs& out, const TileGrid& grid, const LaunchContext& context) {
-  const std::int32_t n_tiles = grid.n_tiles();
-  reset_counts_kernel<<<n_tiles / kThreads + 1, kThreads, 0, context.stream>>>(out, n_tiles);
-  B3DGS_CUDA_CHECK_LAUNCH();
-}
-
 void project(const ProjectCudaArgs& args, const LaunchContext& context) {
-  reset_counts(args.out, args.grid, context);
-  if (args.gaussians.n_gaussians == 0) return;
-  with_lens(args.view.lens, [&](const auto& lens) {
-    using Lens = std::decay_t<decltype(lens)>;
-    if (args.antialiasing) {
-      launch<true, Lens>(args, context);
-    } else {
-      launch<false, Lens>(args, context);
-    }
-  });
+  reset_counts(args, context);
+  const int degree_or_none = args.with_colors ? args.sh_degree : kNoColors;
+  with_constants<kNoColors>(degree_or_none, args.antialiasing, args.view.lens,
+                            [&](auto degree, auto antialiasing, auto lens) {
+                              launch_blocks(project_kernel<degree.value, antialiasing.value, decltype(lens)>,
+                                            n_blocks(args.gaussians.n_gaussians, kThreads), kThreads, context, args);
+                            });
 }
 
-void add_second(const ProjectCudaArgs& args, const LaunchContext& context) {
-  launch_rows<kThreads>(add_second_kernel, args, args.gaussians.n_gaussians, context.stream);
-}
-
-void copy_second_colors(const ProjectOutputs& projected, std::int64_t n_gaussians, const LaunchContext& context) {
-  if (n_gaussians == 0) return;
-  const auto blocks = static_cast<unsigned>((n_gaussians + kThreads - 1) / kThreads);
-  copy_second_colors_kernel<<<blocks, kThreads, 0, context.stream>>>(projected, n_gaussians);
-  B3DGS_CUDA_CHECK_LAUNCH();
+void load_rows(const SplatRows& rows, const ProjectCudaArgs& args, const LaunchContext& context) {
+  reset_counts(args, context);
+  launch_blocks(load_rows_kernel, n_blocks(rows.n_splats, kThreads), kThreads, context, rows, args);
 }
 
 }  // namespace b3dgs::cuda

@@ -27,15 +27,6 @@ __device__ __forceinline__ void note_invalid(ViewCounts* counts, std::int64_t i)
   atomicMin(reinterpret_cast<unsigned long long*>(&counts->first_invalid), static_cast<unsigned long long>(i));
 }
 
-/// Adds the block's splats to a count of ViewCounts: those of this block's threads that have one. All threads of the
-/// block must call it. Barriers: one.
-__device__ __forceinline__ void count_splats(bool has_splat, std::int64_t* count) {
-  const int n = __syncthreads_count(has_splat);
-  if (threadIdx.x == 0 && n > 0) {
-    atomicAdd(reinterpret_cast<unsigned long long*>(count), static_cast<unsigned long long>(n));
-  }
-}
-
 /// What the instance of a kernel for `Lens` takes from the view: a Pinhole, or its ViewLens.
 template <class Lens>
 __device__ __forceinline__ Lens lens_of(const CameraView& view) {

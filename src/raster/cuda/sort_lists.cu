@@ -9,14 +9,13 @@
 // Keys are unique, so that the result does not depend on the order in which they were written. The last pass of a list
 // writes ids instead of keys. Barriers: those of CUB's merge sorts; four in merge_runs.
 
-#include "raster/cuda/sort_lists.h"
-
 #include <cub/block/block_merge_sort.cuh>
 #include <cub/warp/warp_merge_sort.cuh>
 
 #include <utility>
 
-#include "core/cuda_check.h"
+#include "raster/cuda/launch.cuh"
+#include "raster/cuda/passes.h"
 #include "raster/cuda/warp.cuh"
 
 namespace b3dgs::cuda {
@@ -27,8 +26,8 @@ constexpr int kThreads = 256, kWarps = kThreads / kWarpSize;
 constexpr int kItems = 17;
 static_assert(kRunEntries == kThreads * kItems && kShortListEntries <= kWarpSize * kItems);
 
-__device__ __forceinline__ std::int32_t id_of(EntryKey key, std::int32_t n_ids) {
-  return min(static_cast<std::int32_t>(key & 0xffffffffu), n_ids - 1);
+__device__ __forceinline__ std::int32_t id_of(EntryKey key, const ListArgs& args) {
+  return min(static_cast<std::int32_t>(key & 0xffffffffu), static_cast<std::int32_t>(args.n_rows) - 1);
 }
 
 /// The first number in [low, high) that does not meet `condition`, or `high`. All later ones must not meet it either.
@@ -49,14 +48,16 @@ __device__ __forceinline__ std::int32_t search_by_warp(std::int32_t low, std::in
 struct Run {
   std::int32_t tile, index, length;  // index of the run in the list; length of the list
   std::int64_t list;                 // first entry of the list
-  __device__ Run(const SortListsArgs& args, std::int32_t block, std::int32_t n_lists) {
+  __device__ Run(const ListArgs& args, std::int32_t block, std::int32_t n_lists) {
     if (block < n_lists) {
       tile = args.tiles_by_length[block];
       index = 0;
     } else {
       // The last tile with at most `number` such runs in front.
       const std::int32_t number = block - n_lists;
-      tile = search_by_warp(0, args.n_tiles, [&](std::int32_t at) { return args.first_more_runs[at] <= number; }) - 1;
+      tile =
+          search_by_warp(0, args.grid.n_tiles(), [&](std::int32_t at) { return args.first_more_runs[at] <= number; }) -
+          1;
       index = 1 + number - args.first_more_runs[tile];
     }
     list = args.tile_offsets[tile];
@@ -93,7 +94,7 @@ union SortMemory {
 
 /// Sorts a run of at most kPerThread entries for each thread that sorts.
 template <class Sort, int kPerThread>
-__device__ __forceinline__ void sort_entries(const SortListsArgs& args, const Run& run, std::int32_t thread,
+__device__ __forceinline__ void sort_entries(const ListArgs& args, const Run& run, std::int32_t thread,
                                              typename Sort::TempStorage& memory) {
   const std::int64_t first = run.list + run.begin();
   const std::int32_t count = run.count();
@@ -111,13 +112,13 @@ __device__ __forceinline__ void sort_entries(const SortListsArgs& args, const Ru
     if (run.length > kRunEntries) {
       args.keys[first + at] = keys[k];
     } else {
-      args.splat_ids[first + at] = id_of(keys[k], args.n_ids);
+      args.splat_ids[first + at] = id_of(keys[k], args);
     }
   }
 }
 
 template <template <int> class Sort>
-__device__ __forceinline__ void sort_run(const SortListsArgs& args, const Run& run, std::int32_t thread,
+__device__ __forceinline__ void sort_run(const ListArgs& args, const Run& run, std::int32_t thread,
                                          SortMemory<Sort>& memory) {
   constexpr std::int32_t kSorters = Sort<1>::kSorters;
   if (run.index == 0) {
@@ -138,7 +139,7 @@ __device__ __forceinline__ void sort_run(const SortListsArgs& args, const Run& r
   }
 }
 
-__global__ void __launch_bounds__(kThreads) sort_lists_kernel(const SortListsArgs args) {
+__global__ void __launch_bounds__(kThreads) sort_lists_kernel(const ListArgs args) {
   __shared__ union {
     SortMemory<BlockSort> block;
     SortMemory<WarpSort> warps[kWarps];
@@ -151,8 +152,8 @@ __global__ void __launch_bounds__(kThreads) sort_lists_kernel(const SortListsArg
     return;
   }
   const std::int32_t list = n_long + (block - n_runs) * kWarps + thread / kWarpSize;
-  if (list >= args.n_tiles) return;
-  const Run run(args, list, args.n_tiles);
+  if (list >= args.grid.n_tiles()) return;
+  const Run run(args, list, args.grid.n_tiles());
   if (run.length > 0) sort_run<WarpSort>(args, run, lane_id(), memory.warps[thread / kWarpSize]);
 }
 
@@ -173,7 +174,7 @@ __device__ __forceinline__ std::int32_t split_merged(const EntryKey* a, std::int
 
 /// Merges sorted sequences of `width` entries of each list pairwise, from args.keys to args.merged; of lists that are
 /// sorted then, to args.splat_ids.
-__global__ void __launch_bounds__(kThreads) merge_runs_kernel(const SortListsArgs args, std::int64_t width) {
+__global__ void __launch_bounds__(kThreads) merge_runs_kernel(const ListArgs args, std::int64_t width) {
   __shared__ EntryKey keys[kRunEntries];
   __shared__ std::int32_t splits[2];
   const Run run(args, static_cast<std::int32_t>(blockIdx.x), static_cast<std::int32_t>(args.counts.n_long_lists));
@@ -217,7 +218,7 @@ __global__ void __launch_bounds__(kThreads) merge_runs_kernel(const SortListsArg
   for (std::int32_t k = thread; k < count; k += kThreads) {
     const std::int64_t to = run.list + begin + k;
     if (run.length <= 2 * width) {
-      args.splat_ids[to] = id_of(keys[k], args.n_ids);
+      args.splat_ids[to] = id_of(keys[k], args);
     } else {
       args.merged[to] = keys[k];
     }
@@ -226,16 +227,13 @@ __global__ void __launch_bounds__(kThreads) merge_runs_kernel(const SortListsArg
 
 }  // namespace
 
-void sort_lists(const SortListsArgs& args, const LaunchContext& context) {
-  const auto n_long = static_cast<std::int32_t>(args.counts.n_long_lists);
-  const auto n_runs = static_cast<unsigned>(n_long + args.counts.n_more_runs);
-  const auto n_short_blocks = static_cast<unsigned>((args.n_tiles - n_long + kWarps - 1) / kWarps);
-  sort_lists_kernel<<<n_runs + n_short_blocks, kThreads, 0, context.stream>>>(args);
-  B3DGS_CUDA_CHECK_LAUNCH();
-  SortListsArgs pass = args;
+void sort_lists(const ListArgs& args, const LaunchContext& context) {
+  const std::int64_t n_long = args.counts.n_long_lists, n_runs = n_long + args.counts.n_more_runs;
+  const std::int64_t n_short_blocks = n_blocks(args.grid.n_tiles() - n_long, kWarps);
+  launch_blocks(sort_lists_kernel, n_runs + n_short_blocks, kThreads, context, args);
+  ListArgs pass = args;
   for (std::int64_t width = kRunEntries; width < args.counts.longest_list; width *= 2) {
-    merge_runs_kernel<<<n_runs, kThreads, 0, context.stream>>>(pass, width);
-    B3DGS_CUDA_CHECK_LAUNCH();
+    launch_blocks(merge_runs_kernel, n_runs, kThreads, context, pass, width);
     std::swap(pass.keys, pass.merged);
   }
 }

@@ -89,25 +89,33 @@ struct BlockCounters {
   }
 };
 
-/// Adds the splats of a block to the lengths of their tiles' lists. `rows`: as in share_spans(). Barriers: two, and
-/// those of the scan; there must be another before the next call.
+/// Counts the splats of a block: in `n_splats`, and, if they are to be drawn, in the lengths of their tiles' lists.
+/// `rows`: as in share_spans(). Barriers: one; to draw, two more and those of the scan, and there must be another
+/// before the next call.
 template <int kThreads>
-__device__ __forceinline__ void count_spans(SpanTasks<kThreads>& tasks, const TileGrid& grid, const TileRows& rows,
-                                            std::int32_t* list_growth) {
-  __shared__ BlockCounters counters;
-  counters.reset(kThreads);
-  const int n_tasks = share_spans(tasks, rows);  // its barriers: the counters are reset
-  const auto add = [&](std::int32_t tile, std::int32_t value) {
-    std::int32_t* const own = counters.take(tile);
-    atomicAdd(own != nullptr ? own : list_growth + kCounterStride * tile, value);
-  };
-  visit_spans(tasks, grid, n_tasks, [&](int, std::int32_t row, Span span) {
-    add(row * grid.columns + span.begin, 1);
-    add(row * grid.columns + span.end, -1);
-  });
-  __syncthreads();  // all are counted
-  for (int slot = static_cast<int>(threadIdx.x); slot < BlockCounters::kSlots; slot += kThreads) {
-    if (counters.count[slot] != 0) atomicAdd(list_growth + kCounterStride * counters.tile[slot], counters.count[slot]);
+__device__ __forceinline__ void count_splats(SpanTasks<kThreads>& tasks, const TileGrid& grid, const TileRows& rows,
+                                             std::int32_t* list_growth, std::int64_t* n_splats) {
+  if (list_growth != nullptr) {
+    __shared__ BlockCounters counters;
+    counters.reset(kThreads);
+    const int n_tasks = share_spans(tasks, rows);  // its barriers: the counters are reset
+    const auto add = [&](std::int32_t tile, std::int32_t value) {
+      std::int32_t* const own = counters.take(tile);
+      atomicAdd(own != nullptr ? own : list_growth + kCounterStride * tile, value);
+    };
+    visit_spans(tasks, grid, n_tasks, [&](int, std::int32_t row, Span span) {
+      add(row * grid.columns + span.begin, 1);
+      add(row * grid.columns + span.end, -1);
+    });
+    __syncthreads();  // all are counted
+    for (int slot = static_cast<int>(threadIdx.x); slot < BlockCounters::kSlots; slot += kThreads) {
+      const std::int32_t count = counters.count[slot];
+      if (count != 0) atomicAdd(list_growth + kCounterStride * counters.tile[slot], count);
+    }
+  }
+  const int n = __syncthreads_count(rows.begin < rows.end);
+  if (threadIdx.x == 0 && n > 0) {
+    atomicAdd(reinterpret_cast<unsigned long long*>(n_splats), static_cast<unsigned long long>(n));
   }
 }
 

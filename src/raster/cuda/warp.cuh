@@ -1,6 +1,9 @@
 // Sums, products and bit operations across the lanes of a warp. All lanes must call them.
 #pragma once
 
+#include <cooperative_groups.h>
+#include <cooperative_groups/reduce.h>
+
 namespace b3dgs::cuda {
 
 inline constexpr int kWarpSize = 32;
@@ -16,38 +19,15 @@ __device__ __forceinline__ float warp_sum(float value) {
   return value;
 }
 
-// From compute capability 8.0 on, integers have reduction instructions.
-
+// Of integers: one instruction from compute capability 8.0 on.
 __device__ __forceinline__ unsigned warp_sum(unsigned value) {
-#if __CUDA_ARCH__ >= 800
-  return __reduce_add_sync(kFullWarp, value);
-#else
-#pragma unroll
-  for (int offset = kWarpSize / 2; offset > 0; offset /= 2) value += __shfl_xor_sync(kFullWarp, value, offset);
-  return value;
-#endif
+  namespace groups = cooperative_groups;
+  return groups::reduce(groups::tiled_partition<kWarpSize>(groups::this_thread_block()), value,
+                        groups::plus<unsigned>());
 }
-
-__device__ __forceinline__ unsigned warp_or(unsigned value) {
-#if __CUDA_ARCH__ >= 800
-  return __reduce_or_sync(kFullWarp, value);
-#else
-#pragma unroll
-  for (int offset = kWarpSize / 2; offset > 0; offset /= 2) value |= __shfl_xor_sync(kFullWarp, value, offset);
-  return value;
-#endif
-}
-
 __device__ __forceinline__ int warp_max(int value) {
-#if __CUDA_ARCH__ >= 800
-  return __reduce_max_sync(kFullWarp, value);
-#else
-#pragma unroll
-  for (int offset = kWarpSize / 2; offset > 0; offset /= 2) {
-    value = max(value, __shfl_xor_sync(kFullWarp, value, offset));
-  }
-  return value;
-#endif
+  namespace groups = cooperative_groups;
+  return groups::reduce(groups::tiled_partition<kWarpSize>(groups::this_thread_block()), value, groups::greater<int>());
 }
 
 /// Four sums at once with half the shuffles: in the first two rounds lanes exchange two values, then one, so that each
@@ -81,22 +61,13 @@ __device__ __forceinline__ unsigned warp_transpose(unsigned bits) {
   return bits;
 }
 
-/// Inclusive prefix sum over the lanes.
-__device__ __forceinline__ int warp_prefix_sum(int value) {
+/// op(...op(op(value of lane 0, of lane 1), of lane 2)..., of this lane).
+template <class Value, class Op>
+__device__ __forceinline__ Value warp_prefix(Value value, Op&& op) {
 #pragma unroll
   for (int distance = 1; distance < kWarpSize; distance *= 2) {
-    const int before = __shfl_up_sync(kFullWarp, value, distance);
-    if (lane_id() >= distance) value += before;
-  }
-  return value;
-}
-
-/// Inclusive prefix product over the lanes.
-__device__ __forceinline__ float warp_prefix_product(float value) {
-#pragma unroll
-  for (int distance = 1; distance < kWarpSize; distance *= 2) {
-    const float before = __shfl_up_sync(kFullWarp, value, distance);
-    if (lane_id() >= distance) value *= before;
+    const Value before = __shfl_up_sync(kFullWarp, value, distance);
+    if (lane_id() >= distance) value = op(value, before);
   }
   return value;
 }

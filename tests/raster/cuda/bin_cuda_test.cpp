@@ -12,13 +12,6 @@
 namespace b3dgs::test {
 namespace {
 
-template <class T>
-std::vector<T> download(const T* device, std::int64_t n) {
-  std::vector<T> host(static_cast<std::size_t>(n));
-  B3DGS_CUDA_CHECK(cudaMemcpy(host.data(), device, host.size() * sizeof(T), cudaMemcpyDeviceToHost));
-  return host;
-}
-
 /// What the projection pass writes.
 struct ProjectedRows {
   std::vector<Splat> splats;
@@ -28,30 +21,20 @@ struct ProjectedRows {
 };
 
 ProjectedRows project_on_gpu(const TestScene& scene, const RenderSettings& settings) {
-  std::vector<DeviceArray<float>> groups;
-  for (const torch::Tensor* group : scene.gaussians.all()) groups.push_back(to_device(*group));
-  const GaussianArrays host = arrays_of(scene);
-  const std::int64_t n = host.n_gaussians;
-  const std::int64_t n_rows = n * splats_per_gaussian(scene.view.lens);
+  const DeviceGaussians gaussians(scene.gaussians);
+  const std::int64_t n_rows = scene.gaussians.size() * splats_per_gaussian(scene.view.lens);
   const DeviceArray<Splat> splats(n_rows);
   const DeviceArray<Vec2f> extents(n_rows);
   const DeviceArray<std::int32_t> radii(n_rows);
   const DeviceArray<cuda::ViewCounts> counts(2);
   cuda::ProjectCudaArgs args;
-  args.gaussians = {n,
-                    host.sh_degree_max,
-                    groups[0].data(),
-                    groups[1].data(),
-                    groups[2].data(),
-                    groups[3].data(),
-                    groups[4].data(),
-                    groups[5].data()};
+  args.gaussians = gaussians.arrays();
   args.view = scene.view;
   args.sh_degree = settings.sh_degree;
   args.culling = settings.culling;
   args.grid = make_tile_grid(scene.view.width, scene.view.height, settings.tile);
   args.out = {splats.data(), extents.data(), radii.data(), nullptr, counts.data()};
-  cuda::DriverMemory memory;
+  DriverMemory memory;
   cuda::project(args, cuda::make_launch_context(nullptr, memory));
   return {download(splats.data(), n_rows), download(extents.data(), n_rows), download(radii.data(), n_rows),
           download(counts.data(), 1).front()};
@@ -111,29 +94,21 @@ void expect_counted_pairs_by_both_cullings(const TestScene& scene) {
   }
 }
 
-class BinCudaTest : public testing::TestWithParam<TestSceneRow> {
- protected:
-  void SetUp() override { B3DGS_NEEDS_GPU(); }
-};
+class BinCudaTest : public GpuSceneTest {};
 
 TEST_P(BinCudaTest, WritesThePairsThatTheProjectionCounts) {
   expect_counted_pairs_by_both_cullings(GetParam().build());
 }
 
-INSTANTIATE_TEST_SUITE_P(Scenes, BinCudaTest, testing::ValuesIn(test_scenes()),
-                         [](const auto& info) { return std::string(info.param.name); });
+INSTANTIATE_TEST_SUITE_P(Scenes, BinCudaTest, testing::ValuesIn(test_scenes()), name_of_scene);
 
 /// Sizes, shapes and opacities as after training: flat and long Gaussians of all sizes, a few that cover much of the
 /// image, opacities near 0 and 1.
 TestScene like_a_trained_scene(std::int64_t n, std::int32_t width, std::int32_t height) {
   torch::manual_seed(41);
   TestScene scene;
-  scene.view.rotation = {{1, 0, 0, 0, 1, 0, 0, 0, 1}};
-  scene.view.width = width;
-  scene.view.height = height;
-  scene.view.fx = scene.view.fy = 0.9f * static_cast<float>(width);
-  scene.view.cx = 0.49f * static_cast<float>(width);
-  scene.view.cy = 0.52f * static_cast<float>(height);
+  const auto w = static_cast<float>(width), h = static_cast<float>(height);
+  scene.view = PinholeView{{{1, 0, 0, 0, 1, 0, 0, 0, 1}}, {}, {}, 0.9f * w, 0.9f * w, 0.49f * w, 0.52f * h, width, height};
   const torch::Tensor depth = torch::exp(torch::rand({n}) * 3.5 - 0.5);
   const torch::Tensor x = (torch::rand({n}) * 1.4 - 0.7) * depth, y = (torch::rand({n}) * 1.4 - 0.7) * depth;
   torch::Tensor log_scales = torch::randn({n, 3}) * 1.1 - 5.0 + torch::log(depth).unsqueeze(1);

@@ -9,17 +9,13 @@
 namespace b3dgs::test {
 namespace {
 
-class CameraGradientCudaTest : public testing::TestWithParam<TestSceneRow> {
- protected:
-  void SetUp() override { B3DGS_NEEDS_GPU(); }
-};
+class CameraGradientCudaTest : public GpuSceneTest {};
 
 TEST_P(CameraGradientCudaTest, AgreesWithTheDenseReference) {
   expect_same_camera_gradients<CudaView>(GetParam().build());
 }
 
-INSTANTIATE_TEST_SUITE_P(Scenes, CameraGradientCudaTest, testing::ValuesIn(test_scenes()),
-                         [](const auto& info) { return std::string(info.param.name); });
+INSTANTIATE_TEST_SUITE_P(Scenes, CameraGradientCudaTest, testing::ValuesIn(test_scenes()), name_of_scene);
 
 TEST(CameraGradientCuda, AgreesWithTheCpuOnManySplats) {
   B3DGS_NEEDS_GPU();

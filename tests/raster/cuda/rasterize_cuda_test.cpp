@@ -16,10 +16,7 @@
 namespace b3dgs::test {
 namespace {
 
-class RasterizeCudaTest : public testing::TestWithParam<TestSceneRow> {
- protected:
-  void SetUp() override { B3DGS_NEEDS_GPU(); }
-};
+class RasterizeCudaTest : public GpuSceneTest {};
 
 TEST_P(RasterizeCudaTest, EveryKernelAgreesWithTheDenseReference) {
   const TestScene scene = GetParam().build();
@@ -94,8 +91,7 @@ TEST_P(RasterizeCudaTest, SumsInAFixedOrderAgreeAndRepeatBitForBit) {
   EXPECT_TRUE(found.means2d.equal(again.means2d));
 }
 
-INSTANTIATE_TEST_SUITE_P(Scenes, RasterizeCudaTest, testing::ValuesIn(test_scenes()),
-                         [](const auto& info) { return std::string(info.param.name); });
+INSTANTIATE_TEST_SUITE_P(Scenes, RasterizeCudaTest, testing::ValuesIn(test_scenes()), name_of_scene);
 
 /// 100 000 Gaussians behind one another in a tile, so faint that thousands of them are seen.
 TestScene hundred_thousand_in_one_tile() {

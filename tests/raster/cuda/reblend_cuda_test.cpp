@@ -12,7 +12,6 @@ namespace {
 TEST(ReblendCuda, IsTheForwardOfThatKernel) {
   B3DGS_NEEDS_GPU();
   const TestScene scene = saturated_pixels();
-  const std::int64_t h = scene.view.height, w = scene.view.width;
   RenderSettings settings = settings_of(scene);
   CudaView again(scene, settings);
   for (const ForwardKernelName& kernel : kForwardKernels) {
@@ -20,11 +19,9 @@ TEST(ReblendCuda, IsTheForwardOfThatKernel) {
     settings.kernel = kernel.kernel;
     const CudaView direct(scene, settings);
     again.rasterizer().reblend(kernel.kernel);
-    torch::Tensor color = torch::empty({h, w, 3}), alpha = torch::empty({h, w});
-    B3DGS_CUDA_CHECK(cudaMemcpy(color.data_ptr<float>(), again.image().color, color.nbytes(), cudaMemcpyDeviceToHost));
-    B3DGS_CUDA_CHECK(cudaMemcpy(alpha.data_ptr<float>(), again.image().alpha, alpha.nbytes(), cudaMemcpyDeviceToHost));
-    EXPECT_TRUE(test::same(color, direct.color));
-    EXPECT_TRUE(test::same(alpha, direct.alpha));
+    const RenderedView found = again.image();
+    EXPECT_TRUE(test::same(found.color, direct.color));
+    EXPECT_TRUE(test::same(found.alpha, direct.alpha));
   }
 }
 
@@ -32,12 +29,7 @@ TEST(ReblendCuda, IsTheForwardOfThatKernel) {
 /// deep or deeper, in various buckets: the parts behind a bucket are summed once for the first two tiles.
 TestScene lists_of_very_different_length() {
   TestScene scene;
-  scene.view.rotation = {{1, 0, 0, 0, 1, 0, 0, 0, 1}};
-  scene.view.width = 48;
-  scene.view.height = 16;
-  scene.view.fx = scene.view.fy = 48;
-  scene.view.cx = 24;
-  scene.view.cy = 8;
+  scene.view = PinholeView{{{1, 0, 0, 0, 1, 0, 0, 0, 1}}, {}, {}, 48, 48, 24, 8, 48, 16};
   std::vector<torch::Tensor> columns, all_depths;  // of the tiles
   for (const std::int64_t n : {60000, 900, 60}) {
     const torch::Tensor index = torch::arange(n, torch::kFloat64);
@@ -62,16 +54,15 @@ TEST(ReblendCuda, BackwardKernelsSumTheSame) {
     CudaView view(scene, settings);
     const torch::Tensor nothing = torch::zeros({scene.view.height, scene.view.width}, torch::kBool);
     const RenderedViewGrad uneven = uneven_grad(scene.view, nothing);
-    const DeviceArray<float> grad = to_device(uneven.color), grad_depth = to_device(uneven.depth);
+    const DeviceTensor grad(uneven.color), grad_depth(uneven.depth);
     for (const bool has_depth : {false, true}) {
       std::vector<torch::Tensor> sums;
       for (const BackwardKernelName& kernel : kBackwardKernels) {
         view.rasterizer().reblend_backward(kernel.kernel,
                                            {grad.data(), has_depth ? grad_depth.data() : nullptr, nullptr});
-        torch::Tensor host = torch::empty({view.rasterizer().n_rows(), 12});
-        B3DGS_CUDA_CHECK(
-            cudaMemcpy(host.data_ptr<float>(), view.rasterizer().splat_grads(), host.nbytes(), cudaMemcpyDeviceToHost));
-        sums.push_back(host.narrow(1, 0, has_depth ? 10 : 9));
+        const std::int64_t n_rows = view.rasterizer().n_rows();
+        const std::vector<float> host = download(view.rasterizer().splat_grads(), n_rows * 12);
+        sums.push_back(torch::tensor(host).view({n_rows, 12}).narrow(1, 0, has_depth ? 10 : 9));
       }
       const torch::Tensor norm = sums[0].square().sum(0).sqrt(), off = (sums[1] - sums[0]).square().sum(0).sqrt();
       EXPECT_GT(norm.min().item<double>(), 0);
@@ -93,8 +84,8 @@ TEST(CountLoadCuda, CountsAsTheCpuDoes) {
     CudaView view(scene, settings_of(scene));
     const DeviceArray<std::int32_t> counts[2]{DeviceArray<std::int32_t>(n_pixels), DeviceArray<std::int32_t>(n_pixels)};
     view.rasterizer().count_load(counts[0].data(), counts[1].data());
-    std::vector<std::int32_t> found[2]{std::vector<std::int32_t>(processed.size(), -1), contributing};
-    for (int i = 0; i < 2; ++i) counts[i].download(found[i].data());
+    const std::vector<std::int32_t> found[2]{download(counts[0].data(), n_pixels),
+                                             download(counts[1].data(), n_pixels)};
     // Rounding may change a decision at a threshold, which changes a count by one or finishes a pixel elsewhere.
     std::int64_t n_other = 0;
     for (std::size_t pixel = 0; pixel < processed.size(); ++pixel) {

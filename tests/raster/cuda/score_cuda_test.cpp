@@ -9,10 +9,7 @@
 namespace b3dgs::test {
 namespace {
 
-class ScoreCudaTest : public testing::TestWithParam<TestSceneRow> {
- protected:
-  void SetUp() override { B3DGS_NEEDS_GPU(); }
-};
+class ScoreCudaTest : public GpuSceneTest {};
 
 TEST_P(ScoreCudaTest, AgreesWithTheDenseReference) {
   const TestScene scene = GetParam().build();
@@ -23,8 +20,7 @@ TEST_P(ScoreCudaTest, AgreesWithTheDenseReference) {
   expect_same_scores(view, scene, reference);
 }
 
-INSTANTIATE_TEST_SUITE_P(Scenes, ScoreCudaTest, testing::ValuesIn(test_scenes()),
-                         [](const auto& info) { return std::string(info.param.name); });
+INSTANTIATE_TEST_SUITE_P(Scenes, ScoreCudaTest, testing::ValuesIn(test_scenes()), name_of_scene);
 
 TEST(ScoreCuda, IsTheSameTwiceAndForAnyKernel) {
   B3DGS_NEEDS_GPU();

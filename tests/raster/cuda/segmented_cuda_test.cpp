@@ -111,12 +111,7 @@ TEST(SegmentedCuda, CutListsGiveWhatWholeOnesDo) {
 TestScene wall_behind(int n_splats, int n_faint) {
   constexpr int kOpaque = 10;
   TestScene scene;
-  scene.view.rotation = {{1, 0, 0, 0, 1, 0, 0, 0, 1}};
-  scene.view.width = 61;
-  scene.view.height = 22;
-  scene.view.fx = scene.view.fy = 500;
-  scene.view.cx = 30;
-  scene.view.cy = 15;
+  scene.view = PinholeView{{{1, 0, 0, 0, 1, 0, 0, 0, 1}}, {}, {}, 500, 500, 30, 15, 61, 22};
   const torch::Tensor index = torch::arange(n_splats, torch::kFloat32);
   const torch::Tensor depth = 2 + 0.0001f * index;
   const torch::Tensor is_opaque = torch::logical_and(index >= n_faint, index < n_faint + kOpaque);
@@ -155,12 +150,7 @@ TEST(SegmentedCuda, SegmentsBehindTheEndOfAllPixelsChangeNothing) {
 TestScene crowd_in_a_tile() {
   constexpr std::int64_t kSplats = 2200 * kSegmentEntries;
   TestScene scene;
-  scene.view.rotation = {{1, 0, 0, 0, 1, 0, 0, 0, 1}};
-  scene.view.width = 16;
-  scene.view.height = 8;
-  scene.view.fx = scene.view.fy = 16;
-  scene.view.cx = 8;
-  scene.view.cy = 4;
+  scene.view = PinholeView{{{1, 0, 0, 0, 1, 0, 0, 0, 1}}, {}, {}, 16, 16, 8, 4, 16, 8};
   const torch::Tensor index = torch::arange(kSplats, torch::kFloat64);
   const torch::Tensor depth = 2 + 1e-6 * index;
   // Multiples of two irrational numbers, which spread evenly.
@@ -177,9 +167,7 @@ TEST(SegmentedCuda, MoreSegmentsThanNumbersAreSortedBy) {
   settings.kernel = ForwardKernel::kSegmented;
   CudaView cut(scene, settings);
   EXPECT_GT(cut.alpha.min().item<float>(), 0.999f) << "all pixels end";
-  std::vector<std::int32_t> last_ids(static_cast<std::size_t>(cut.alpha.numel()));
-  B3DGS_CUDA_CHECK(cudaMemcpy(last_ids.data(), cut.rasterizer().last_ids(), last_ids.size() * sizeof(std::int32_t),
-                              cudaMemcpyDeviceToHost));
+  const std::vector<std::int32_t> last_ids = download(cut.rasterizer().last_ids(), cut.alpha.numel());
   EXPECT_GT(*std::min_element(last_ids.begin(), last_ids.end()), 1024 * kSegmentEntries)
       << "behind what is sorted exactly";
   EXPECT_TRUE(expect_as_by_shared_memory(scene, settings, 2)) << "no list was cut";

@@ -10,89 +10,41 @@
 namespace b3dgs::test {
 namespace {
 
-DeviceArray<std::int32_t> words_to_device(const torch::Tensor& tensor) {
-  const torch::Tensor words = tensor.contiguous();
-  return DeviceArray<std::int32_t>(static_cast<const std::int32_t*>(words.data_ptr()), words.numel());
-}
-
-torch::Tensor words_to_host(const DeviceArray<std::int32_t>& array, torch::IntArrayRef sizes,
-                            torch::ScalarType type = torch::kInt32) {
-  torch::Tensor host = torch::empty(sizes, type);
-  array.download(static_cast<std::int32_t*>(host.data_ptr()));
-  return host;
-}
-
-/// Gaussians in device memory.
-class DeviceGaussians {
- public:
-  explicit DeviceGaussians(const GaussianTensors& gaussians) {
-    TestScene scene;
-    scene.gaussians = gaussians;
-    arrays_ = arrays_of(scene);
-    for (const torch::Tensor* group : gaussians.all()) groups_.push_back(to_device(*group));
-    if (gaussians.filters.defined()) groups_.push_back(to_device(gaussians.filters));
-    arrays_.means = groups_[0].data();
-    arrays_.log_scales = groups_[1].data();
-    arrays_.quats = groups_[2].data();
-    arrays_.logit_opacities = groups_[3].data();
-    arrays_.sh0 = groups_[4].data();
-    arrays_.shN = groups_[5].data();
-    arrays_.filters = gaussians.filters.defined() ? groups_[6].data() : nullptr;
-  }
-  const GaussianArrays& arrays() const { return arrays_; }
-
- private:
-  std::vector<DeviceArray<float>> groups_;
-  GaussianArrays arrays_;
-};
-
 /// Splats in device memory.
 struct DeviceSplats {
-  explicit DeviceSplats(std::int64_t n_splats) : n(n_splats), splats(12 * n), extents(2 * n), radii(n) {}
-  explicit DeviceSplats(const ViewSplats& host)
-      : n(host.size()),
-        splats(words_to_device(host.splats)),
-        extents(words_to_device(host.extents)),
-        radii(words_to_device(host.radii)) {}
-  SplatRowArrays arrays() const {
-    return {reinterpret_cast<Splat*>(splats.data()), reinterpret_cast<Vec2f*>(extents.data()), radii.data()};
-  }
-  SplatRows rows() const { return {n, arrays().splats, arrays().extents, arrays().radii}; }
-  ViewSplats to_host() const {
-    return {words_to_host(splats, {n, 12}, torch::kFloat32), words_to_host(extents, {n, 2}, torch::kFloat32),
-            words_to_host(radii, {n})};
-  }
+  explicit DeviceSplats(std::int64_t n) : splats({n, 12}), extents({n, 2}), radii({n}, torch::kInt32) {}
+  explicit DeviceSplats(const ViewSplats& host) : splats(host.splats), extents(host.extents), radii(host.radii) {}
+  SplatRowArrays arrays() const { return {splats.data<Splat>(), extents.data<Vec2f>(), radii.data<std::int32_t>()}; }
+  SplatRows rows(std::int64_t n) const { return {n, arrays().splats, arrays().extents, arrays().radii}; }
+  ViewSplats to_host() const { return {splats.to_host(), extents.to_host(), radii.to_host()}; }
 
-  std::int64_t n;
-  DeviceArray<std::int32_t> splats, extents, radii;
+  DeviceTensor splats, extents, radii;
 };
 
-/// What the owner of N Gaussians gets of a view of M splats, in device memory.
+/// What the owner of n Gaussians gets of a view of m splats, in device memory.
 struct DeviceOwned {
-  DeviceOwned(std::int64_t n_splats, std::int64_t n_gaussians)
-      : m(n_splats), n(n_gaussians), records(12 * m), index(n), radii(n), means2d(2 * n) {
-    for (int i = 0; i < 4; ++i) scores.push_back(to_device(torch::zeros({n})));
+  DeviceOwned(std::int64_t m, std::int64_t n)
+      : records({m, 12}), index({n}, torch::kInt32), radii({n}, torch::kInt32), means2d({n, 2}) {
+    for (int i = 0; i < 4; ++i) scores.emplace_back(torch::zeros({n}));
   }
   SplatRecordArrays record_arrays() const {
-    return {reinterpret_cast<SplatRecord*>(records.data()), index.data(), means2d.data()};
+    return {records.data<SplatRecord>(), index.data<std::int32_t>(), means2d.data()};
   }
   ScoreArrays score_arrays() const { return {scores[0].data(), scores[1].data(), scores[2].data(), scores[3].data()}; }
   OwnedView to_host() const {
     OwnedView out;
-    out.statistics.means2d_grad = test::to_host(means2d, {n, 2});
-    out.statistics.radii = words_to_host(radii, {n});
-    out.kept = {words_to_host(records, {m, 12}, torch::kFloat32), words_to_host(index, {n})};
-    out.scores.error_sum = test::to_host(scores[0], {n});
-    out.scores.weight_sum = test::to_host(scores[1], {n});
-    out.scores.max_weight = test::to_host(scores[2], {n});
-    out.scores.n_views = test::to_host(scores[3], {n});
+    out.statistics.means2d_grad = means2d.to_host();
+    out.statistics.radii = radii.to_host();
+    out.kept = {records.to_host(), index.to_host()};
+    out.scores.error_sum = scores[0].to_host();
+    out.scores.weight_sum = scores[1].to_host();
+    out.scores.max_weight = scores[2].to_host();
+    out.scores.n_views = scores[3].to_host();
     return out;
   }
 
-  std::int64_t m, n;
-  DeviceArray<std::int32_t> records, index, radii;
-  DeviceArray<float> means2d;
-  std::vector<DeviceArray<float>> scores;
+  DeviceTensor records, index, radii, means2d;
+  std::vector<DeviceTensor> scores;
 };
 
 /// The CUDA rasterizer on tensors in host memory, for expect_same_through_splats().
@@ -133,7 +85,7 @@ class CudaSplit {
   std::optional<WholeView> whole(const TestScene& scene, const RenderSettings& settings, const RenderedViewGrad& grad,
                                  const torch::Tensor& error) {
     const DeviceGaussians device(scene.gaussians);
-    Images images(scene.view);
+    const DeviceImages images(scene.view);
     try {
       rasterizer_->forward(device.arrays(), scene.view, settings, images.arrays());
     } catch (const InvalidGaussianError&) {
@@ -143,10 +95,9 @@ class CudaSplit {
     view.images = images.to_host();
     const std::int64_t n = scene.gaussians.size();
     const DeviceOwned owned(rasterizer_->n_splats(), n);
-    const Grad device_grad(grad);
-    rasterizer_->backward_to_splats(device.arrays(), device_grad.arrays(), owned.record_arrays());
-    rasterizer_->score(to_device(error).data(), owned.score_arrays());
-    B3DGS_CUDA_CHECK(cudaMemcpy(owned.radii.data(), rasterizer_->radii(), static_cast<std::size_t>(n) * 4,
+    rasterizer_->backward_to_splats(device.arrays(), DeviceImages(grad).grad(), owned.record_arrays());
+    rasterizer_->score(DeviceTensor(error).data(), owned.score_arrays());
+    B3DGS_CUDA_CHECK(cudaMemcpy(owned.radii.data<std::int32_t>(), rasterizer_->radii(), static_cast<std::size_t>(n) * 4,
                                 cudaMemcpyDeviceToDevice));
     view.owned = owned.to_host();
     return view;
@@ -155,69 +106,46 @@ class CudaSplit {
   RenderedView forward_splats(const ViewSplats& splats, const CameraView& view, const RenderSettings& settings) {
     images_.emplace(view);
     const DeviceSplats device(splats);
-    rasterizer_->forward_splats(device.rows(), view, settings, images_->arrays());
+    rasterizer_->forward_splats(device.rows(splats.size()), view, settings, images_->arrays());
     n_rows_ = splats.size();
     return images_->to_host();
   }
 
   torch::Tensor backward_splats(const RenderedViewGrad& grad) {
-    const DeviceArray<std::int32_t> sums(12 * n_rows_);
-    const Grad device_grad(grad);
-    rasterizer_->backward_splats(device_grad.arrays(), reinterpret_cast<SplatGradSum*>(sums.data()));
-    return words_to_host(sums, {n_rows_, 12}, torch::kFloat32);
+    const DeviceTensor sums({n_rows_, 12});
+    rasterizer_->backward_splats(DeviceImages(grad).grad(), sums.data<SplatGradSum>());
+    return sums.to_host();
   }
 
   torch::Tensor score_splats(const torch::Tensor& error) {
-    const DeviceArray<std::int32_t> sums(6 * n_rows_);
-    const DeviceArray<float> image = to_device(error);
-    rasterizer_->score_splats(image.data(), reinterpret_cast<ScoreSums*>(sums.data()));
-    return words_to_host(sums, {n_rows_, 6});
+    const DeviceTensor sums({n_rows_, 6}, torch::kInt32);
+    rasterizer_->score_splats(DeviceTensor(error).data(), sums.data<ScoreSums>());
+    return sums.to_host();
   }
 
   OwnedView keep(const ViewSplats& splats, const torch::Tensor& sums, const torch::Tensor& scores,
                  std::int64_t n_gaussians) {
     const DeviceSplats device(splats);
-    const DeviceArray<std::int32_t> device_sums = words_to_device(sums), device_scores = words_to_device(scores);
+    const DeviceTensor device_sums(sums), device_scores(scores);
     const DeviceOwned owned(splats.size(), n_gaussians);
-    cuda::keep_splats({n_gaussians, device.rows(), reinterpret_cast<const SplatGradSum*>(device_sums.data()),
-                       owned.record_arrays(), owned.radii.data()},
+    cuda::keep_splats({n_gaussians, device.rows(splats.size()), device_sums.data<SplatGradSum>(), owned.record_arrays(),
+                       owned.radii.data<std::int32_t>()},
                       context_);
-    cuda::add_scores({device.rows().splats, splats.size(), nullptr,
-                      reinterpret_cast<const ScoreSums*>(device_scores.data()), owned.score_arrays()},
+    cuda::add_scores({device.rows(splats.size()).splats, splats.size(), nullptr, device_scores.data<ScoreSums>(),
+                      owned.score_arrays()},
                      /*radii=*/nullptr, context_);
     return owned.to_host();
   }
 
  private:
-  /// Images in device memory.
-  struct Images {
-    explicit Images(const CameraView& view)
-        : h(view.height), w(view.width), color(3 * h * w), depth(h * w), alpha(h * w) {}
-    ImageArrays arrays() const { return {color.data(), depth.data(), alpha.data()}; }
-    RenderedView to_host() const {
-      return {test::to_host(color, {h, w, 3}), test::to_host(depth, {h, w}), test::to_host(alpha, {h, w})};
-    }
-    std::int64_t h, w;
-    DeviceArray<float> color, depth, alpha;
-  };
-  struct Grad {
-    explicit Grad(const RenderedViewGrad& host)
-        : color(to_device(host.color)), depth(to_device(host.depth)), alpha(to_device(host.alpha)) {}
-    ImageGradArrays arrays() const { return {color.data(), depth.data(), alpha.data()}; }
-    DeviceArray<float> color, depth, alpha;
-  };
-
-  cuda::DriverMemory memory_;
+  DriverMemory memory_;
   cuda::LaunchContext context_ = cuda::make_launch_context(nullptr, memory_);
-  std::optional<Images> images_;  // the backward blend reads them
+  std::optional<DeviceImages> images_;  // the backward blend reads them
   std::int64_t n_rows_ = 0;
   std::unique_ptr<RasterizerBackend> rasterizer_ = cuda::make_rasterizer([context = context_] { return context; });
 };
 
-class SplitViewCudaTest : public testing::TestWithParam<TestSceneRow> {
- protected:
-  void SetUp() override { B3DGS_NEEDS_GPU(); }
-};
+class SplitViewCudaTest : public GpuSceneTest {};
 
 TEST_P(SplitViewCudaTest, HasTheBytesOfAViewOfOneRasterizer) {
   TestScene scene = GetParam().build();
@@ -231,8 +159,7 @@ TEST_P(SplitViewCudaTest, HasTheBytesOfAViewOfOneRasterizer) {
   }
 }
 
-INSTANTIATE_TEST_SUITE_P(Scenes, SplitViewCudaTest, testing::ValuesIn(test_scenes()),
-                         [](const auto& info) { return std::string(info.param.name); });
+INSTANTIATE_TEST_SUITE_P(Scenes, SplitViewCudaTest, testing::ValuesIn(test_scenes()), name_of_scene);
 
 TEST(SplitViewCuda, OfManyGaussiansIsTheSame) {
   B3DGS_NEEDS_GPU();

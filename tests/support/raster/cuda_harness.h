@@ -7,57 +7,116 @@
 
 namespace b3dgs::test {
 
-inline DeviceArray<float> to_device(const torch::Tensor& tensor) {
-  return DeviceArray<float>(tensor.data_ptr<float>(), tensor.numel());
+/// A test of each scene of test_scenes().
+class GpuSceneTest : public testing::TestWithParam<TestSceneRow> {
+ protected:
+  void SetUp() override { B3DGS_NEEDS_GPU(); }
+};
+inline std::string name_of_scene(const testing::TestParamInfo<TestSceneRow>& info) {
+  return info.param.name;
 }
 
-inline torch::Tensor to_host(const DeviceArray<float>& array, torch::IntArrayRef sizes) {
-  torch::Tensor host = torch::empty(sizes, torch::kFloat32);
-  array.download(host.data_ptr<float>());
+/// A tensor in device memory: this LibTorch may have no CUDA.
+class DeviceTensor {
+ public:
+  /// A copy, of an undefined tensor too.
+  explicit DeviceTensor(const torch::Tensor& host)
+      : host_(host.defined() ? host.contiguous() : torch::Tensor()), bytes_(host_.defined() ? host_.nbytes() : 0) {
+    if (host_.defined()) {
+      B3DGS_CUDA_CHECK(cudaMemcpy(bytes_.data(), host_.data_ptr(), host_.nbytes(), cudaMemcpyHostToDevice));
+    }
+  }
+  /// Filled with 0xff bytes.
+  explicit DeviceTensor(torch::IntArrayRef sizes, torch::ScalarType type = torch::kFloat32)
+      : host_(torch::empty(sizes, type)), bytes_(host_.nbytes()) {}
+
+  /// Null if it is undefined.
+  template <class T = float>
+  T* data() const {
+    return host_.defined() ? reinterpret_cast<T*>(bytes_.data()) : nullptr;
+  }
+  torch::Tensor to_host() const {
+    torch::Tensor copy = torch::empty_like(host_);
+    bytes_.download(static_cast<std::uint8_t*>(copy.data_ptr()));
+    return copy;
+  }
+
+ private:
+  torch::Tensor host_;
+  DeviceArray<std::uint8_t> bytes_;
+};
+
+template <class T>
+std::vector<T> download(const T* device, std::int64_t n) {
+  std::vector<T> host(static_cast<std::size_t>(n));
+  B3DGS_CUDA_CHECK(cudaMemcpy(host.data(), device, host.size() * sizeof(T), cudaMemcpyDeviceToHost));
   return host;
 }
+
+/// Gaussians in device memory.
+class DeviceGaussians {
+ public:
+  explicit DeviceGaussians(const GaussianTensors& gaussians) {
+    TestScene scene;
+    scene.gaussians = gaussians;
+    arrays_ = arrays_of(scene);
+    for (const torch::Tensor* group : gaussians.all()) groups_.emplace_back(*group);
+    groups_.emplace_back(gaussians.filters);
+  }
+  GaussianArrays arrays() const {
+    return {arrays_.n_gaussians, arrays_.sh_degree_max, groups_[0].data(), groups_[1].data(), groups_[2].data(),
+            groups_[3].data(),   groups_[4].data(),     groups_[5].data(), groups_[6].data()};
+  }
+
+ private:
+  std::vector<DeviceTensor> groups_;
+  GaussianArrays arrays_;
+};
+
+/// A rendered view, or its gradients, in device memory.
+struct DeviceImages {
+  explicit DeviceImages(const CameraView& view)
+      : color({view.height, view.width, 3}), depth({view.height, view.width}), alpha({view.height, view.width}) {}
+  explicit DeviceImages(const RenderedView& host) : color(host.color), depth(host.depth), alpha(host.alpha) {}
+  explicit DeviceImages(const RenderedViewGrad& host) : color(host.color), depth(host.depth), alpha(host.alpha) {}
+  ImageArrays arrays() const { return {color.data(), depth.data(), alpha.data()}; }
+  ImageGradArrays grad() const { return {color.data(), depth.data(), alpha.data()}; }
+  RenderedView to_host() const { return {color.to_host(), depth.to_host(), alpha.to_host()}; }
+  DeviceTensor color, depth, alpha;
+};
+
+/// Memory from the CUDA driver.
+class DriverMemory final : public cuda::DeviceMemory {
+ public:
+  void* allocate(std::size_t bytes, cudaStream_t stream) override {
+    void* memory = nullptr;
+    B3DGS_CUDA_CHECK(cudaMallocAsync(&memory, bytes, stream));
+    return memory;
+  }
+  void free(void* memory, cudaStream_t stream) noexcept override { cudaFreeAsync(memory, stream); }
+};
 
 /// One view of a scene in the CUDA rasterizer, with the interface of CpuView.
 class CudaView {
  public:
   CudaView(const TestScene& scene, const RenderSettings& settings)
-      : scene_(scene),
-        context_(cuda::make_launch_context(nullptr, memory_)),
-        rasterizer_(cuda::make_rasterizer([context = context_] { return context; })),
-        pixels_(std::int64_t{scene.view.width} * scene.view.height),
-        color_(3 * pixels_),
-        depth_(pixels_),
-        alpha_(pixels_) {
-    for (const torch::Tensor* group : scene.gaussians.all()) parameters_.push_back(to_device(*group));
-    if (scene.gaussians.filters.defined()) parameters_.push_back(to_device(scene.gaussians.filters));
-    rasterizer_->forward(arrays(), scene.view, settings, {color_.data(), depth_.data(), alpha_.data()});
-    const std::int64_t h = scene.view.height, w = scene.view.width;
-    color = to_host(color_, {h, w, 3});
-    depth = to_host(depth_, {h, w});
-    alpha = to_host(alpha_, {h, w});
+      : scene_(scene), gaussians_(scene.gaussians), images_(scene.view) {
+    rasterizer_->forward(gaussians_.arrays(), scene.view, settings, images_.arrays());
+    const RenderedView host = images_.to_host();
+    color = host.color, depth = host.depth, alpha = host.alpha;
   }
 
   DenseGradients backward(const RenderedViewGrad& grad) {
-    std::vector<DeviceArray<float>> inputs;
-    const auto pointer = [&](const torch::Tensor& tensor) -> const float* {
-      if (!tensor.defined()) return nullptr;
-      inputs.push_back(to_device(tensor));
-      return inputs.back().data();
-    };
-    const ImageGradArrays image{pointer(grad.color), pointer(grad.depth), pointer(grad.alpha)};
     DenseGradients out;
     out.parameters = scene_.gaussians;
-    std::vector<DeviceArray<float>> groups;
-    for (const torch::Tensor* group : out.parameters.all()) groups.emplace_back(group->numel());
-    const std::int64_t n = scene_.gaussians.size();
-    const DeviceArray<float> means2d(2 * n);
-    rasterizer_->backward(arrays(), image,
+    std::vector<DeviceTensor> groups;
+    for (const torch::Tensor* group : out.parameters.all()) groups.emplace_back(group->sizes());
+    const DeviceTensor means2d({scene_.gaussians.size(), 2});
+    rasterizer_->backward(gaussians_.arrays(), DeviceImages(grad).grad(),
                           {groups[0].data(), groups[1].data(), groups[2].data(), groups[3].data(), groups[4].data(),
                            groups[5].data(), means2d.data()});
-    for (std::size_t i = 0; i < groups.size(); ++i) {
-      *out.parameters.all()[i] = to_host(groups[i], scene_.gaussians.all()[i]->sizes());
-    }
-    out.means2d = to_host(means2d, {n, 2});
+    for (std::size_t i = 0; i < groups.size(); ++i) *out.parameters.all()[i] = groups[i].to_host();
+    out.means2d = means2d.to_host();
     return out;
   }
 
@@ -69,12 +128,11 @@ class CudaView {
 
   /// Adds to `scores`, four tensors [N] in host memory.
   void score(const torch::Tensor& error, const GaussianScores& scores) {
-    const DeviceArray<float> image = to_device(error),
-                             sums[4]{to_device(scores.error_sum), to_device(scores.weight_sum),
-                                     to_device(scores.max_weight), to_device(scores.n_views)};
-    rasterizer_->score(image.data(), {sums[0].data(), sums[1].data(), sums[2].data(), sums[3].data()});
     const torch::Tensor* const out[4]{&scores.error_sum, &scores.weight_sum, &scores.max_weight, &scores.n_views};
-    for (int i = 0; i < 4; ++i) sums[i].download(out[i]->data_ptr<float>());
+    std::vector<DeviceTensor> sums;
+    for (const torch::Tensor* tensor : out) sums.emplace_back(*tensor);
+    rasterizer_->score(DeviceTensor(error).data(), {sums[0].data(), sums[1].data(), sums[2].data(), sums[3].data()});
+    for (int i = 0; i < 4; ++i) out[i]->copy_(sums[static_cast<std::size_t>(i)].to_host());
   }
 
   /// [N] int64
@@ -89,7 +147,7 @@ class CudaView {
   torch::Tensor last_gaussians() const {
     const TileGrid grid = rasterizer_->grid();
     const BinnedSplats bins = rasterizer_->bins();
-    const std::vector<std::int32_t> last_ids = download(rasterizer_->last_ids(), pixels_);
+    const std::vector<std::int32_t> last_ids = download(rasterizer_->last_ids(), alpha.numel());
     const std::vector<std::int64_t> offsets = download(bins.tile_offsets, grid.n_tiles() + 1);
     const std::vector<std::int32_t> ids = download(bins.splat_ids, bins.n_pairs);
     torch::Tensor last = torch::full({grid.image_height, grid.image_width}, -1, torch::kInt64);
@@ -108,36 +166,15 @@ class CudaView {
 
   /// For further passes on the rendered view.
   RasterizerBackend& rasterizer() { return *rasterizer_; }
-  ImageArrays image() const { return {color_.data(), depth_.data(), alpha_.data()}; }
+  RenderedView image() const { return images_.to_host(); }
 
  private:
-  template <class T>
-  static std::vector<T> download(const T* device, std::int64_t n) {
-    std::vector<T> host(static_cast<std::size_t>(n));
-    B3DGS_CUDA_CHECK(cudaMemcpy(host.data(), device, host.size() * sizeof(T), cudaMemcpyDeviceToHost));
-    return host;
-  }
-
-  GaussianArrays arrays() const {
-    GaussianArrays host = arrays_of(scene_);
-    return {host.n_gaussians,
-            host.sh_degree_max,
-            parameters_[0].data(),
-            parameters_[1].data(),
-            parameters_[2].data(),
-            parameters_[3].data(),
-            parameters_[4].data(),
-            parameters_[5].data(),
-            scene_.gaussians.filters.defined() ? parameters_[6].data() : nullptr};
-  }
-
   const TestScene& scene_;
-  cuda::DriverMemory memory_;
-  cuda::LaunchContext context_;
-  std::unique_ptr<RasterizerBackend> rasterizer_;
-  std::int64_t pixels_;
-  DeviceArray<float> color_, depth_, alpha_;
-  std::vector<DeviceArray<float>> parameters_;
+  DriverMemory memory_;
+  cuda::LaunchContext context_ = cuda::make_launch_context(nullptr, memory_);
+  std::unique_ptr<RasterizerBackend> rasterizer_ = cuda::make_rasterizer([context = context_] { return context; });
+  DeviceGaussians gaussians_;
+  DeviceImages images_;
 
  public:
   torch::Tensor color, depth, alpha;  // float, on the host

@@ -26,7 +26,6 @@
 #include "raster/cuda/blend_kernels.h"
 #include "raster/cuda/forward/tile_blend.cuh"
 #include "raster/cuda/launch.cuh"
-#include "raster/cuda/sort_lists.h"
 
 namespace b3dgs::cuda {
 namespace {
@@ -70,8 +69,8 @@ struct LoadedSplat {
   float2 extent{};
   __device__ __forceinline__ LoadedSplat(const BlendBackwardArgs& blend, std::int32_t id) {
     if (id < 0) return;
-    mean = load_mean(blend.splats, id).v, conic = load_conic(blend.splats, id).v;
-    color = load_color(blend.splats, id).v;
+    mean = load_mean(blend.splats, id), conic = load_conic(blend.splats, id);
+    color = load_color(blend.splats, id);
     extent = __ldg(reinterpret_cast<const float2*>(blend.extents) + id);
   }
   template <bool kWithDepth>
@@ -412,15 +411,17 @@ __global__ void __launch_bounds__(kThreads, kResidentBlocks)
 }  // namespace
 
 void launch_backward_per_bucket(const BlendBackwardCudaArgs& args, const LaunchContext& context) {
-  if (args.buckets.n == 0) return;
-  if (args.behind != nullptr) launch_sum_behind(args, context);
-  const auto blocks = static_cast<unsigned>(args.buckets.n);
+  const auto launch = [&](auto with_depth) {
+    if (args.behind != nullptr) {
+      launch_blocks(sum_behind_kernel<with_depth.value>, args.n_long_lists * kSumBlocks, kSumThreads, context, args);
+    }
+    launch_blocks(backward_per_bucket_kernel<with_depth.value>, args.buckets.n, kThreads, context, args);
+  };
   if (args.blend.grad.depth != nullptr) {
-    backward_per_bucket_kernel<true><<<blocks, kThreads, 0, context.stream>>>(args);
+    launch(std::true_type());
   } else {
-    backward_per_bucket_kernel<false><<<blocks, kThreads, 0, context.stream>>>(args);
+    launch(std::false_type());
   }
-  B3DGS_CUDA_CHECK_LAUNCH();
 }
 
 }  // namespace b3dgs::cuda

@@ -46,14 +46,14 @@ __global__ void __launch_bounds__(kThreads) backward_per_pixel_kernel(const Blen
     if (entry >= 0) {
       const std::int32_t id = blend.bins.splat_ids[first + entry];
       ids[threadIdx.x] = id;
-      means[threadIdx.x] = load_mean(blend.splats, id).v;
-      conics[threadIdx.x] = load_conic(blend.splats, id).v;
-      colors[threadIdx.x] = load_color(blend.splats, id).v;
+      means[threadIdx.x] = load_mean(blend.splats, id);
+      conics[threadIdx.x] = load_conic(blend.splats, id);
+      colors[threadIdx.x] = load_color(blend.splats, id);
     }
     __syncthreads();  // the batch is complete
     const int count = end + 1 < kThreads ? end + 1 : kThreads;
     for (int j = 0; j < count; ++j) {
-      const SplatShape<float> shape = make_splat_shape({means[j]}, {conics[j]});
+      const SplatShape<float> shape = make_splat_shape(means[j], conics[j]);
       const Footprint<float> footprint = evaluate_footprint(shape, at.center_x(), at.center_y());
       const bool blended = footprint.contributes && end - j <= last;
       if (__ballot_sync(kFullWarp, blended) == 0) continue;
@@ -76,8 +76,7 @@ __global__ void __launch_bounds__(kThreads) backward_per_pixel_kernel(const Blen
 
 void launch_backward_per_pixel(const BlendBackwardCudaArgs& args, const LaunchContext& context) {
   B3DGS_CHECK(args.pair_grads == nullptr, "deterministic gradients need the per-bucket backward kernel");
-  backward_per_pixel_kernel<<<args.blend.grid.n_tiles(), kThreads, 0, context.stream>>>(args);
-  B3DGS_CUDA_CHECK_LAUNCH();
+  launch_blocks(backward_per_pixel_kernel, args.blend.grid.n_tiles(), kThreads, context, args);
 }
 
 }  // namespace b3dgs::cuda

@@ -8,6 +8,8 @@
 // place, adds these numbers in the same order.
 // All sums are in double and in an order that follows from the number of splats alone.
 
+#include <algorithm>
+
 #include "raster/cuda/launch.cuh"
 #include "raster/cuda/project.cuh"
 #include "raster/cuda/warp.cuh"
@@ -43,8 +45,7 @@ __global__ void __launch_bounds__(kThreads) camera_gradient_kernel(const __grid_
   const ProjectBackwardCudaArgs& backward = args.backward;
   const ViewTransform<float> view = make_view_transform<float>(backward.view);
   double sums[kCameraGradients]{};
-  for (std::int64_t m = static_cast<std::int64_t>(blockIdx.x) * kThreads + threadIdx.x; m < args.n_splats;
-       m += static_cast<std::int64_t>(gridDim.x) * kThreads) {
+  for (std::int64_t m = own_row<kThreads>(); m < args.n_splats; m += static_cast<std::int64_t>(gridDim.x) * kThreads) {
     const std::int64_t row = args.seen != nullptr ? args.seen[m] : m;
     if (args.seen != nullptr && row >= backward.gaussians.n_gaussians) break;  // second splats are last
     const Splat& splat = backward.splats[row];
@@ -66,8 +67,7 @@ __global__ void __launch_bounds__(kThreads) camera_gradient_kernel(const __grid_
 __global__ void __launch_bounds__(kThreads)
     add_parts_kernel(const float* splat_parts, std::int64_t n_splats, double* parts) {
   double sums[kCameraGradients]{};
-  for (std::int64_t m = static_cast<std::int64_t>(blockIdx.x) * kThreads + threadIdx.x; m < n_splats;
-       m += static_cast<std::int64_t>(gridDim.x) * kThreads) {
+  for (std::int64_t m = own_row<kThreads>(); m < n_splats; m += static_cast<std::int64_t>(gridDim.x) * kThreads) {
 #pragma unroll
     for (int k = 0; k < kCameraGradients; ++k) sums[k] += splat_parts[m * kCameraGradients + k];
   }
@@ -95,38 +95,27 @@ __global__ void __launch_bounds__(kThreads) sum_parts_kernel(const double* parts
 }
 
 int blocks_for(std::int64_t n_splats) {
-  const std::int64_t n_wanted = (n_splats + kThreads - 1) / kThreads;
-  return static_cast<int>(n_wanted < kCameraGradientParts ? n_wanted : kCameraGradientParts);
+  return static_cast<int>(std::min<std::int64_t>(n_blocks(n_splats, kThreads), kCameraGradientParts));
 }
 
 }  // namespace
 
 void camera_gradient(const CameraGradientArgs& args, const LaunchContext& context) {
+  const ProjectBackwardCudaArgs& backward = args.backward;
   const int blocks = blocks_for(args.n_splats);
-  if (blocks > 0) {
-    with_sh_degree(args.backward.sh_degree, [&](auto degree) {
-      with_lens(args.backward.view.lens, [&](const auto& lens) {
-        using Lens = std::decay_t<decltype(lens)>;
-        const auto kernel = args.backward.antialiasing ? camera_gradient_kernel<degree.value, true, Lens>
-                                                       : camera_gradient_kernel<degree.value, false, Lens>;
-        kernel<<<blocks, kThreads, 0, context.stream>>>(args);
-      });
-    });
-    B3DGS_CUDA_CHECK_LAUNCH();
-  }
-  sum_parts_kernel<<<1, kThreads, 0, context.stream>>>(args.parts, blocks, args.out);
-  B3DGS_CUDA_CHECK_LAUNCH();
+  with_constants(backward.sh_degree, backward.antialiasing, backward.view.lens,
+                 [&](auto degree, auto antialiasing, auto lens) {
+                   launch_blocks(camera_gradient_kernel<degree.value, antialiasing.value, decltype(lens)>, blocks,
+                                 kThreads, context, args);
+                 });
+  launch_blocks(sum_parts_kernel, 1, kThreads, context, args.parts, blocks, args.out);
 }
 
 void sum_camera_parts(const float* splat_parts, std::int64_t n_splats, double* parts, double* out,
                       const LaunchContext& context) {
   const int blocks = blocks_for(n_splats);
-  if (blocks > 0) {
-    add_parts_kernel<<<blocks, kThreads, 0, context.stream>>>(splat_parts, n_splats, parts);
-    B3DGS_CUDA_CHECK_LAUNCH();
-  }
-  sum_parts_kernel<<<1, kThreads, 0, context.stream>>>(parts, blocks, out);
-  B3DGS_CUDA_CHECK_LAUNCH();
+  launch_blocks(add_parts_kernel, blocks, kThreads, context, splat_parts, n_splats, parts);
+  launch_blocks(sum_parts_kernel, 1, kThreads, context, parts, blocks, out);
 }
 
 }  // namespace b3dgs::cuda

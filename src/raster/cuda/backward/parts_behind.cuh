@@ -1,7 +1,16 @@
 // State of a pixel behind a bucket, from the parts of the buckets behind it that the forward pass stored.
+//
+// If has_many_parts(), sum_behind_kernel first sums, for each pixel, what the buckets behind each bucket of a long list
+// add to the loss: per-bucket then reads one number instead of all parts behind.
+//   Block: 32 pixels of a tile. Warp: an eighth of each pixel's parts. Lane: a pixel.
+//   Sum: each warp adds up its parts from back to front and stores the sum behind each bucket; then adds those of the
+//     warps behind it. The order is the same in every run.
+//   Shared memory: the warps' sums. Barriers: one.
 #pragma once
 
 #include "raster/cuda/backward/splat_grad.cuh"
+#include "raster/cuda/forward/tile_blend.cuh"
+#include "raster/cuda/launch.cuh"
 #include "raster/cuda/passes.h"
 #include "raster/math/tiling.h"
 
@@ -56,7 +65,7 @@ class PixelParts {
   const float* fronts_ = nullptr;  // null if the list is not cut
 };
 
-/// State behind a bucket in front of the pixel's last. `is_summed`: sum_behind.cu has added up the list's parts.
+/// State behind a bucket in front of the pixel's last. `is_summed`: sum_behind_kernel has added up the list's parts.
 /// `behind_list`: loss_behind_list().
 template <bool kWithDepth>
 __device__ __forceinline__ ReverseState<float> state_behind(const BlendBackwardCudaArgs& args, bool is_summed,
@@ -71,6 +80,54 @@ __device__ __forceinline__ ReverseState<float> state_behind(const BlendBackwardC
     for (std::int32_t k = last_bucket(last); k > bucket; --k) behind += parts.loss(parts.load(k), g);
   }
   return {parts.transmittance(bucket), behind};
+}
+
+constexpr int kSumWarps = 8, kSumThreads = kSumWarps * kWarpSize;
+constexpr int kSumBlocks = kCudaTilePixels / kWarpSize;  // for a tile
+
+template <bool kWithDepth>
+__global__ void __launch_bounds__(kSumThreads) sum_behind_kernel(const BlendBackwardCudaArgs args) {
+  using Parts = PixelParts<kWithDepth>;
+  constexpr int kAtOnce = 8;  // loads in flight
+  __shared__ float sums[kSumWarps][kWarpSize];
+  const int warp = static_cast<int>(threadIdx.x) / kWarpSize, lane = lane_id();
+  const std::int32_t tile = args.tiles_by_length[blockIdx.x / kSumBlocks];
+  const TilePixel at =
+      tile_pixel(args.blend.grid, tile, static_cast<std::int32_t>(blockIdx.x) % kSumBlocks * kWarpSize + lane);
+  const std::int64_t pixel = std::int64_t{at.y} * args.blend.grid.image_width + at.x;
+  const std::int32_t n_parts = at.inside ? last_bucket(args.blend.last_ids[pixel]) : 0;
+  if (!__any_sync(kFullWarp, n_parts > 0)) return;  // the same in all warps
+  // The warp's parts: (begin, end].
+  const std::int32_t n_of_warp = (n_parts + kSumWarps - 1) / kSumWarps;
+  const std::int32_t end = max(n_parts - warp * n_of_warp, 0), begin = max(end - n_of_warp, 0);
+  const Parts parts(args, tile, at.index);
+  PixelGrad g{};
+  if (n_parts > 0) g = load_pixel_grad(args.blend, pixel);
+  float sum = warp == 0 && n_parts > 0 ? loss_behind_list(args.blend, pixel, g) : 0.0f;
+  for (std::int32_t first = end; first > begin; first -= kAtOnce) {
+    typename Parts::Part part[kAtOnce];
+#pragma unroll
+    for (int k = 0; k < kAtOnce; ++k) part[k] = parts.load(max(first - k, begin + 1));
+#pragma unroll
+    for (int k = 0; k < kAtOnce; ++k) {
+      if (first - k <= begin) break;
+      sum += Parts::loss(part[k], g);
+      args.behind[parts.index(first - k - 1)] = sum;
+    }
+  }
+  sums[warp][lane] = sum;
+  __syncthreads();  // all sums
+  float behind = 0;
+  for (int w = 0; w < warp; ++w) behind += sums[w][lane];
+  for (std::int32_t first = end; first > begin; first -= kAtOnce) {
+    float own[kAtOnce];
+#pragma unroll
+    for (int k = 0; k < kAtOnce; ++k) own[k] = args.behind[parts.index(max(first - k, begin + 1) - 1)];
+#pragma unroll
+    for (int k = 0; k < kAtOnce; ++k) {
+      if (first - k > begin) args.behind[parts.index(first - k - 1)] = own[k] + behind;
+    }
+  }
 }
 
 }  // namespace b3dgs::cuda

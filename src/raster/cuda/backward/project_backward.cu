@@ -43,20 +43,15 @@ __global__ void __launch_bounds__(kThreads) project_backward_kernel(const Projec
 }  // namespace
 
 void project_backward(const ProjectBackwardCudaArgs& args, const LaunchContext& context) {
-  const std::int64_t n = args.gaussians.n_gaussians;
-  if (n == 0) return;
   const int n_rest = rest_floats(args.gaussians.sh_degree_max);
   static_assert(sizeof(float) * kThreads * rest_floats(kShDegreeMax) <= 48 * 1024,
                 "fits into the shared memory that a block gets without opt-in");
-  const auto blocks = static_cast<unsigned>((n + kThreads - 1) / kThreads);
+  const auto blocks = static_cast<unsigned>(n_blocks(args.gaussians.n_gaussians, kThreads));
+  if (blocks == 0) return;
   const std::size_t shared_bytes = sizeof(float) * kThreads * static_cast<std::size_t>(n_rest);
-  with_sh_degree(args.sh_degree, [&](auto degree) {
-    with_lens(args.view.lens, [&](const auto& lens) {
-      using Lens = std::decay_t<decltype(lens)>;
-      const auto kernel = args.antialiasing ? project_backward_kernel<degree.value, true, Lens>
-                                            : project_backward_kernel<degree.value, false, Lens>;
-      kernel<<<blocks, kThreads, shared_bytes, context.stream>>>(args, n_rest);
-    });
+  with_constants(args.sh_degree, args.antialiasing, args.view.lens, [&](auto degree, auto antialiasing, auto lens) {
+    const auto kernel = project_backward_kernel<degree.value, antialiasing.value, decltype(lens)>;
+    kernel<<<blocks, kThreads, shared_bytes, context.stream>>>(args, n_rest);
   });
   B3DGS_CUDA_CHECK_LAUNCH();
 }

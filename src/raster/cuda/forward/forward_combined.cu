@@ -48,8 +48,6 @@ static_assert(kScanned % kWarpSize == 0, "a scan covers whole masks");
 static_assert(kPixels == 4 && kThreads <= 0xff, "four bytes of a word, one per pixel");
 constexpr int kMarkWarps = 8;  // per block of mark_quads_kernel
 
-constexpr TileShape kQuadShape{kQuadSide, kQuadSide};
-
 /// Quads of a row of a tile, and of a tile.
 constexpr int kRowQuads = kCudaTileSide / kQuadSide, kTileQuads = kCudaTilePixels / kPixels;
 static_assert(kTileQuads % kWarpSize == 0, "mark_quads_kernel handles 32 quads at a time");
@@ -81,19 +79,16 @@ __global__ void __launch_bounds__(kMarkWarps* kWarpSize) mark_quads_kernel(const
   const std::int64_t first = args.buckets.offsets[tile] * kMasksPerBucket, run = task - first;
   const std::int64_t n_runs = (end - begin + kWarpSize - 1) / kWarpSize, entry = begin + run * kWarpSize + lane_id();
   if (run >= n_runs) return;
+  const TileGrid quads = make_tile_grid(blend.grid.image_width, blend.grid.image_height, {kQuadSide, kQuadSide});
   // The splat's ellipse, tiled by quads. No rows beyond the end of the list.
   TileRows rows{};
   if (entry < end) {
     const std::int32_t id = blend.bins.splat_ids[entry];
-    const float4 mean = load_mean(blend.splats, id).v, conic = load_conic(blend.splats, id).v;
+    const float4 mean = load_mean(blend.splats, id), conic = load_conic(blend.splats, id);
     const Splat splat{mean.x, mean.y, mean.z, mean.w, conic.x, conic.y, conic.z, 0, 0, 0, 0, 0};
     // Below opacity 1/255 a splat contributes nowhere, and its ellipse is not defined (Culling::kSquare lists it).
-    if (mean.z >= kLog2AlphaMin) {
-      rows = tile_rows(make_tile_grid(blend.grid.image_width, blend.grid.image_height, kQuadShape), Culling::kEllipse,
-                       splat, blend.extents[id], 0);
-    }
+    if (mean.z >= kLog2AlphaMin) rows = tile_rows(quads, Culling::kEllipse, splat, blend.extents[id], 0);
   }
-  const TileGrid quads = make_tile_grid(blend.grid.image_width, blend.grid.image_height, kQuadShape);
   const std::int32_t x = tile % blend.grid.columns * kRowQuads, y = tile / blend.grid.columns * kRowQuads;
   std::uint32_t* const masks = args.quad_masks + first * kTileQuads + run;
 #pragma unroll
@@ -113,24 +108,9 @@ struct QuadMemory {
   std::uint32_t n_by_warp[kPixels];  // scan: a count; evaluate: four counts, a byte per pixel
 };
 
-/// Scan: appends the positions of the marked entries among the next kScanned to `candidates`. Bit b of `marks` tells
-/// whether entry position + b touches the quad. One barrier inside; the caller needs another one before it reads the
-/// new candidates. Returns the total number of candidates.
-__device__ __forceinline__ int add_candidates(QuadMemory& shared, int n_candidates, unsigned marks,
-                                              std::int32_t position) {
-  const int warp = static_cast<int>(threadIdx.x) / kWarpSize;
-  const int n_marked = __popc(marks), n_up_to_lane = warp_prefix_sum(n_marked);
-  if (lane_id() == kWarpSize - 1) shared.n_by_warp[warp] = static_cast<std::uint32_t>(n_up_to_lane);
-  __syncthreads();  // counts of all warps
-  int index = n_candidates + n_up_to_lane - n_marked;
-#pragma unroll
-  for (int w = 0; w < kPixels; ++w) {
-    const int n_in_warp = static_cast<int>(shared.n_by_warp[w]);
-    if (w < warp) index += n_in_warp;
-    n_candidates += n_in_warp;
-  }
-  for (; marks != 0; marks &= marks - 1) shared.candidates[index++] = position + __ffs(marks) - 1;
-  return n_candidates;
+/// `index` modulo kRing, for an index below 2 kRing.
+__device__ __forceinline__ int wrapped(int index) {
+  return index < kRing ? index : index - kRing;
 }
 
 /// Byte `index` of a word of four counts.
@@ -138,160 +118,173 @@ __device__ __forceinline__ int byte_of(std::uint32_t bytes, int index) {
   return static_cast<int>(bytes >> (8 * index) & 0xffu);
 }
 
-/// The quad of a task.
-struct Quad {
-  const Splat* splats;
-  const std::int32_t* ids;   // its tile's list
-  float center_x, center_y;  // pixel centre of its upper left pixel
-};
-
-/// Where the next splat is appended to each queue, below kRing; the same in all threads.
-struct QueueEnds {
-  int of_pixel[kPixels] = {0, 0, 0, 0};
-};
-
-/// The queue of a warp's pixel, as far as only this warp knows it.
-struct WarpQueue {
-  int head = 0;      // index of the first splat: a multiple of 32, as is kRing, so a group of 32 never wraps around
-  int n_splats = 0;  // that are queued
-};
-
-/// What evaluating candidates has appended to this warp's queue.
-struct Queued {
-  static constexpr int kAllDone = -1;
-  int n_splats;  // kAllDone if all four pixels are finished: nothing was appended, and no queue is read any more
-  __device__ bool all_done() const { return n_splats < 0; }
-};
-
-/// `index` modulo kRing, for an index below 2 kRing.
-__device__ __forceinline__ int wrapped(int index) {
-  return index < kRing ? index : index - kRing;
-}
-
-/// Evaluate: each thread that has a candidate evaluates it at the four pixels and appends it to the queues of those it
-/// contributes to. Two barriers inside: after the first, all warps have finished reading their queues; after the
-/// second, the queues are filled.
-__device__ __forceinline__ Queued queue_contributions(const Quad& quad, int candidate, bool has_candidate, bool is_done,
-                                                      QueueEnds& ends, QuadMemory& shared) {
-  const int lane = lane_id(), warp = static_cast<int>(threadIdx.x) / kWarpSize;
-  std::int32_t position = 0;
-  SplatMean mean{};
-  SplatConic conic{};
-  SplatColor color{};
-  if (has_candidate) {
-    position = shared.candidates[candidate];
-    const std::int32_t id = __ldg(quad.ids + position);
-    mean = load_mean(quad.splats, id);
-    conic = load_conic(quad.splats, id);
-    color = load_color(quad.splats, id);
-  }
-  const SplatShape<float> shape = make_splat_shape(mean, conic);
-  float power[kPixels];
-  unsigned contributing[kPixels];  // lanes whose splat contributes to each pixel
-  std::uint32_t warp_counts = 0;   // how many, a byte per pixel
-#pragma unroll
-  for (int p = 0; p < kPixels; ++p) {
-    const Footprint<float> footprint = evaluate_footprint(shape, quad.center_x + static_cast<float>(p % kQuadSide),
-                                                          quad.center_y + static_cast<float>(p / kQuadSide));
-    power[p] = footprint.power;
-    contributing[p] = __ballot_sync(kFullWarp, footprint.contributes && has_candidate);
-    warp_counts |= static_cast<std::uint32_t>(__popc(contributing[p])) << (8 * p);
-  }
-  if (lane == 0) shared.n_by_warp[warp] = warp_counts;
-  // Counts are written, and all warps have finished reading their queues.
-  if (__syncthreads_and(is_done)) return {Queued::kAllDone};
-  // Counts of the warps ahead of this one, and of all; four bytes are added as one number.
-  std::uint32_t ahead = 0, all = 0;
-#pragma unroll
-  for (int w = 0; w < kPixels; ++w) {
-    const std::uint32_t counts = shared.n_by_warp[w];
-    if (w < warp) ahead += counts;
-    all += counts;
-  }
-#pragma unroll
-  for (int p = 0; p < kPixels; ++p) {
-    // List order is thread order: append behind the warps ahead and the lower lanes.
-    if ((contributing[p] >> lane & 1) != 0) {
-      const int n_before = byte_of(ahead, p) + __popc(contributing[p] & ((1u << lane) - 1));
-      const int index = wrapped(ends.of_pixel[p] + n_before);
-      shared.color_depth[p][index] = make_float4(color.v.x, color.v.y, color.v.z, mean.v.w);
-      shared.power[p][index] = power[p];
-      shared.position[p][index] = position;
-    }
-    ends.of_pixel[p] = wrapped(ends.of_pixel[p] + byte_of(all, p));
-  }
-  __syncthreads();  // the queues are filled
-  return {byte_of(all, warp)};
-}
-
-/// Blend: the warp blends the first `count` <= 32 splats of its queue.
+/// One task: a quad, blended by the whole block.
 template <StoredParts kStored>
-__device__ __forceinline__ void blend_queued(const QuadMemory& shared, const WarpQueue& queue, int count,
-                                             GaussianWisePixel<kStored>& pixel) {
-  const int warp = static_cast<int>(threadIdx.x) / kWarpSize, index = queue.head + lane_id();
-  pixel.blend({lane_id() < count, shared.power[warp][index], shared.position[warp][index]},
-              [&] { return shared.color_depth[warp][index]; });
-}
+class QuadBlend {
+ public:
+  /// `quad`: number of the quad in the tile; (x, y): its upper left pixel in the image.
+  __device__ __forceinline__ QuadBlend(const BlendForwardCudaArgs& args, std::int32_t tile, std::int32_t quad,
+                                       std::int32_t x, std::int32_t y, const TilePixel& at, QuadMemory& shared)
+      : splats_(args.blend.splats),
+        ids_(args.blend.bins.splat_ids + args.blend.bins.tile_offsets[tile]),
+        n_runs_((list_length(args.blend.bins, tile) + kWarpSize - 1) / kWarpSize),
+        masks_(args.quad_masks + args.buckets.offsets[tile] * kMasksPerBucket * kTileQuads +
+               static_cast<std::int64_t>(quad) * n_runs_),
+        center_x_(static_cast<float>(x) + 0.5f),
+        center_y_(static_cast<float>(y) + 0.5f),
+        shared_(shared),
+        pixel_(args, tile, at),
+        is_done_(!at.inside) {}
 
-/// One task: blends quad `task` with the whole block.
+  __device__ __forceinline__ void run() {
+    // The mask with this thread's byte, loaded one scan ahead.
+    const std::int32_t run = thread_ / kThreadsPerMask;
+    std::uint32_t next_mask = run < n_runs_ ? __ldg(masks_ + run) : 0;
+    bool all_done = false;
+    for (std::int32_t start = 0; start < n_runs_ && !all_done; start += kScanned / kWarpSize) {
+      const unsigned marks = next_mask >> (thread_ % kThreadsPerMask * kScanBits) & 0xffu;
+      const std::int32_t next_run = start + kScanned / kWarpSize + run;
+      next_mask = next_run < n_runs_ ? __ldg(masks_ + next_run) : 0;
+      scan(marks, start * kWarpSize + thread_ * kScanBits);
+      __syncthreads();  // candidates are complete
+
+      // Evaluate and blend full groups of 128 candidates. After the last scan, also the rest.
+      const int wanted = start + kScanned / kWarpSize < n_runs_ ? kThreads : 1;
+      int taken = 0;
+      for (; n_candidates_ - taken >= wanted && !all_done; taken += kThreads) {
+        const int added = evaluate(taken + thread_);
+        all_done = added < 0;
+        n_queued_ += added;
+        for (; n_queued_ >= kWarpSize && !is_done_; n_queued_ -= kWarpSize) {
+          blend(kWarpSize);
+          head_ = wrapped(head_ + kWarpSize);
+          is_done_ = pixel_.is_finished();
+        }
+      }
+      // Move the remaining candidates to the front. Unless all_done, fewer than kThreads are left, so source and
+      // destination do not overlap. All reads of what is overwritten happened before the last barrier.
+      const int n_left = max(n_candidates_ - taken, 0);
+      if (taken > 0 && thread_ < n_left) shared_.candidates[thread_] = shared_.candidates[taken + thread_];
+      n_candidates_ = n_left;
+    }
+  }
+
+  /// Blends what is still queued and writes the pixel, which must be inside the image. No barriers.
+  __device__ __forceinline__ void finish() {
+    if (n_queued_ > 0 && !is_done_) blend(n_queued_);
+    pixel_.store();
+  }
+
+ private:
+  /// Appends the positions of the marked entries among the next kScanned to the candidates. Bit b of `marks` tells
+  /// whether entry position + b touches the quad. One barrier inside; another must follow before the new candidates are
+  /// read.
+  __device__ __forceinline__ void scan(unsigned marks, std::int32_t position) {
+    const int n_marked = __popc(marks), n_up_to_lane = warp_prefix(n_marked, [](int a, int b) { return a + b; });
+    if (lane_id() == kWarpSize - 1) shared_.n_by_warp[warp_] = static_cast<std::uint32_t>(n_up_to_lane);
+    __syncthreads();  // counts of all warps
+    int index = n_candidates_ + n_up_to_lane - n_marked;
+#pragma unroll
+    for (int w = 0; w < kPixels; ++w) {
+      const int n_in_warp = static_cast<int>(shared_.n_by_warp[w]);
+      if (w < warp_) index += n_in_warp;
+      n_candidates_ += n_in_warp;
+    }
+    for (; marks != 0; marks &= marks - 1) shared_.candidates[index++] = position + __ffs(marks) - 1;
+  }
+
+  /// Each thread that has a candidate evaluates it at the four pixels and appends it to the queues of those it
+  /// contributes to. Two barriers inside: after the first, all warps have finished reading their queues; after the
+  /// second, the queues are filled. Returns how many were appended to this warp's queue; -1 if all four pixels are
+  /// finished: nothing was appended, and no queue is read any more.
+  __device__ __forceinline__ int evaluate(int candidate) {
+    const int lane = lane_id();
+    const bool has_candidate = candidate < n_candidates_;
+    std::int32_t position = 0;
+    float4 mean{}, conic{}, color{};
+    if (has_candidate) {
+      position = shared_.candidates[candidate];
+      const std::int32_t id = __ldg(ids_ + position);
+      mean = load_mean(splats_, id), conic = load_conic(splats_, id), color = load_color(splats_, id);
+    }
+    const SplatShape<float> shape = make_splat_shape(mean, conic);
+    float power[kPixels];
+    unsigned contributing[kPixels];  // lanes whose splat contributes to each pixel
+    std::uint32_t warp_counts = 0;   // how many, a byte per pixel
+#pragma unroll
+    for (int p = 0; p < kPixels; ++p) {
+      const Footprint<float> footprint = evaluate_footprint(shape, center_x_ + static_cast<float>(p % kQuadSide),
+                                                            center_y_ + static_cast<float>(p / kQuadSide));
+      power[p] = footprint.power;
+      contributing[p] = __ballot_sync(kFullWarp, footprint.contributes && has_candidate);
+      warp_counts |= static_cast<std::uint32_t>(__popc(contributing[p])) << (8 * p);
+    }
+    if (lane == 0) shared_.n_by_warp[warp_] = warp_counts;
+    // Counts are written, and all warps have finished reading their queues.
+    if (__syncthreads_and(is_done_)) return -1;
+    // Counts of the warps ahead of this one, and of all; four bytes are added as one number.
+    std::uint32_t ahead = 0, all = 0;
+#pragma unroll
+    for (int w = 0; w < kPixels; ++w) {
+      const std::uint32_t counts = shared_.n_by_warp[w];
+      if (w < warp_) ahead += counts;
+      all += counts;
+    }
+#pragma unroll
+    for (int p = 0; p < kPixels; ++p) {
+      // List order is thread order: append behind the warps ahead and the lower lanes.
+      if ((contributing[p] >> lane & 1) != 0) {
+        const int n_before = byte_of(ahead, p) + __popc(contributing[p] & ((1u << lane) - 1));
+        const int index = wrapped(ends_[p] + n_before);
+        shared_.color_depth[p][index] = make_float4(color.x, color.y, color.z, mean.w);
+        shared_.power[p][index] = power[p];
+        shared_.position[p][index] = position;
+      }
+      ends_[p] = wrapped(ends_[p] + byte_of(all, p));
+    }
+    __syncthreads();  // the queues are filled
+    return byte_of(all, warp_);
+  }
+
+  /// The warp blends the first `count` <= 32 splats of its queue.
+  __device__ __forceinline__ void blend(int count) {
+    const int index = head_ + lane_id();
+    pixel_.blend({lane_id() < count, shared_.power[warp_][index], shared_.position[warp_][index]},
+                 [&] { return shared_.color_depth[warp_][index]; });
+  }
+
+  const Splat* const splats_;
+  const std::int32_t* const ids_;  // the tile's list
+  const std::int32_t n_runs_;      // of 32 entries
+  const std::uint32_t* const masks_;
+  const float center_x_, center_y_;  // pixel centre of the quad's upper left pixel
+  QuadMemory& shared_;
+  const int thread_ = static_cast<int>(threadIdx.x), warp_ = thread_ / kWarpSize;
+  GaussianWisePixel<kStored> pixel_;
+  bool is_done_;
+  int n_candidates_ = 0;
+  // Where the next splat is appended to each queue, below kRing; the same in all threads.
+  int ends_[kPixels] = {};
+  // This warp's queue. The head is a multiple of 32, as is kRing, so a group of 32 never wraps around.
+  int head_ = 0, n_queued_ = 0;
+};
+
+/// One task, by the whole block.
 template <StoredParts kStored>
 __device__ __forceinline__ void blend_quad(const BlendForwardCudaArgs& args, std::int32_t task, QuadMemory& shared) {
-  const BlendForwardArgs& blend = args.blend;
-  const int thread = static_cast<int>(threadIdx.x), warp = thread / kWarpSize;
-  const std::int32_t tile = task / kTileQuads, quad_in_tile = task % kTileQuads;
+  const TileGrid& grid = args.blend.grid;
+  const std::int32_t tile = task / kTileQuads, quad = task % kTileQuads;
+  const std::int32_t warp = static_cast<std::int32_t>(threadIdx.x) / kWarpSize;
   // The quad's upper left pixel within the tile, and the tile's within the image.
-  const std::int32_t quad_x = quad_in_tile % kRowQuads * kQuadSide, quad_y = quad_in_tile / kRowQuads * kQuadSide;
-  const std::int32_t tile_x = tile % blend.grid.columns * kCudaTileSide;
-  const std::int32_t tile_y = tile / blend.grid.columns * kRowQuads * kQuadSide;
-  if (tile_x + quad_x >= blend.grid.image_width || tile_y + quad_y >= blend.grid.image_height) return;
+  const std::int32_t quad_x = quad % kRowQuads * kQuadSide, quad_y = quad / kRowQuads * kQuadSide;
+  const std::int32_t tile_x = tile % grid.columns * kCudaTileSide, tile_y = tile / grid.columns * kCudaTileSide;
+  if (tile_x + quad_x >= grid.image_width || tile_y + quad_y >= grid.image_height) return;
   const std::int32_t x = quad_x + warp % kQuadSide, y = quad_y + warp / kQuadSide;
   const TilePixel at{tile_x + x, tile_y + y, y * kCudaTileSide + x,
-                     tile_x + x < blend.grid.image_width && tile_y + y < blend.grid.image_height};
-  GaussianWisePixel<kStored> pixel(args, tile, at);
-  const Quad quad{blend.splats, blend.bins.splat_ids + blend.bins.tile_offsets[tile],
-                  static_cast<float>(tile_x + quad_x) + 0.5f, static_cast<float>(tile_y + quad_y) + 0.5f};
-
-  const std::int32_t n_runs = (list_length(blend.bins, tile) + kWarpSize - 1) / kWarpSize;
-  const std::uint32_t* const masks = args.quad_masks + args.buckets.offsets[tile] * kMasksPerBucket * kTileQuads +
-                                     static_cast<std::int64_t>(quad_in_tile) * n_runs;
-  QueueEnds ends;
-  WarpQueue queue;
-  int n_candidates = 0;
-  bool is_done = !at.inside, all_done = false;
-  // The mask with this thread's byte, loaded one scan ahead.
-  const std::int32_t run = thread / kThreadsPerMask;
-  std::uint32_t next_mask = run < n_runs ? __ldg(masks + run) : 0;
-  for (std::int32_t start = 0; start < n_runs && !all_done; start += kScanned / kWarpSize) {
-    // Scan the next 1024 entries.
-    const unsigned marks = next_mask >> (thread % kThreadsPerMask * kScanBits) & 0xffu;
-    const std::int32_t next_run = start + kScanned / kWarpSize + run;
-    next_mask = next_run < n_runs ? __ldg(masks + next_run) : 0;
-    n_candidates = add_candidates(shared, n_candidates, marks, start * kWarpSize + thread * kScanBits);
-    __syncthreads();  // candidates are complete
-
-    // Evaluate and blend full groups of 128 candidates. After the last scan, also the rest.
-    const int wanted = start + kScanned / kWarpSize < n_runs ? kThreads : 1;
-    int taken = 0;
-    for (; n_candidates - taken >= wanted && !all_done; taken += kThreads) {
-      const Queued added =
-          queue_contributions(quad, taken + thread, taken + thread < n_candidates, is_done, ends, shared);
-      all_done = added.all_done();
-      for (queue.n_splats += added.n_splats; queue.n_splats >= kWarpSize && !is_done; queue.n_splats -= kWarpSize) {
-        blend_queued(shared, queue, kWarpSize, pixel);
-        queue.head = wrapped(queue.head + kWarpSize);
-        is_done = pixel.is_finished();
-      }
-    }
-    // Move the remaining candidates to the front. Unless all_done, fewer than kThreads are left, so source and
-    // destination do not overlap. All reads of what is overwritten happened before the last barrier.
-    const int n_left = n_candidates > taken ? n_candidates - taken : 0;
-    if (taken > 0 && thread < n_left) shared.candidates[thread] = shared.candidates[taken + thread];
-    n_candidates = n_left;
-  }
-  // Blend what is still queued. No barrier from here on.
-  if (!at.inside) return;
-  if (queue.n_splats > 0 && !is_done) blend_queued(shared, queue, queue.n_splats, pixel);
-  pixel.store();
+                     tile_x + x < grid.image_width && tile_y + y < grid.image_height};
+  QuadBlend<kStored> blend(args, tile, quad, tile_x + quad_x, tile_y + quad_y, at, shared);
+  blend.run();
+  if (at.inside) blend.finish();
 }
 
 template <StoredParts kStored>
@@ -312,27 +305,20 @@ __global__ void __launch_bounds__(kThreads)
   }
 }
 
-template <StoredParts kStored>
-void launch(const BlendForwardCudaArgs& args, const LaunchContext& context) {
-  const std::int64_t n_tasks = std::int64_t{kTileQuads} * args.blend.grid.n_tiles();
-  B3DGS_CHECK(n_tasks < std::int64_t{1} << 30, "image too large for the combined kernel: ", n_tasks,
-              " tasks, expected below 2^30");
-  if (args.buckets.n > 0) {
-    const auto blocks = static_cast<unsigned>((args.buckets.n * kMasksPerBucket + kMarkWarps - 1) / kMarkWarps);
-    mark_quads_kernel<<<blocks, kMarkWarps * kWarpSize, 0, context.stream>>>(args);
-    B3DGS_CUDA_CHECK_LAUNCH();
-  }
-  reset_tasks(args.next_task, context);
-  const auto kernel = forward_combined_kernel<kStored>;
-  kernel<<<resident_blocks(kernel, kThreads, context), kThreads, 0, context.stream>>>(
-      args, static_cast<std::int32_t>(n_tasks));
-  B3DGS_CUDA_CHECK_LAUNCH();
-}
-
 }  // namespace
 
 void launch_forward_combined(const BlendForwardCudaArgs& args, const LaunchContext& context) {
-  with_stored_parts(args.parts, [&](auto stored) { launch<stored.value>(args, context); });
+  const std::int64_t n_tasks = std::int64_t{kTileQuads} * args.blend.grid.n_tiles();
+  B3DGS_CHECK(n_tasks < std::int64_t{1} << 30, "image too large for the combined kernel: ", n_tasks,
+              " tasks, expected below 2^30");
+  launch_blocks(mark_quads_kernel, n_blocks(args.buckets.n * kMasksPerBucket, kMarkWarps), kMarkWarps * kWarpSize,
+                context, args);
+  reset_tasks(args.next_task, context);
+  with_stored_parts(args.parts, [&](auto stored) {
+    const auto kernel = forward_combined_kernel<stored.value>;
+    launch_blocks(kernel, resident_blocks(kernel, kThreads, context), kThreads, context, args,
+                  static_cast<std::int32_t>(n_tasks));
+  });
 }
 
 }  // namespace b3dgs::cuda

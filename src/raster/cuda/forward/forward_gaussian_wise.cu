@@ -32,7 +32,7 @@ __device__ __forceinline__ void blend_pixel(const BlendForwardCudaArgs& args, st
     const bool contributes = footprint.contributes && entry < n;
     if (!__any_sync(kFullWarp, contributes)) continue;
     pixel.blend({contributes, footprint.power, entry}, [&] {
-      const float4 color = load_color(blend.splats, id).v;
+      const float4 color = load_color(blend.splats, id);
       return make_float4(color.x, color.y, color.z, __ldg(&blend.splats[id].depth));
     });
   }
@@ -52,11 +52,9 @@ __global__ void __launch_bounds__(kThreads) forward_gaussian_wise_kernel(const B
 }  // namespace
 
 void launch_forward_gaussian_wise(const BlendForwardCudaArgs& args, const LaunchContext& context) {
-  const int n_tiles = args.blend.grid.n_tiles();
   with_stored_parts(args.parts, [&](auto stored) {
-    forward_gaussian_wise_kernel<stored.value><<<n_tiles, kThreads, 0, context.stream>>>(args);
+    launch_blocks(forward_gaussian_wise_kernel<stored.value>, args.blend.grid.n_tiles(), kThreads, context, args);
   });
-  B3DGS_CUDA_CHECK_LAUNCH();
 }
 
 }  // namespace b3dgs::cuda

@@ -49,8 +49,8 @@ __device__ __forceinline__ void blend_tile_pixelwise(const BlendForwardCudaArgs&
     if (start + threadIdx.x < last) {
       const std::int32_t id = blend.bins.splat_ids[start + threadIdx.x];
       batch.id[threadIdx.x] = id;
-      batch.mean[threadIdx.x] = load_mean(blend.splats, id).v;
-      batch.conic[threadIdx.x] = load_conic(blend.splats, id).v;
+      batch.mean[threadIdx.x] = load_mean(blend.splats, id);
+      batch.conic[threadIdx.x] = load_conic(blend.splats, id);
     }
     __syncthreads();  // the batch is complete
 
@@ -60,21 +60,18 @@ __device__ __forceinline__ void blend_tile_pixelwise(const BlendForwardCudaArgs&
       const int bucket_end = bucket + kBucketEntries < n ? bucket + kBucketEntries : n;
       PixelState<float> part{pixel.transmittance, 0, 0, 0, 0};
       for (int j = bucket; j < bucket_end; ++j) {
-        const SplatShape<float> shape = make_splat_shape({batch.mean[j]}, {batch.conic[j]});
+        const SplatShape<float> shape = make_splat_shape(batch.mean[j], batch.conic[j]);
         const Footprint<float> footprint = evaluate_footprint(shape, center_x, center_y);
         if (!footprint.contributes) continue;
         const float alpha = evaluate_alpha(footprint.power).alpha;
-        const float4 color = load_color(blend.splats, batch.id[j]).v;
+        const float4 color = load_color(blend.splats, batch.id[j]);
         const float depth = __ldg(&blend.splats[batch.id[j]].depth);
         done = !blend_over(part, true, alpha, color.x, color.y, color.z, depth);
         if (done) break;
         last_blended = static_cast<std::int32_t>(start - first) + j;
       }
-      pixel = {part.transmittance, pixel.red + part.red, pixel.green + part.green, pixel.blue + part.blue,
-               pixel.depth + part.depth};
-      if (args.parts.color != nullptr) {
-        store_bucket_part(args, tile, start - first + bucket, at.index, part);
-      }
+      pixel = sum_of(pixel, part);
+      if (args.parts.color != nullptr) store_bucket_part(args, tile, start - first + bucket, at.index, part);
     }
   }
   if (at.inside) store_pixel(blend, at, pixel, last_blended);
@@ -87,10 +84,12 @@ __global__ void __launch_bounds__(kThreads) forward_naive_kernel(const BlendForw
 
 __global__ void __launch_bounds__(kThreads) forward_dynamic_kernel(const BlendForwardCudaArgs args) {
   __shared__ StagedBatch batch;
-  __shared__ std::int32_t ticket;
-  const std::int32_t n_tiles = args.blend.grid.n_tiles();
-  for (std::int32_t tile = take_task(args.next_task, ticket); tile < n_tiles;
-       tile = take_task(args.next_task, ticket)) {
+  __shared__ std::int32_t tile;
+  while (true) {
+    __syncthreads();  // all threads have finished with the previous tile
+    if (threadIdx.x == 0) tile = atomicAdd(args.next_task, 1);
+    __syncthreads();  // the next one is known
+    if (tile >= args.blend.grid.n_tiles()) return;
     blend_tile_pixelwise(args, batch, tile);
   }
 }
@@ -108,21 +107,18 @@ __global__ void __launch_bounds__(kStagedThreads) forward_shared_memory_kernel(c
 }  // namespace
 
 void launch_forward_naive(const BlendForwardCudaArgs& args, const LaunchContext& context) {
-  forward_naive_kernel<<<args.blend.grid.n_tiles(), kThreads, 0, context.stream>>>(args);
-  B3DGS_CUDA_CHECK_LAUNCH();
+  launch_blocks(forward_naive_kernel, args.blend.grid.n_tiles(), kThreads, context, args);
 }
 
 void launch_forward_dynamic(const BlendForwardCudaArgs& args, const LaunchContext& context) {
   reset_tasks(args.next_task, context);
   const int blocks = resident_blocks(forward_dynamic_kernel, kThreads, context);
-  forward_dynamic_kernel<<<blocks, kThreads, 0, context.stream>>>(args);
-  B3DGS_CUDA_CHECK_LAUNCH();
+  launch_blocks(forward_dynamic_kernel, blocks, kThreads, context, args);
 }
 
 void launch_forward_shared_memory(const BlendForwardCudaArgs& args, const LaunchContext& context) {
   const int blocks = args.blend.grid.n_tiles() * kStagedBlocks;
-  forward_shared_memory_kernel<<<blocks, kStagedThreads, 0, context.stream>>>(args);
-  B3DGS_CUDA_CHECK_LAUNCH();
+  launch_blocks(forward_shared_memory_kernel, blocks, kStagedThreads, context, args);
 }
 
 }  // namespace b3dgs::cuda

@@ -123,42 +123,51 @@ __device__ __forceinline__ bool take_segment(const BlendForwardCudaArgs& args, s
   return true;
 }
 
-/// The segment of a task.
+/// The segment of a task, and the pixel that this thread blends.
 struct ListSegment {
   std::int32_t tile;
   std::int32_t first;  // index of the list's first segment, -1 if the list is not cut
   std::int32_t index;  // index of this segment
+  int block;           // of the tile
   ListRange range;     // its entries
+  TilePixel at;
   __device__ ListSegment(const BlendForwardCudaArgs& args, const SegmentTask& task)
-      : tile(task.tile), first(args.segments.first_of_tile[task.tile]), index(first + task.segment) {
+      : tile(task.tile),
+        first(args.segments.first_of_tile[task.tile]),
+        index(first + task.segment),
+        block(static_cast<int>(blockIdx.x) % kStagedBlocks),
+        at(staged_pixel(args.blend.grid, tile, block)) {
     const std::int32_t length = list_length(args.blend.bins, tile), entries = 1 << args.cut.entries_log2;
     const std::int32_t begin = task.segment << args.cut.entries_log2;
     range = {begin, first >= 0 && begin + entries < length ? begin + entries : length};
   }
+  /// Index in the arrays of Segments.
+  __device__ std::int32_t pixel() const { return index * kCudaTilePixels + at.index; }
 };
+
+/// 1 as soon as block `block` has blended the segment.
+__device__ __forceinline__ auto is_done(const Segments& segments, std::int32_t index, int block) {
+  return ::cuda::atomic_ref<std::int32_t, ::cuda::thread_scope_device>(
+      segments.is_done[kSegmentBlocks * index + block]);
+}
 
 /// Upper bound of the pixel's transmittance in front of this segment: the product over the segments that are done. It
 /// is computed in the order in which transmittance_in_front() multiplies, so that it is a bound despite rounding. Must
-/// be called by all threads of a warp of the tile's `block`, including those of pixels outside the image.
-__device__ __forceinline__ float transmittance_bound(const Segments& segments, const ListSegment& segment, int block,
-                                                     std::int32_t pixel_index) {
+/// be called by all threads of a warp, including those of pixels outside the image.
+__device__ __forceinline__ float transmittance_bound(const Segments& segments, const ListSegment& segment) {
   constexpr int kAtOnce = 4;  // loads in flight
   float bound = 1;
   for (std::int32_t start = segment.first; start < segment.index; start += kWarpSize) {
     const std::int32_t index = start + lane_id();
-    bool is_done = false;
-    if (index < segment.index) {
-      ::cuda::atomic_ref<std::int32_t, ::cuda::thread_scope_device> done(
-          segments.is_done[kSegmentBlocks * index + block]);
-      is_done = done.load(::cuda::memory_order_acquire) != 0;
-    }
-    unsigned ready = __ballot_sync(kFullWarp, is_done);
+    const bool is_ready =
+        index < segment.index && is_done(segments, index, segment.block).load(::cuda::memory_order_acquire) != 0;
+    unsigned ready = __ballot_sync(kFullWarp, is_ready);
     __syncwarp();  // makes what one lane acquired visible to the whole warp
     while (ready != 0) {
       float factor[kAtOnce];
 #pragma unroll
       for (int k = 0; k < kAtOnce; ++k) {
-        const std::int32_t from = (start + __ffs(ready) - 1) * kCudaTilePixels + pixel_index;
+        const std::int32_t from = (start + __ffs(ready) - 1) * kCudaTilePixels + segment.at.index;
         factor[k] = ready != 0 ? __ldcg(segments.transmittance + from) : 1.0f;
         ready &= ready - 1;
       }
@@ -176,44 +185,34 @@ __device__ __forceinline__ void store_segment(const BlendForwardCudaArgs& args, 
   const Segments& segments = args.segments;
   SegmentTask task;
   take_segment(args, static_cast<std::int32_t>(blockIdx.x) / kStagedBlocks, task);
-  const int block = static_cast<int>(blockIdx.x) % kStagedBlocks;
   const ListSegment segment(args, task);
-  const TilePixel at = staged_pixel(args.blend.grid, segment.tile, block);
   const bool is_first = segment.index == segment.first, is_whole = segment.first < 0;
-  if (at.inside && is_first && (is_whole || is_finished(pixel.transmittance))) store_pixel(args.blend, at, pixel, last);
+  if (segment.at.inside && is_first && (is_whole || is_finished(pixel.transmittance))) {
+    store_pixel(args.blend, segment.at, pixel, last);
+  }
   if (is_whole) return;
-  const std::int32_t pixel_of_segment = segment.index * kCudaTilePixels + at.index;
+  const std::int32_t pixel_of_segment = segment.pixel();
   if (is_first && segments.fronts != nullptr) segments.fronts[pixel_of_segment] = 1;
   segments.transmittance[pixel_of_segment] = pixel.transmittance;
   segments.color_depth[pixel_of_segment] = make_float4(pixel.red, pixel.green, pixel.blue, pixel.depth);
   segments.last[pixel_of_segment] = last;
   // Publish the segment for blocks that are behind it in the same list.
   __syncthreads();  // all threads have written
-  if (threadIdx.x == 0) {
-    ::cuda::atomic_ref<std::int32_t, ::cuda::thread_scope_device> done(
-        segments.is_done[kSegmentBlocks * segment.index + block]);
-    done.store(1, ::cuda::memory_order_release);
-  }
+  if (threadIdx.x == 0) is_done(segments, segment.index, segment.block).store(1, ::cuda::memory_order_release);
 }
 
 __global__ void __launch_bounds__(kStagedThreads) forward_segmented_kernel(const BlendForwardCudaArgs args) {
   __shared__ StagedSplats staged;
   SegmentTask task;
   if (!take_segment(args, static_cast<std::int32_t>(blockIdx.x) / kStagedBlocks, task)) return;
-  const int block = static_cast<int>(blockIdx.x) % kStagedBlocks;
   const ListSegment segment(args, task);
-  const TilePixel at = staged_pixel(args.blend.grid, segment.tile, block);
   // Skip what cannot be visible.
-  bool is_alive = at.inside;
+  bool is_alive = segment.at.inside;
   if (segment.index > segment.first) {
-    std::int32_t* const hidden_from = args.segments.hidden_from + kSegmentBlocks * segment.tile + block;
+    std::int32_t* const hidden_from = args.segments.hidden_from + kSegmentBlocks * segment.tile + segment.block;
     // Another block may lower it now. transmittance_bound() votes, so all lanes of a warp must see the same value.
     const bool is_hidden = segment.index >= __shfl_sync(kFullWarp, __ldcg(hidden_from), 0);
-    is_alive = is_alive && !is_hidden;
-    if (!is_hidden) {
-      const float bound = transmittance_bound(args.segments, segment, block, at.index);
-      is_alive = is_alive && !is_saturated(bound);
-    }
+    is_alive = !is_hidden && !is_saturated(transmittance_bound(args.segments, segment)) && is_alive;
     if (__syncthreads_or(is_alive) == 0) {
       if (threadIdx.x == 0) atomicMin(hidden_from, segment.index);
       return;
@@ -221,13 +220,12 @@ __global__ void __launch_bounds__(kStagedThreads) forward_segmented_kernel(const
   }
   // Blend as if the transmittance in front were 1. Pixels outside the image or already finished start as finished.
   PixelState<float> pixel{is_alive ? 1.0f : kClosedPixel, 0, 0, 0, 0};
-  const std::int32_t last = blend_staged(args, staged, segment.tile, segment.range, at, pixel);
+  const std::int32_t last = blend_staged(args, staged, segment.tile, segment.range, segment.at, pixel);
   store_segment(args, pixel, last);
 }
 
 /// Transmittance of the pixel in front of a segment; kClosedPixel if it finishes before.
-__device__ __forceinline__ float transmittance_in_front(const Segments& segments, const ListSegment& segment,
-                                                        std::int32_t pixel_index) {
+__device__ __forceinline__ float transmittance_in_front(const Segments& segments, const ListSegment& segment) {
   constexpr int kAtOnce = 8;  // loads in flight
   float front = 1;
   for (std::int32_t start = segment.first; start < segment.index; start += kAtOnce) {
@@ -235,7 +233,7 @@ __device__ __forceinline__ float transmittance_in_front(const Segments& segments
 #pragma unroll
     for (int k = 0; k < kAtOnce; ++k) {
       factor[k] =
-          start + k < segment.index ? segments.transmittance[(start + k) * kCudaTilePixels + pixel_index] : 1.0f;
+          start + k < segment.index ? segments.transmittance[(start + k) * kCudaTilePixels + segment.at.index] : 1.0f;
     }
 #pragma unroll
     for (int k = 0; k < kAtOnce; ++k) {
@@ -271,13 +269,12 @@ __global__ void __launch_bounds__(kStagedThreads) finish_pixels_kernel(const Ble
   const Segments& segments = args.segments;
   SegmentTask task;
   if (!take_listed(segments, static_cast<std::int32_t>(blockIdx.x) / kStagedBlocks, task)) return;
-  const int block = static_cast<int>(blockIdx.x) % kStagedBlocks;
   const ListSegment segment(args, task);
-  const std::int32_t end = segments.hidden_from[kSegmentBlocks * segment.tile + block];
+  const TilePixel& at = segment.at;
+  const std::int32_t end = segments.hidden_from[kSegmentBlocks * segment.tile + segment.block];
   if (segment.index >= end) return;
-  const TilePixel at = staged_pixel(args.blend.grid, segment.tile, block);
-  const std::int32_t pixel_of_segment = segment.index * kCudaTilePixels + at.index;
-  const float front = at.inside ? transmittance_in_front(segments, segment, at.index) : kClosedPixel;
+  const std::int32_t pixel_of_segment = segment.pixel();
+  const float front = at.inside ? transmittance_in_front(segments, segment) : kClosedPixel;
   const bool is_open = front > 0, ends = is_open && is_saturated(front * segments.transmittance[pixel_of_segment]);
   // With transmittance 1 in front, the segment was blended exactly as it should be.
   const bool is_again = ends && front != 1;
@@ -303,13 +300,10 @@ void launch_forward_segmented(const BlendForwardCudaArgs& args, const LaunchCont
                 "32 bits index the pixels of all segments, which are shorter only if there are few");
   if (!args.cut.cuts()) return launch_forward_shared_memory(args, context);
   const std::int32_t n_tiles = args.blend.grid.n_tiles(), n_tasks_max = args.segments.n_tasks_max;
-  cut_lists_kernel<<<1, kCutThreads, 0, context.stream>>>(args);
-  B3DGS_CUDA_CHECK_LAUNCH();
   static_assert(kStagedBlocks == kSegmentBlocks);
-  forward_segmented_kernel<<<kStagedBlocks*(n_tiles + n_tasks_max), kStagedThreads, 0, context.stream>>>(args);
-  B3DGS_CUDA_CHECK_LAUNCH();
-  finish_pixels_kernel<<<kStagedBlocks * n_tasks_max, kStagedThreads, 0, context.stream>>>(args);
-  B3DGS_CUDA_CHECK_LAUNCH();
+  launch_blocks(cut_lists_kernel, 1, kCutThreads, context, args);
+  launch_blocks(forward_segmented_kernel, kStagedBlocks * (n_tiles + n_tasks_max), kStagedThreads, context, args);
+  launch_blocks(finish_pixels_kernel, kStagedBlocks * n_tasks_max, kStagedThreads, context, args);
 }
 
 }  // namespace b3dgs::cuda

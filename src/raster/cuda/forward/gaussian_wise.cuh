@@ -19,18 +19,15 @@ struct LaneSplat {
 /// to depth.
 enum class StoredParts { kNone, kColor, kColorAndDepth };
 
-template <StoredParts kStored>
-using StoredPartsConstant = std::integral_constant<StoredParts, kStored>;
-
-/// Calls launch(StoredPartsConstant<...>()) according to which buffers there are.
+/// Calls launch(std::integral_constant<StoredParts, ...>()) according to which buffers there are.
 template <class Launch>
 void with_stored_parts(const BucketParts& parts, Launch&& launch) {
   if (parts.color == nullptr) {
-    launch(StoredPartsConstant<StoredParts::kNone>());
+    launch(std::integral_constant<StoredParts, StoredParts::kNone>());
   } else if (parts.depth == nullptr) {
-    launch(StoredPartsConstant<StoredParts::kColor>());
+    launch(std::integral_constant<StoredParts, StoredParts::kColor>());
   } else {
-    launch(StoredPartsConstant<StoredParts::kColorAndDepth>());
+    launch(std::integral_constant<StoredParts, StoredParts::kColorAndDepth>());
   }
 }
 
@@ -53,7 +50,7 @@ class GaussianWisePixel {
     const int lane = lane_id();
     const float alpha = splat.contributes ? evaluate_alpha(splat.power).alpha : 0.0f;
     // A splat that does not contribute has alpha 0, a factor of 1.
-    const float after = transmittance_ * warp_prefix_product(1 - alpha);
+    const float after = transmittance_ * warp_prefix(1 - alpha, [](float a, float b) { return a * b; });
     float before = __shfl_up_sync(kFullWarp, after, 1);
     if (lane == 0) before = transmittance_;
     // The first lane that would bring the transmittance below the minimum finishes the pixel.
@@ -100,18 +97,11 @@ class GaussianWisePixel {
     if constexpr (kStored == StoredParts::kColorAndDepth) args_.parts.depth[at] = part.depth;
   }
 
-  __device__ static __forceinline__ PixelState<float> sum_of(const PixelState<float>& front,
-                                                             const PixelState<float>& back) {
-    return {back.transmittance, back.red + front.red, back.green + front.green, back.blue + front.blue,
-            back.depth + front.depth};
-  }
-
-  /// The sums of the lane `distance` below; without the transmittance.
-  __device__ static __forceinline__ PixelState<float> sum_of_earlier_lane(const PixelState<float>& sum, int distance) {
-    PixelState<float> other{1, __shfl_up_sync(kFullWarp, sum.red, distance),
-                            __shfl_up_sync(kFullWarp, sum.green, distance),
-                            __shfl_up_sync(kFullWarp, sum.blue, distance), 0};
-    if constexpr (kStored == StoredParts::kColorAndDepth) other.depth = __shfl_up_sync(kFullWarp, sum.depth, distance);
+  /// The sums of another lane: shuffle(sum) for each.
+  template <class Shuffle>
+  __device__ static __forceinline__ PixelState<float> of_lane(const PixelState<float>& sum, Shuffle&& shuffle) {
+    PixelState<float> other{1, shuffle(sum.red), shuffle(sum.green), shuffle(sum.blue), 0};
+    if constexpr (kStored == StoredParts::kColorAndDepth) other.depth = shuffle(sum.depth);
     return other;
   }
 
@@ -142,15 +132,13 @@ class GaussianWisePixel {
     // Small splats: a pixel blends few of a group's 32, so only the necessary rounds are run.
     const int most_ahead = warp_max(lane < end ? ahead : 0);
     for (int distance = 1; distance <= most_ahead; distance *= 2) {
-      const PixelState<float> front = sum_of_earlier_lane(sum, distance);
+      const PixelState<float> front =
+          of_lane(sum, [&](float value) { return __shfl_up_sync(kFullWarp, value, distance); });
       if (distance <= ahead) sum = sum_of(front, sum);
     }
     if (lane + 1 < end && (heads >> (lane + 1) & 1) != 0) store_part(bucket, sum);
+    open_ = of_lane(sum, [&](float value) { return __shfl_sync(kFullWarp, value, end - 1); });
     open_.transmittance = __shfl_sync(kFullWarp, sum.transmittance, end - 1);
-    open_.red = __shfl_sync(kFullWarp, sum.red, end - 1);
-    open_.green = __shfl_sync(kFullWarp, sum.green, end - 1);
-    open_.blue = __shfl_sync(kFullWarp, sum.blue, end - 1);
-    if constexpr (kStored == StoredParts::kColorAndDepth) open_.depth = __shfl_sync(kFullWarp, sum.depth, end - 1);
   }
 
   const BlendForwardCudaArgs& args_;

@@ -92,7 +92,7 @@ __device__ __forceinline__ int blend_some(const StagedSplats& staged, const int*
   for (int k = 0; k < kAtOnce; ++k) {
     const float4 mean = staged.mean[indices[k]];
     const Footprint<float> footprint =
-        evaluate_footprint(make_splat_shape({mean}, {staged.conic[indices[k]]}), center_x, center_y);
+        evaluate_footprint(make_splat_shape(mean, staged.conic[indices[k]]), center_x, center_y);
     contributes[k] = footprint.contributes;
     alpha[k] = evaluate_alpha(footprint.power).alpha;
     depth[k] = mean.w;
@@ -152,8 +152,7 @@ __device__ __forceinline__ std::int32_t blend_staged(const BlendForwardCudaArgs&
     PixelState<float> part{pixel.transmittance, 0, 0, 0, 0};
     const int last = blend_queued(staged, queue, n_queued, center_x, center_y, part);
     if (last >= 0) last_blended = range.begin + start + last - first;
-    pixel = {part.transmittance, pixel.red + part.red, pixel.green + part.green, pixel.blue + part.blue,
-             pixel.depth + part.depth};
+    pixel = sum_of(pixel, part);
     if (args.parts.color != nullptr && is_alive) store_bucket_part(args, tile, range.begin + start, at.index, part);
   }
   return last_blended;

@@ -1,4 +1,4 @@
-// Device functions that the blend kernels share: loading splats, writing pixels and bucket parts, taking tasks.
+// Device functions that the blend kernels share: loading splats, writing pixels and bucket parts.
 #pragma once
 
 #include "raster/cuda/passes.h"
@@ -11,28 +11,21 @@ namespace b3dgs::cuda {
 
 static_assert(kSubTilePixels == kWarpSize, "a lane per pixel of a sub-tile");
 
-/// The three 16-byte words of a Splat, each loaded with one instruction.
-struct SplatMean {  // mean_x, mean_y, log2_opacity, depth
-  float4 v;
-};
-struct SplatConic {  // conic_xx, conic_xy, conic_yy, gaussian
-  float4 v;
-};
-struct SplatColor {  // red, green, blue, clamped
-  float4 v;
-};
-
-__device__ __forceinline__ SplatMean load_mean(const Splat* splats, std::int32_t id) {
-  return {__ldg(reinterpret_cast<const float4*>(splats + id))};
+// The three 16-byte words of a Splat, each loaded with one instruction:
+// mean_x, mean_y, log2_opacity, depth
+__device__ __forceinline__ float4 load_mean(const Splat* splats, std::int32_t id) {
+  return __ldg(reinterpret_cast<const float4*>(splats + id));
 }
-__device__ __forceinline__ SplatConic load_conic(const Splat* splats, std::int32_t id) {
-  return {__ldg(reinterpret_cast<const float4*>(splats + id) + 1)};
+// conic_xx, conic_xy, conic_yy, gaussian
+__device__ __forceinline__ float4 load_conic(const Splat* splats, std::int32_t id) {
+  return __ldg(reinterpret_cast<const float4*>(splats + id) + 1);
 }
-__device__ __forceinline__ SplatColor load_color(const Splat* splats, std::int32_t id) {
-  return {__ldg(reinterpret_cast<const float4*>(splats + id) + 2)};
+// red, green, blue, clamped
+__device__ __forceinline__ float4 load_color(const Splat* splats, std::int32_t id) {
+  return __ldg(reinterpret_cast<const float4*>(splats + id) + 2);
 }
-__device__ __forceinline__ SplatShape<float> make_splat_shape(const SplatMean& mean, const SplatConic& conic) {
-  return {mean.v.x, mean.v.y, mean.v.z, conic.v.x, conic.v.y, conic.v.z};
+__device__ __forceinline__ SplatShape<float> make_splat_shape(float4 mean, float4 conic) {
+  return {mean.x, mean.y, mean.z, conic.x, conic.y, conic.z};
 }
 
 /// A pixel, in the image and in its tile.
@@ -48,6 +41,12 @@ __device__ __forceinline__ TilePixel tile_pixel(const TileGrid& grid, std::int32
   const std::int32_t x = tile % grid.columns * grid.tile.width + index % grid.tile.width;
   const std::int32_t y = tile / grid.columns * grid.tile.height + index / grid.tile.width;
   return {x, y, index, x < grid.image_width && y < grid.image_height};
+}
+
+/// What two consecutive parts of a list add to a pixel; `back` was blended with the transmittance behind `front`.
+__device__ __forceinline__ PixelState<float> sum_of(const PixelState<float>& front, const PixelState<float>& back) {
+  return {back.transmittance, front.red + back.red, front.green + back.green, front.blue + back.blue,
+          front.depth + back.depth};
 }
 
 /// Writes the pixel's outputs.
@@ -77,15 +76,6 @@ __device__ __forceinline__ void store_bucket_part(const BlendForwardCudaArgs& ar
 /// Number of entries of a tile's list.
 __device__ __forceinline__ std::int32_t list_length(const BinnedSplats& bins, std::int32_t tile) {
   return static_cast<std::int32_t>(bins.tile_offsets[tile + 1] - bins.tile_offsets[tile]);
-}
-
-/// Takes the next task from the counter, for the whole block. Two barriers inside: all threads have read the previous
-/// ticket; the new one is written.
-__device__ __forceinline__ std::int32_t take_task(std::int32_t* next_task, std::int32_t& ticket) {
-  __syncthreads();
-  if (threadIdx.x == 0) ticket = atomicAdd(next_task, 1);
-  __syncthreads();
-  return ticket;
 }
 
 /// Whether a splat's bounding box contains a pixel centre of the sub-tile whose upper left pixel centre is (left, top).

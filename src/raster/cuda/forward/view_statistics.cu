@@ -16,7 +16,6 @@
 
 #include <cuda_pipeline.h>
 
-#include "core/cuda_rows.cuh"
 #include "raster/cuda/forward/tile_blend.cuh"
 #include "raster/cuda/launch.cuh"
 #include "raster/math/blend.h"
@@ -25,7 +24,7 @@
 namespace b3dgs::cuda {
 namespace {
 
-constexpr int kThreads = kCudaTilePixels, kAddThreads = 256;
+constexpr int kThreads = kCudaTilePixels;
 
 __global__ void __launch_bounds__(kThreads) count_load_kernel(const CountLoadArgs args) {
   const auto tile = static_cast<std::int32_t>(blockIdx.x);
@@ -86,7 +85,7 @@ struct ScoredBatch {
         const bool is_chosen = chosen != 0;
         indices[k] = is_chosen ? first + __ffs(static_cast<int>(chosen)) - 1 : first;
         chosen &= chosen - 1;
-        const SplatShape<float> shape = make_splat_shape({mean[indices[k]]}, {conic[indices[k]]});
+        const SplatShape<float> shape = make_splat_shape(mean[indices[k]], conic[indices[k]]);
         const Footprint<float> footprint = evaluate_footprint(shape, center_x, center_y);
         contributes[k] = footprint.contributes && is_chosen;
         alpha[k] = evaluate_alpha(footprint.power).alpha;
@@ -149,32 +148,21 @@ __global__ void __launch_bounds__(kThreads)
   }
 }
 
-struct AddRowsArgs {
-  AddScoresArgs add;
-  const std::int32_t* radii;
-};
-
-__global__ void __launch_bounds__(kAddThreads) add_scores_kernel(const AddRowsArgs args) {
-  const std::int64_t m = own_row<kAddThreads>();
-  if (m >= args.add.n_splats || (args.radii != nullptr && args.radii[m] == 0)) return;
-  b3dgs::add_scores(args.add.sums[m], args.add.out, args.add.splats[m].gaussian);
-}
-
 }  // namespace
 
 void count_load(const CountLoadArgs& args, const LaunchContext& context) {
-  count_load_kernel<<<args.grid.n_tiles(), kThreads, 0, context.stream>>>(args);
-  B3DGS_CUDA_CHECK_LAUNCH();
+  launch_blocks(count_load_kernel, args.grid.n_tiles(), kThreads, context, args);
 }
 
 void score(const ScoreArgs& args, const std::int32_t* tiles_by_length, bool wants_weights,
            const LaunchContext& context) {
-  score_kernel<<<args.grid.n_tiles(), kThreads, 0, context.stream>>>(args, tiles_by_length, wants_weights);
-  B3DGS_CUDA_CHECK_LAUNCH();
+  launch_blocks(score_kernel, args.grid.n_tiles(), kThreads, context, args, tiles_by_length, wants_weights);
 }
 
 void add_scores(const AddScoresArgs& args, const std::int32_t* radii, const LaunchContext& context) {
-  launch_rows<kAddThreads>(add_scores_kernel, AddRowsArgs{args, radii}, args.n_splats, context.stream);
+  each_row(args.n_splats, context, [=] __device__(std::int64_t m) {
+    if (radii == nullptr || radii[m] > 0) b3dgs::add_scores(args.sums[m], args.out, args.splats[m].gaussian);
+  });
 }
 
 }  // namespace b3dgs::cuda
