@@ -1,6 +1,6 @@
 // b3dgs bench: tables, statistics, synthetic scenes, and the program.
 #include <gtest/gtest.h>
-#include <torch/torch.h>
+#include <torch/types.h>
 
 #include <algorithm>
 #include <array>

@@ -202,7 +202,7 @@ TEST_F(Video, BadNamesAndSizesAreErrors) {
     EXPECT_NE(outcome.err.find(".mp4, .webm or .gif"), std::string::npos) << outcome.err;
   }
   EXPECT_TRUE(fails_with<InputError>({"a.mp4", "at least 2 x 2"}, [&] {
-    VideoWriter(folder_ / "a.mp4", {5, 1}, 3, {});
+    VideoWriter(folder_ / "a.mp4", {5, 1}, 3, 30, -1);
   }));
   EXPECT_TRUE(files().empty());
 }
