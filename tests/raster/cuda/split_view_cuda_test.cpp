@@ -182,8 +182,8 @@ class CudaSplit {
     cuda::keep_splats({n_gaussians, device.rows(), reinterpret_cast<const SplatGradSum*>(device_sums.data()),
                        owned.record_arrays(), owned.radii.data()},
                       context_);
-    cuda::add_scores({device.rows().splats, splats.size(), nullptr,
-                      reinterpret_cast<const ScoreSums*>(device_scores.data()), owned.score_arrays()},
+    cuda::add_scores({device.rows().splats, splats.size(), reinterpret_cast<const ScoreSums*>(device_scores.data()),
+                      owned.score_arrays()},
                      /*radii=*/nullptr, context_);
     return owned.to_host();
   }
