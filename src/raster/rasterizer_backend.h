@@ -15,7 +15,7 @@ struct ProjectBackwardCudaArgs;  // cuda/passes.h
 }
 
 /// What a backend knows of the view of its last forward pass.
-struct ViewState {
+struct LastView {
   CameraView view{};
   RenderSettings settings{};
   TileGrid grid{};
@@ -122,7 +122,7 @@ class RasterizerBackend {
   virtual BinnedSplats bins() const = 0;
   const TileGrid& grid() const { return state_.grid; }
   std::int64_t n_splats() const { return state_.n_splats; }
-  const ViewState& view_state() const { return state_; }
+  const LastView& view_state() const { return state_; }
   /// There is no last forward() from here on.
   void forget_view() { state_.forget_view(); }
 
@@ -136,7 +136,7 @@ class RasterizerBackend {
                 "camera_gradient() without a forward() with camera_gradient and its backward()");
   }
 
-  ViewState state_;
+  LastView state_;
 
  private:
   [[noreturn]] static void needs_gpu(const char* call) {

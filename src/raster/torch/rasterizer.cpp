@@ -189,7 +189,7 @@ RenderedView Rasterizer::forward_splats(const ViewSplats& splats, const CameraVi
 }
 
 torch::Tensor Rasterizer::backward_splats(const RenderedViewGrad& grad) {
-  const ViewState& view = backend().view_state();
+  const LastView& view = backend().view_state();
   view.check_rows("backward_splats()");
   const ImageGradArrays image = image_grad(grad);
   const torch::Tensor sums = torch::empty({view.n_given_rows, kWords<SplatGradSum>}, rendered_.color.options());
@@ -198,7 +198,7 @@ torch::Tensor Rasterizer::backward_splats(const RenderedViewGrad& grad) {
 }
 
 torch::Tensor Rasterizer::score_splats(const torch::Tensor& error) {
-  const ViewState& view = backend().view_state();
+  const LastView& view = backend().view_state();
   view.check_rows("score_splats()");
   const float* const image = error_image(error);
   const torch::Tensor sums =
@@ -208,7 +208,7 @@ torch::Tensor Rasterizer::score_splats(const torch::Tensor& error) {
 }
 
 void Rasterizer::score(const torch::Tensor& error, const GaussianScores& scores) {
-  const ViewState& view = backend().view_state();
+  const LastView& view = backend().view_state();
   view.check_gaussians("score()");
   const float* const image = error_image(error);
   TensorCheck check(device_);

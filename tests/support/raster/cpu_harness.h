@@ -10,6 +10,7 @@
 
 #include "core/parallel.h"
 #include "raster/cpu/passes.h"
+#include "raster/torch/tensors.h"
 #include "support/raster/dense_reference.h"
 #include "support/raster/test_scenes.h"
 
@@ -50,17 +51,7 @@ inline RenderSettings settings_of(const TestScene& scene) {
 }
 
 inline GaussianArrays arrays_of(const TestScene& scene) {
-  const GaussianTensors& g = scene.gaussians;
-  const auto k = static_cast<double>(g.shN.size(1) + 1);
-  return {g.size(),
-          static_cast<int>(std::lround(std::sqrt(k))) - 1,
-          g.means.data_ptr<float>(),
-          g.log_scales.data_ptr<float>(),
-          g.quats.data_ptr<float>(),
-          g.logit_opacities.data_ptr<float>(),
-          g.sh0.data_ptr<float>(),
-          g.shN.data_ptr<float>(),
-          g.filters.defined() ? g.filters.data_ptr<float>() : nullptr};
+  return b3dgs::arrays_of(scene.gaussians, torch::kCPU);
 }
 
 /// Gives each Gaussian a 3D smoothing filter of none, a fifth, one or three times its scale.
@@ -84,16 +75,13 @@ class CpuView {
 
   /// Gradients in the structure of the dense reference, in float.
   DenseGradients backward(const RenderedViewGrad& grad) {
-    const auto pointer = [](const torch::Tensor& t) { return t.defined() ? t.data_ptr<float>() : nullptr; };
     DenseGradients out;
     out.parameters = scene_.gaussians;
     for (torch::Tensor* group : out.parameters.all()) *group = torch::full_like(*group, NAN);
     out.means2d = torch::full({scene_.gaussians.size(), 2}, NAN, torch::kFloat32);
-    GaussianTensors& p = out.parameters;
-    rasterizer_->backward(arrays_of(scene_), {pointer(grad.color), pointer(grad.depth), pointer(grad.alpha)},
-                          {p.means.data_ptr<float>(), p.log_scales.data_ptr<float>(), p.quats.data_ptr<float>(),
-                           p.logit_opacities.data_ptr<float>(), p.sh0.data_ptr<float>(), p.shN.data_ptr<float>(),
-                           out.means2d.data_ptr<float>()});
+    rasterizer_->backward(arrays_of(scene_),
+                          {data_or_null(grad.color), data_or_null(grad.depth), data_or_null(grad.alpha)},
+                          make_gradients(scene_.gaussians, out.parameters, out.means2d.data_ptr<float>()));
     return out;
   }
 

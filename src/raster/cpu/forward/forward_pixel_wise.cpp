@@ -6,10 +6,8 @@
 //     the time.
 //   shared-memory: as dynamic, with splats staged in the first-level cache, which takes the part of shared memory.
 //   segmented: as shared-memory, with the tiles of long lists cut, so that threads finish at about the same time even
-//     if one tile holds most of the work. A GPU cuts the list; on a CPU it is the tile that is cut, into bands of
-//     rows: a pixel's sums keep their order, and the image is that of shared-memory bit for bit. Kernels are chosen
-//     by timing, so only equal images make equal commands give equal models. Each band stages the list again, which
-//     costs little compared to blending.
+//     if one tile holds most of the work. A GPU cuts the list; a CPU cuts the tile, into bands of rows: kernels are
+//     chosen by timing, so they must give the image of shared-memory bit for bit. Each band stages the list again.
 // Ends: once per 32 splats, rows whose pixels are all finished are dropped at the top and bottom of the tile
 // (staged), or the tile ends with its last pixel. For the backward pass: final transmittance and last splat of each
 // pixel.
