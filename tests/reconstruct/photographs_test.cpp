@@ -168,16 +168,6 @@ TEST_F(PlacedPhotographs, AreTurnedUpright) {
   EXPECT_TRUE(test::same(read_bytes(to_ / "cut.jpg"), original.substr(0, 150)));
 }
 
-TEST_F(PlacedPhotographs, AreNotTurnedBesideThoseOfAnEarlierVersion) {
-  write_photographs(from_, 1);
-  const std::vector<std::uint8_t> jpeg = test::jpeg_with_orientation(48, 32, 6, true);
-  for (const char* name : {"x.jpg", "y.jpg"}) write_bytes(from_ / name, std::string(jpeg.begin(), jpeg.end()));
-  fs::create_directories(to_);
-  fs::create_hard_link(from_ / "x.jpg", to_ / "x.jpg");
-  EXPECT_EQ(place(), 0u);
-  EXPECT_TRUE(test::same(read_bytes(to_ / "y.jpg"), read_bytes(from_ / "y.jpg")));
-}
-
 TEST(Photographs, OfOneSizeShareACamera) {
   CheckedPhotographs photographs;
   photographs.names = {"a", "b", "c"};
