@@ -53,13 +53,14 @@ const criterion = ({seeds, summary}) => (seeds.length > 1
   : "With one seed, differences below " + (summary.repetition ? "12.7 times the run-to-run variation, " : "10 % of the " +
     "time, ") + "1 dB, 0.03 SSIM or 20 % of the Gaussians may be chance (\"unclear\"); --seeds 0,1,2 tells more.");
 
-const kMeasureText = {SSIM: (x) => x.toFixed(4), Gaussians: count_text};
+const measure_text = (measure) => (measure === "Gaussians" ? count_text
+                                   : (x) => x.toFixed(measure === "SSIM" ? 4 : 2));
 
 function quality_section(data) {
   const {summary, measures_half} = data;
   const tables = summary.compared.filter((own) => own.quality.length > 0).map(({name, quality}) => {
     const rows = quality.map((own) => {
-      const text = kMeasureText[own.measure] || ((x) => x.toFixed(2));
+      const text = measure_text(own.measure);
       const signed = (x) => (x < 0 ? text(x) : `+${text(x)}`);
       return [own.measure + in_seeds(own.baseline.n, seeds_started(summary)), count_text(own.iteration),
               spread_cell(own.baseline, text), spread_cell(own.ours, text),
@@ -157,16 +158,6 @@ function balancing_table({summary}) {
                "naive's time.")];
 }
 
-/// Training time up to an iteration, interpolated; constant after the last point.
-function elapsed_at({iteration, elapsed_s}, at) {
-  let [from, from_s] = [0, 0];
-  for (let i = 0; i < iteration.length; ++i) {
-    if (iteration[i] >= at) return from_s + (at - from) / (iteration[i] - from) * (elapsed_s[i] - from_s);
-    [from, from_s] = [iteration[i], elapsed_s[i]];
-  }
-  return from_s;
-}
-
 function time_charts(data) {
   const {summary, seeds} = data, runs = first_runs(data), baseline = runs[0].curves;
   const curve = ({name, color, curves}, value) =>
@@ -179,10 +170,10 @@ function time_charts(data) {
   const note = seed ? ` Shown for ${seed}.` : "";
   const chart = (name, height, series, caption) =>
       series_figure({name, unit: "s", height, caption: caption + note}, series, events);
+  const baseline_s = new Map(baseline.iteration.map((x, i) => [x, baseline.elapsed_s[i]]));
   const difference = runs.slice(1).map((run) => {
-    const until = baseline.iteration.length > 0 ? baseline.iteration[baseline.iteration.length - 1] : 0;
-    const own = curve(run, (x, seconds) => elapsed_at(baseline, x) - seconds);
-    return {...own, points: own.points.filter((point) => point[0] <= until)};
+    const own = curve(run, (x, seconds) => baseline_s.get(x) - seconds);
+    return {...own, points: own.points.filter(([x]) => x === 0 || baseline_s.has(x))};
   });
   return [chart("Training time", 280, runs.map((run) => curve(run, (_, seconds) => seconds)),
                 "Training time of each configuration."),
@@ -194,7 +185,7 @@ function noise_sentence({repetition, machine_spread, baseline, compared}) {
   if (!repetition) return "The run-to-run variation of times was not measured (--noise does that).";
   if (machine_spread === null) return `${baseline} has not been trained twice yet: the run-to-run variation is unknown.`;
   const again = compared.find((own) => own.name === repetition).quality.map((own) =>
-      `, ${own.measure.split(",")[0]} ${(kMeasureText[own.measure] || ((x) => x.toFixed(2)))(own.machine_spread)}`);
+      `, ${own.measure.split(",")[0]} ${measure_text(own.measure)(own.machine_spread)}`);
   return `Run-to-run variation of ${baseline}: time ${percent_text(machine_spread)}${again.join("")}. Values after ± ` +
          "are the run-to-run variation over the same iterations, the largest of all seeds.";
 }
