@@ -183,9 +183,10 @@ std::string verdict(const Json& summary) {
 }
 
 std::string summary_table(const Json& summary) {
-  std::vector<std::vector<std::string>> rows{{"at the end of", "iterations", "training s", "time saved",
-                                              "95 % interval", "time", "PSNR dB", "PSNR", "SSIM", "Gaussians"}};
   const bool compares_times = have_equal_lengths(summary);
+  std::vector<std::vector<std::string>> rows{{compares_times ? "configuration" : "at the end of", "iterations",
+                                              "training s", "time saved", "95 % interval", "time", "PSNR dB", "PSNR",
+                                              "SSIM", "Gaussians"}};
   for (std::size_t i = 0; i < summary["results"].size(); ++i) {
     const Json& own = summary["results"][i];
     const Json saved = i == 0 || !compares_times ? Json() : summary["compared"][i - 1]["saved_overall"];
