@@ -194,27 +194,18 @@ std::string summary_table(const Json& summary) {
     const auto mean = [&](const char* key, const char* format) {
       return own[key].is_null() ? "-" : print_to_string(format, own[key]["mean"].get<double>());
     };
-    std::vector<std::string> row{own["name"],
-                                 format_count(own["iterations"].get<std::int64_t>()),
-                                 mean("seconds", "%.2f"),
-                                 "-",
-                                 "-",
-                                 "-",
-                                 mean("psnr", "%.2f"),
-                                 gained.is_null() ? "-" : gained["finding"].get<std::string>(),
-                                 mean("ssim", "%.4f"),
-                                 mean("gaussians", "%.0f")};
+    std::string share = "-", interval = "-", finding = "-";
     if (!saved.is_null()) {
-      const Json& interval = saved["interval"];
-      row[3] = percent(saved["mean"]);
-      if (!interval.is_null()) {
-        row[4] = print_to_string("%.1f to %.1f %%", 100 * interval[0].get<double>(), 100 * interval[1].get<double>());
+      share = percent(saved["mean"]);
+      finding = saved["finding"];
+      if (finding == "differs") finding = saved["mean"] > 0 ? "faster" : "slower";
+      if (const Json& own_interval = saved["interval"]; !own_interval.is_null()) {
+        interval = print_to_string("%.1f to ", 100 * own_interval[0].get<double>()) + percent(own_interval[1]);
       }
-      row[5] = saved["finding"] != "differs" ? saved["finding"].get<std::string>()
-               : saved["mean"] > 0           ? "faster"
-                                             : "slower";
     }
-    rows.push_back(row);
+    const std::string psnr = gained.is_null() ? "-" : gained["finding"].get<std::string>();
+    rows.push_back({own["name"], format_count(own["iterations"].get<std::int64_t>()), mean("seconds", "%.2f"), share,
+                    interval, finding, mean("psnr", "%.2f"), psnr, mean("ssim", "%.4f"), mean("gaussians", "%.0f")});
   }
   return text_table(rows);
 }

@@ -223,19 +223,18 @@ std::size_t count_turned(const fs::path& folder, const std::vector<Photograph>& 
 
 std::vector<CameraGroup> group_by_camera(const CheckedPhotographs& photographs, const std::string& camera_per) {
   constexpr std::size_t kMostSizes = 8;
-  const std::vector<CameraGroup> all{{"all", photographs.names, false}};
+  const std::vector<CameraGroup> all{{photographs.names, false}};
   if (camera_per != "size") return all;
-  std::map<std::string, CameraGroup> groups;
+  std::map<std::string, CameraGroup> groups;  // by size
   for (std::size_t i = 0; i < photographs.names.size(); ++i) {
-    const std::string label = detail::concat(photographs.sizes[i].width, "x", photographs.sizes[i].height);
-    CameraGroup& group = groups[label];
-    group.label = label;
+    const ImageSize& size = photographs.sizes[i];
+    CameraGroup& group = groups[detail::concat(size.width, "x", size.height)];
     group.is_single_camera = true;
     group.names.push_back(photographs.names[i]);
   }
   if (groups.size() > kMostSizes) return all;
   std::vector<CameraGroup> result;
-  for (auto& [label, group] : groups) result.push_back(std::move(group));
+  for (auto& [size, group] : groups) result.push_back(std::move(group));
   return result;
 }
 

@@ -58,7 +58,6 @@ std::size_t count_turned(const std::filesystem::path& folder, const std::vector<
 
 /// Photographs that share a camera, as COLMAP is to treat them in one call.
 struct CameraGroup {
-  std::string label;  // "1920x1080", or "all"
   std::vector<std::string> names;
   bool is_single_camera = false;  // all of them
 };
