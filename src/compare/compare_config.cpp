@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <cctype>
-#include <map>
 #include <type_traits>
 #include <utility>
 
@@ -23,8 +22,6 @@ constexpr const char* kShared[] = {"source_path", "model_path",       "images", 
 
 /// Options closest to the original 3DGS trainer. Its loss, optimizer and projection cannot be selected.
 constexpr const char *kNaiveKernels = "naive-kernels", *kFormerNaiveKernels = "original";
-constexpr std::pair<const char*, const char*> kNaiveKernelsOptions[] = {
-    {"kernel", "naive"}, {"backward_kernel", "per-pixel"}, {"culling", "square"}};
 
 constexpr const char* kForwardKernelOptions[] = {"kernel", "kernel_policy", "kernel_candidates"};
 
@@ -38,35 +35,15 @@ std::vector<std::string> split(const std::string& text, char separator) {
   return parts;
 }
 
-struct FoundOption {
-  std::string name;  // the primary one; "" if there is no such option
+/// Whether an option, by any of its names, has a list as its value.
+bool is_list_option(const std::string& key) {
   bool is_list = false;
-};
-
-/// By any of its names.
-FoundOption find_option(const std::string& key) {
   const TrainConfig config;
-  FoundOption found;
   visit_fields(config, [&](const Option& option, const auto& value, const auto&, const char*) {
     using Value = std::decay_t<decltype(value)>;
-    constexpr bool kIsList = !std::is_arithmetic_v<Value> && !std::is_same_v<Value, std::string>;
-    if (option.has_name(key)) found = {std::string(option.name), kIsList};
+    is_list |= option.has_name(key) && !std::is_arithmetic_v<Value> && !std::is_same_v<Value, std::string>;
   });
-  return found;
-}
-
-bool is_shared(const std::string& name) {
-  return std::find(std::begin(kShared), std::end(kShared), name) != std::end(kShared);
-}
-
-std::string unknown_option(const std::string& key) {
-  const TrainConfig config;
-  std::vector<std::string> names;
-  visit_fields(config, [&](const Option& option, const auto&, const auto&, const char*) {
-    if (!is_shared(std::string(option.name))) names.emplace_back(option.name);
-  });
-  const std::string nearest = nearest_name(key, names);
-  return nearest.empty() ? "see b3dgs train --help-all" : "did you mean " + nearest + "?";
+  return is_list;
 }
 
 /// Calls visit(option, group) for each option whose values differ.
@@ -83,22 +60,19 @@ void visit_differing(const TrainConfig& a, const TrainConfig& b, Visit&& visit) 
   });
 }
 
-using OptionValues = std::map<std::string, std::string>;
-
 /// @throws InputError unless --kernel accepts the name
 void check_kernel(const std::string& entry, const std::string& name) {
-  std::vector<std::string> names;
+  std::vector<std::string> names{kNaiveKernels};
   std::string list, meant;
   const TrainConfig config;
   visit_fields(config, [&](const Option& option, const auto&, const auto& constraint, const char*) {
     if constexpr (std::is_same_v<std::decay_t<decltype(constraint)>, OneOf>) {
-      if (option.name == "kernel") names.insert(names.end(), constraint.values.begin(), constraint.values.end());
-      const bool is_value =
-          std::find(constraint.values.begin(), constraint.values.end(), name) != constraint.values.end();
+      const auto& values = constraint.values;
+      if (option.name == "kernel") names.insert(names.begin(), values.begin(), values.end());
+      const bool is_value = std::find(values.begin(), values.end(), name) != values.end();
       if (is_value && meant.empty()) meant = detail::concat(option.name, "=", name);  // "preset=fast" for "fast"
     }
   });
-  names.emplace_back(kNaiveKernels);
   if (std::find(names.begin(), names.end(), name) != names.end()) return;
   for (const std::string& own : names) list += own + ", ";
   if (meant.empty()) meant = nearest_name(name, names);
@@ -116,41 +90,31 @@ std::string present_part(const std::string& part) {
   return now == nullptr ? part : is_kernel ? now : option + "=" + now;
 }
 
-/// An entry's name, empty if it is named by its text, and the text of its parts. Only a colon before the first + or =
-/// separates a name; later ones belong to values.
+/// An entry's name, which may be its text, and the text of its parts. Only a colon before the first + or = separates a
+/// name; later ones belong to values.
 std::pair<std::string, std::string> split_name(const std::string& entry) {
   const std::size_t colon = entry.find(':');
-  if (colon == std::string::npos || colon >= entry.find_first_of("+=")) return {"", entry};
+  if (colon == std::string::npos || colon >= entry.find_first_of("+=")) return {entry, entry};
   return {entry.substr(0, colon), entry.substr(colon + 1)};
 }
 
-/// Reads "culling=square", "combined" or "naive-kernels" into `values`. Lists are separated by slashes, since commas
-/// separate configurations.
-void add_part(const std::string& entry, const std::string& word, OptionValues& values) {
-  const std::string part = present_part(word);
+/// Adds "culling=square", "combined" or "naive-kernels" as words of a command line. Lists are separated by slashes,
+/// since commas separate configurations.
+void add_part(const std::string& entry, const std::string& part, std::vector<std::string>& words) {
   if (part.empty()) input_error("--configs ", entry, ": empty part; expected a kernel, naive-kernels or option=value");
-  if (part == kNaiveKernels) {
-    for (const auto& [name, value] : kNaiveKernelsOptions) values[name] = value;
-    return;
-  }
   const std::size_t equals = part.find('=');
-  if (equals == std::string::npos) {
+  if (part == kNaiveKernels) {
+    words.insert(words.end(), {"--kernel=naive", "--backward_kernel=per-pixel", "--culling=square"});
+  } else if (equals == std::string::npos) {
     check_kernel(entry, part);
-    values["kernel"] = part;
-    return;
+    words.push_back("--kernel=" + part);
+  } else {
+    std::string word = "--" + part;
+    if (is_list_option(part.substr(0, equals))) {
+      std::replace(word.begin() + static_cast<std::ptrdiff_t>(equals), word.end(), '/', ',');
+    }
+    words.push_back(word);
   }
-  const std::string key = part.substr(0, equals);
-  const auto [name, is_list] = find_option(key);
-  if (name.empty()) {
-    input_error("--configs ", entry, ": unknown training option ", key, "; ", unknown_option(key));
-  }
-  if (is_shared(name)) {
-    input_error("--configs ", entry, ": ", name, " must be the same for all configurations; set it for all with --",
-                name);
-  }
-  std::string value = part.substr(equals + 1);
-  if (is_list) std::replace(value.begin(), value.end(), '/', ',');
-  values[name] = value;
 }
 
 /// `configuration` is the entry without its name.
@@ -170,19 +134,20 @@ void check_name(const std::string& entry, const std::string& name, const std::st
 
 Configuration parse_entry(const std::string& entry, const TrainConfig& base, const GivenOptions& given,
                           const Photographs& photographs) {
-  const auto [own_name, parts] = split_name(entry);
-  const std::string name = entry.size() == parts.size() ? entry : own_name;
-  OptionValues values;
-  for (const std::string& part : split(parts, '+')) add_part(entry, part, values);
+  const auto [name, parts] = split_name(entry);
+  Configuration configuration{name, {}};
   std::vector<std::string> words;
-  for (const auto& [option, value] : values) words.push_back(detail::concat("--", option, "=", value));
+  for (const std::string& part : split(parts, '+')) add_part(entry, present_part(part), words);
   check_name(entry, name, parts);
   GivenOptions all = given;
-  Configuration configuration{name, {}};
   try {
-    CommandLine line("compare --configs " + name, "");
+    CommandLine line("train", "");
     line.add(TrainConfig{}, "Training");
     line.parse(words);
+    for (const char* const option : kShared) {
+      if (!line.was_given(option)) continue;
+      input_error(option, " must be the same for all configurations; set it for all with --", option);
+    }
     all.update(line.given());
     configuration.config = resolve_options(all).config;
     limit_epochs(configuration.config, photographs, all);
@@ -204,12 +169,8 @@ std::vector<Configuration> parse_configurations(const std::string& text, const T
   for (const std::string& entry : split(text, ',')) {
     const Configuration next = parse_entry(entry, base, given, photographs);
     for (const Configuration& other : configurations) {
-      if (other.name == next.name) {
-        // The name is either the whole entry ("naive") or the part before a colon.
-        const std::string parts =
-            entry.compare(0, next.name.size() + 1, next.name + ":") == 0 ? entry.substr(next.name.size() + 1) : entry;
-        input_error("--configs: ", next.name, " occurs twice; rename one of them: NAME:", parts);
-      }
+      if (other.name != next.name) continue;
+      input_error("--configs: ", next.name, " occurs twice; rename one of them: NAME:", split_name(entry).second);
     }
     configurations.push_back(next);
   }

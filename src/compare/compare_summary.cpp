@@ -2,14 +2,291 @@
 
 #include <algorithm>
 #include <cmath>
+#include <iterator>
+#include <optional>
+#include <set>
+#include <string>
+#include <utility>
 
-#include "compare/compare_config.h"
 #include "compare/compare_verdict.h"
 #include "core/check.h"
-#include "core/text.h"
 
 namespace b3dgs {
 namespace {
+
+using Json = nlohmann::ordered_json;
+using Histories = std::vector<ConfigurationHistory>;
+
+// --- Means, and whether a difference is more than chance
+
+/// 97.5 % quantiles of Student's t distribution for 1, 2, ... degrees of freedom.
+constexpr double kStudentT[] = {12.706, 4.303, 3.182, 2.776, 2.571, 2.447, 2.365, 2.306, 2.262, 2.228,
+                                2.201,  2.179, 2.160, 2.145, 2.131, 2.120, 2.110, 2.101, 2.093, 2.086,
+                                2.080,  2.074, 2.069, 2.064, 2.060, 2.056, 2.052, 2.048, 2.045, 2.042};
+
+struct EffectLimits {
+  double floor = 0;     // several seeds: a smaller mean difference is not called one, however sure it is
+  double one_seed = 0;  // one seed: a smaller difference may be chance
+};
+
+/// 0.1 dB is 2.3 % of the squared error; docs/recipes.md trusts no smaller effect. With one seed: trainings of the same
+/// options have differed by 1 dB on `fox`.
+constexpr EffectLimits kPsnrLimits{0.1, 1};
+/// Runs in turns on one machine differ by 1 to 3 %. With one seed, the difference of two such runs has a standard
+/// deviation of up to 3 % x sqrt(2), so that 10 % are exceeded by chance in 2 of 100 comparisons at most.
+constexpr EffectLimits kTimeLimits{0.01, 0.1};
+
+/// What one seed can say if two runs of the baseline differ by `noise`: that is one difference of equals, which another
+/// one exceeds t(1) = 12.7 times in 5 of 100 comparisons.
+double limit_with_noise(double noise) {
+  return kStudentT[0] * noise;
+}
+
+EffectLimits time_limits(const std::optional<double>& noise) {
+  if (!noise) return kTimeLimits;
+  return {kTimeLimits.floor, std::max(kTimeLimits.floor, limit_with_noise(*noise))};
+}
+
+Json or_null(const std::optional<double>& value) {
+  return value ? Json(*value) : Json(nullptr);
+}
+
+/// A spread; null without values.
+Json spread_of(const std::vector<double>& values) {
+  if (values.empty()) return nullptr;
+  double mean = 0;
+  for (const double value : values) mean += value / static_cast<double>(values.size());
+  const auto [min, max] = std::minmax_element(values.begin(), values.end());
+  return {{"mean", mean}, {"min", *min}, {"max", *max}, {"n", values.size()}};
+}
+
+const char* finding_of(double mean, double margin, double limit) {
+  if (mean - margin >= -limit && mean + margin <= limit) return "equal";
+  return std::fabs(mean) > margin && std::fabs(mean) >= limit ? "differs" : "unclear";
+}
+
+/// An effect; null without values.
+Json effect_of(const std::vector<double>& differences, const EffectLimits& limits) {
+  Json effect = spread_of(differences);
+  if (effect.is_null()) return effect;
+  const std::size_t n = differences.size();
+  const double mean = effect["mean"];
+  if (n == 1) {
+    const bool differs = std::fabs(mean) > limits.one_seed;
+    effect.update({{"interval", nullptr}, {"limit", limits.one_seed}, {"finding", differs ? "differs" : "unclear"}});
+    return effect;
+  }
+  double squares = 0;
+  for (const double own : differences) squares += (own - mean) * (own - mean);
+  const double standard_error = std::sqrt(squares / static_cast<double>(n - 1) / static_cast<double>(n));
+  // Beyond the table its last value, which is at most 4 % too large.
+  const double margin = kStudentT[std::min(n - 1, std::size(kStudentT)) - 1] * standard_error;
+  effect.update({{"interval", {mean - margin, mean + margin}},
+                 {"limit", limits.floor},
+                 {"finding", finding_of(mean, margin, limits.floor)}});
+  return effect;
+}
+
+// --- Time
+
+/// Training time up to `iteration`, s, linearly interpolated between log lines; constant after the last line.
+double elapsed_at(const TrainHistory& history, double iteration) {
+  double from_iteration = 0, from_s = 0;
+  for (const LogPoint& point : history.points) {
+    if (point.iteration >= iteration) {
+      const double share = (iteration - from_iteration) / (point.iteration - from_iteration);
+      return from_s + share * (point.elapsed_s - from_s);
+    }
+    from_iteration = point.iteration;
+    from_s = point.elapsed_s;
+  }
+  return from_s;
+}
+
+double seconds_between(const TrainHistory& history, int from, int until) {
+  return elapsed_at(history, until) - elapsed_at(history, from);
+}
+
+/// Over the iterations from + 1 to until, which both runs have done; nullopt if `before` took no time for them.
+std::optional<double> saved_between(const TrainHistory& before, const TrainHistory& after, int from, int until) {
+  const double before_s = seconds_between(before, from, until);
+  if (before_s <= 0 || std::min(before.last_iteration(), after.last_iteration()) < until) return std::nullopt;
+  return (before_s - seconds_between(after, from, until)) / before_s;
+}
+
+/// Two trainings of the baseline; null if it was trained once.
+struct Repetition {
+  const ConfigurationHistory *first = nullptr, *second = nullptr;
+};
+
+/// The time saved in the same part of the training, one share for each seed, and the run-to-run variation.
+struct SavedShares {
+  std::vector<double> shares;
+  std::optional<double> noise;  // the largest of all seeds
+
+  void add(double share, const Repetition& repetition, std::size_t seed, int from, int until) {
+    shares.push_back(share);
+    if (repetition.second == nullptr) return;
+    const auto differs = saved_between(repetition.first->by_seed[seed], repetition.second->by_seed[seed], from, until);
+    if (differs) noise = std::max(noise, std::optional(std::fabs(*differs)));
+  }
+};
+
+std::optional<int> first_kernel_switch(const TrainHistory& history) {
+  for (const Json& check : history.events["kernel_check"]) {
+    if (switches_forward_kernel(check)) return check["iteration"].get<int>();
+  }
+  return std::nullopt;
+}
+
+/// The iterations that `ours` ran with a load-balanced forward kernel, or those with any other: which kernels, how many
+/// iterations, and the time saved in them.
+Json kernel_part(const ConfigurationHistory& baseline, const ConfigurationHistory& ours,
+                 const std::vector<int>& done_by_seed, bool is_balanced) {
+  std::set<std::string> kernels;
+  std::vector<double> iterations, saved;
+  for (std::size_t seed = 0; seed < done_by_seed.size(); ++seed) {
+    const TrainHistory &before = baseline.by_seed[seed], &after = ours.by_seed[seed];
+    int n = 0;
+    double before_s = 0, after_s = 0;
+    for (const KernelPeriod& period : kernel_periods(after)) {
+      const int until = std::min({period.until, before.last_iteration(), after.last_iteration()});
+      if (done_by_seed[seed] == 0 || until <= period.from || is_balanced_kernel(period.kernel) != is_balanced) continue;
+      kernels.insert(period.kernel);
+      n += until - period.from;
+      before_s += seconds_between(before, period.from, until);
+      after_s += seconds_between(after, period.from, until);
+    }
+    if (before_s <= 0) continue;
+    iterations.push_back(n);
+    saved.push_back((before_s - after_s) / before_s);
+  }
+  return {{"names", kernels}, {"iterations", spread_of(iterations)}, {"saved_against_baseline", spread_of(saved)}};
+}
+
+/// One configuration compared with another, over the seeds that have started.
+Json compare_times(const ConfigurationHistory& baseline, const ConfigurationHistory& ours, const Repetition& repetition,
+                   const std::vector<int>& done_by_seed) {
+  SavedShares overall, before, after;
+  std::vector<double> switches;
+  Json by_seed = Json::array();
+  for (std::size_t seed = 0; seed < done_by_seed.size(); ++seed) {
+    const TrainHistory &base = baseline.by_seed[seed], &own = ours.by_seed[seed];
+    const int until = std::min(base.last_iteration(), own.last_iteration());
+    const auto saved = saved_between(base, own, 0, until);
+    if (done_by_seed[seed] == 0 || !saved) continue;
+    overall.add(*saved, repetition, seed, 0, until);
+    by_seed.push_back({{"until", until}, {"baseline_s", elapsed_at(base, until)}, {"ours_s", elapsed_at(own, until)}});
+    const std::optional<int> at = first_kernel_switch(own);
+    if (!at) continue;
+    switches.push_back(*at);
+    const auto saved_before = saved_between(base, own, 0, *at - 1),
+               saved_after = saved_between(base, own, *at - 1, until);
+    if (*at >= until || !saved_before || !saved_after) continue;
+    before.add(*saved_before, repetition, seed, 0, *at - 1);
+    after.add(*saved_after, repetition, seed, *at - 1, until);
+  }
+  const DifferingOptions differing = differing_options(baseline.config, ours.config);
+  return {{"name", ours.name},
+          {"baseline", baseline.name},
+          {"differs_in", differing.others},  // options, except those of the forward kernel
+          {"has_own_kernel", !differing.forward_kernel.empty()},
+          {"learns_differently", learns_differently(baseline.config, ours.config)},
+          {"saved_overall", effect_of(overall.shares, time_limits(overall.noise))},
+          {"saved_before_inflection", spread_of(before.shares)},
+          {"saved_after_inflection", spread_of(after.shares)},
+          {"machine_spread",
+           {{"overall", or_null(overall.noise)}, {"before", or_null(before.noise)}, {"after", or_null(after.noise)}}},
+          {"inflection", spread_of(switches)},
+          {"balanced_kernels", kernel_part(baseline, ours, done_by_seed, true)},
+          {"other_kernels", kernel_part(baseline, ours, done_by_seed, false)},
+          {"by_seed", by_seed}};
+}
+
+// --- Load balancing
+
+/// Whether the forward kernel is load-balanced, or chosen from candidates that include a load-balanced one.
+bool may_balance(const ConfigurationHistory& configuration) {
+  const std::vector<std::string> kernels = forward_candidates(configuration.config);
+  return std::any_of(kernels.begin(), kernels.end(), [](const std::string& name) { return is_balanced_kernel(name); });
+}
+
+/// The first configuration with this fixed kernel that differs from `ours` only in the forward kernel, or null.
+const ConfigurationHistory* find_kernel(const Histories& configurations, const TrainConfig& ours,
+                                        std::string_view kernel) {
+  const auto found = std::find_if(configurations.begin(), configurations.end(), [&](const ConfigurationHistory& own) {
+    return own.config.kernel == kernel && differing_options(own.config, ours).others.empty();
+  });
+  return found == configurations.end() ? nullptr : &*found;
+}
+
+/// Kernels without load balancing for which no configuration differs from `ours` only in the forward kernel.
+std::vector<std::string> missing_unbalanced_kernels(const Histories& configurations, const TrainConfig& ours) {
+  std::vector<std::string> missing;
+  for (const ForwardKernelName& row : kForwardKernels) {
+    if (!row.is_balanced && find_kernel(configurations, ours, row.name) == nullptr) missing.emplace_back(row.name);
+  }
+  return missing;
+}
+
+/// Splits the time saved by a configuration that may balance in two: from naive to the fastest kernel without load
+/// balancing ("unbalanced"), and from there to this configuration. Null if it does not balance, or if a kernel without
+/// load balancing was not trained with the same other options.
+Json balancing_gain(const Histories& configurations, const ConfigurationHistory& ours,
+                    const std::vector<int>& done_by_seed, const std::optional<double>& noise) {
+  if (!may_balance(ours) || !missing_unbalanced_kernels(configurations, ours.config).empty()) return nullptr;
+  const auto seconds_of = [&](const ConfigurationHistory& configuration) {
+    std::vector<double> seconds;
+    for (std::size_t seed = 0; seed < done_by_seed.size(); ++seed) {
+      if (done_by_seed[seed] > 0) seconds.push_back(elapsed_at(configuration.by_seed[seed], done_by_seed[seed]));
+    }
+    return seconds;
+  };
+  const auto mean = [](const std::vector<double>& seconds) { return spread_of(seconds)["mean"].get<double>(); };
+  const std::vector<double> ours_s = seconds_of(ours);
+  if (ours_s.empty()) return nullptr;
+  std::vector<double> naive_s, unbalanced_s;
+  Json gain{{"name", ours.name}, {"naive", ""}, {"unbalanced", ""}};
+  for (const ForwardKernelName& row : kForwardKernels) {
+    if (row.is_balanced) continue;
+    const ConfigurationHistory& own = *find_kernel(configurations, ours.config, row.name);
+    const std::vector<double> own_s = seconds_of(own);
+    if (*std::min_element(own_s.begin(), own_s.end()) <= 0) return nullptr;
+    if (row.kernel == ForwardKernel::kNaive) {
+      naive_s = own_s;
+      gain["naive"] = own.name;
+    }
+    if (!unbalanced_s.empty() && mean(own_s) >= mean(unbalanced_s)) continue;
+    unbalanced_s = own_s;
+    gain["unbalanced"] = own.name;
+  }
+  const auto saved = [&](const std::vector<double>& before_s, const std::vector<double>& after_s) {
+    std::vector<double> shares;
+    for (std::size_t i = 0; i < before_s.size(); ++i) shares.push_back((before_s[i] - after_s[i]) / before_s[i]);
+    return effect_of(shares, time_limits(noise));
+  };
+  gain.update({{"saved_naive_to_unbalanced", saved(naive_s, unbalanced_s)},
+               {"saved_by_balancing", saved(unbalanced_s, ours_s)},
+               {"saved_whole", saved(naive_s, ours_s)},
+               {"machine_spread", or_null(noise)}});
+  return gain;
+}
+
+/// Whether the two are the comparison in the Balanced3DGS paper (arXiv:2412.17378): naive against the choice between
+/// combined and shared-memory, both with the backward pass of the original 3DGS trainer (per-pixel).
+bool is_paper_pair(const TrainConfig& baseline, const TrainConfig& ours) {
+  TrainConfig published = ours;
+  published.kernel = kPublishedKernel;
+  return baseline.kernel == forward_kernel_name(ForwardKernel::kNaive) &&
+         baseline.backward_kernel == backward_kernel_name(BackwardKernel::kPerPixel) && chooses_forward_kernel(ours) &&
+         forward_candidates(ours) == forward_candidates(published) && differing_options(baseline, ours).others.empty();
+}
+
+// --- Quality
+
+std::optional<double> count_of(const LogPoint& point) {
+  return point.count ? std::optional(static_cast<double>(*point.count)) : std::nullopt;
+}
 
 struct Measure {
   const char* name;
@@ -21,12 +298,7 @@ struct Measure {
 constexpr Measure kMeasures[] = {
     {kPsnrMeasure, kPsnrLimits, false, [](const LogPoint& point) { return point.test_psnr; }},
     {"SSIM", {0.003, 0.03}, false, [](const LogPoint& point) { return point.test_ssim; }},
-    {"Gaussians",
-     {0.02, 0.2},
-     true,
-     [](const LogPoint& point) {
-       return point.count ? std::optional(static_cast<double>(*point.count)) : std::nullopt;
-     }},
+    {"Gaussians", {0.02, 0.2}, true, count_of},
 };
 
 /// Empty if it was not measured after this iteration.
@@ -37,14 +309,9 @@ std::optional<double> value_at(const TrainHistory& history, int iteration, const
   return is_logged ? measure.value(*point) : std::nullopt;
 }
 
-/// The last iteration at which all configurations were measured for some seed, and the seeds for which they were.
-struct CommonMeasurement {
-  int iteration = 0;  // 0 if there is none
-  std::vector<std::size_t> seeds;
-};
-
-CommonMeasurement common_measurement(const std::vector<ConfigurationHistory>& configurations, const Measure& measure) {
-  CommonMeasurement common;
+/// The last iteration at which all configurations were measured for some seed (0 if there is none), and these seeds.
+std::pair<int, std::vector<std::size_t>> common_measurement(const Histories& configurations, const Measure& measure) {
+  std::pair<int, std::vector<std::size_t>> common;
   for (std::size_t seed = 0; seed < configurations[0].by_seed.size(); ++seed) {
     const std::vector<LogPoint>& points = configurations[0].by_seed[seed].points;
     const auto last = std::find_if(points.rbegin(), points.rend(), [&](const LogPoint& point) {
@@ -53,124 +320,86 @@ CommonMeasurement common_measurement(const std::vector<ConfigurationHistory>& co
       });
     });
     if (last == points.rend()) continue;
-    if (last->iteration > common.iteration) common = {last->iteration, {}};
-    if (last->iteration == common.iteration) common.seeds.push_back(seed);
+    if (last->iteration > common.first) common = {last->iteration, {}};
+    if (last->iteration == common.first) common.second.push_back(seed);
   }
   return common;
 }
 
-/// One value per seed of `common`.
-std::vector<double> values_at(const CommonMeasurement& common, const ConfigurationHistory& configuration,
-                              const Measure& measure) {
-  std::vector<double> values;
-  for (const std::size_t seed : common.seeds) {
-    values.push_back(value_at(configuration.by_seed[seed], common.iteration, measure).value());
-  }
-  return values;
-}
-
-std::vector<double> differences(const std::vector<double>& from, const std::vector<double>& to) {
-  std::vector<double> all;
-  for (std::size_t i = 0; i < from.size(); ++i) all.push_back(to[i] - from[i]);
-  return all;
-}
-
-/// Compares configurations[index] with the baseline at an iteration that all configurations have reached. `repetition`,
-/// the second training of the baseline, may be null.
-std::vector<QualityDifference> compare_quality(const std::vector<ConfigurationHistory>& configurations,
-                                               std::size_t index, const ConfigurationHistory* repetition) {
-  std::vector<QualityDifference> compared;
+/// Compares `ours` with the first configuration at an iteration that all have reached.
+Json compare_quality(const Histories& configurations, const ConfigurationHistory& ours, const Repetition& repetition) {
+  Json compared = Json::array();
   for (const Measure& measure : kMeasures) {
-    const CommonMeasurement common = common_measurement(configurations, measure);
-    if (common.seeds.empty()) continue;
-    const std::vector<double> before = values_at(common, configurations[0], measure),
-                              after = values_at(common, configurations[index], measure);
-    QualityDifference difference;
-    difference.measure = measure.name;
-    difference.iteration = common.iteration;
-    difference.baseline = *spread_of(before);
-    difference.ours = *spread_of(after);
-    const double unit = measure.is_relative ? difference.baseline.mean : 1;
-    EffectLimits limits{measure.limits.floor * unit, measure.limits.one_seed * unit};
-    if (repetition != nullptr) {
-      difference.noise = 0;
-      for (const double own : differences(before, values_at(common, *repetition, measure))) {
-        difference.noise = std::max(*difference.noise, std::fabs(own));
-      }
-      // The two runs may agree to the last bit, and other options round differently: the fixed limit stays.
-      limits.one_seed = std::max(limits.one_seed, limit_with_noise(*difference.noise));
+    const auto [iteration, seeds] = common_measurement(configurations, measure);
+    if (seeds.empty()) continue;
+    std::vector<double> before, after, gained;
+    std::optional<double> noise;
+    for (const std::size_t seed : seeds) {
+      const auto value = [&, at = iteration](const ConfigurationHistory& own) {
+        return value_at(own.by_seed[seed], at, measure).value();
+      };
+      before.push_back(value(configurations[0]));
+      after.push_back(value(ours));
+      gained.push_back(after.back() - before.back());
+      if (repetition.second == nullptr) continue;
+      noise = std::max(noise, std::optional(std::fabs(value(*repetition.second) - before.back())));
     }
-    difference.gained = *effect_of(differences(before, after), limits);
-    compared.push_back(difference);
+    const Json baseline = spread_of(before);
+    const double unit = measure.is_relative ? baseline["mean"].get<double>() : 1;
+    // Two runs of the baseline may agree to the last bit, and other options round differently: the fixed limit stays.
+    const EffectLimits limits{measure.limits.floor * unit,
+                              std::max(measure.limits.one_seed * unit, limit_with_noise(noise.value_or(0)))};
+    const Json effect = effect_of(gained, limits);
+    compared.push_back({{"measure", measure.name},
+                        {"iteration", iteration},
+                        {"baseline", baseline},
+                        {"ours", spread_of(after)},
+                        {"difference", effect["mean"]},
+                        {"interval", effect["interval"]},
+                        {"finding", effect["finding"]},
+                        {"machine_spread", or_null(noise)},
+                        {"tolerance", effect["limit"]},
+                        {"equal", effect["finding"] == "equal"}});
   }
   return compared;
 }
 
-KernelPartSummary summarize_part(const std::vector<TimeSaved>& by_seed, KernelPart TimeSaved::*part) {
-  KernelPartSummary summary;
-  std::vector<double> iterations, saved;
-  for (const TimeSaved& seed : by_seed) {
-    const KernelPart& own = seed.*part;
-    summary.kernels.insert(own.kernels.begin(), own.kernels.end());
-    if (own.iterations == 0 || own.baseline_s <= 0) continue;
-    iterations.push_back(own.iterations);
-    saved.push_back(saved_share(own.baseline_s, own.ours_s));
+/// What each configuration has reached at the end of its own training, over the seeds that have been trained so far.
+Json final_results(const Histories& configurations) {
+  Json results = Json::array();
+  const auto is_complete = [](const ConfigurationHistory& own, std::size_t seed) {
+    return own.by_seed[seed].last_iteration() >= own.config.iterations && !own.by_seed[seed].points.empty();
+  };
+  for (const ConfigurationHistory& own : configurations) {
+    std::vector<double> seconds, count, psnr, ssim, gained;
+    const auto add = [](std::vector<double>& values, const std::optional<double>& value) {
+      if (value) values.push_back(*value);
+    };
+    for (std::size_t seed = 0; seed < own.by_seed.size(); ++seed) {
+      if (!is_complete(own, seed)) continue;
+      const LogPoint& last = own.by_seed[seed].points.back();
+      seconds.push_back(last.elapsed_s);
+      add(count, count_of(last));
+      add(psnr, last.test_psnr);
+      add(ssim, last.test_ssim);
+      if (!is_complete(configurations[0], seed)) continue;
+      const std::optional<double>& of_baseline = configurations[0].by_seed[seed].points.back().test_psnr;
+      if (last.test_psnr && of_baseline) gained.push_back(*last.test_psnr - *of_baseline);
+    }
+    results.push_back({{"name", own.name},
+                       {"iterations", own.config.iterations},
+                       {"complete_seeds", seconds.size()},
+                       {"seconds", spread_of(seconds)},
+                       {"gaussians", spread_of(count)},
+                       {"psnr", spread_of(psnr)},
+                       {"ssim", spread_of(ssim)},
+                       {"psnr_gained", effect_of(gained, kPsnrLimits)}});
   }
-  summary.iterations = spread_of(iterations);
-  summary.saved = spread_of(saved);
-  return summary;
-}
-
-/// Whether the check before the first step switched away from a balanced kernel because it was slower.
-bool was_balanced_slower_from_start(const TrainHistory& history) {
-  return std::any_of(history.checks.begin(), history.checks.end(), [](const KernelCheckEvent& check) {
-    const bool is_disabled =
-        std::find(check.disabled.begin(), check.disabled.end(), check.before) != check.disabled.end();
-    return check.iteration == 1 && check.pass == kForwardPass && check.has_changed() && !is_disabled &&
-           is_balanced_kernel(check.before) && !is_balanced_kernel(check.after);
-  });
-}
-
-/// Over the seeds that have started. `repeated`: by seed; empty if the baseline was not trained twice.
-ComparedConfiguration compare_times(const ConfigurationHistory& baseline, const ConfigurationHistory& ours,
-                                    const std::vector<RepeatedRun>& repeated, const std::vector<int>& done_by_seed) {
-  ComparedConfiguration compared;
-  compared.name = ours.name;
-  compared.baseline = baseline.name;
-  const DifferingOptions differing = differing_options(baseline.config, ours.config);
-  compared.differs_in = differing.others;
-  compared.has_own_kernel = !differing.forward_kernel.empty();
-  compared.learns_differently = learns_differently(baseline.config, ours.config);
-  std::vector<double> overall, before, after, switch_iterations;
-  compared.was_slower_from_start = true;
-  for (std::size_t seed = 0; seed < done_by_seed.size(); ++seed) {
-    if (done_by_seed[seed] == 0) continue;
-    const std::optional<TimeSaved> saved =
-        time_saved(baseline.by_seed[seed], ours.by_seed[seed], repeated.empty() ? nullptr : &repeated[seed]);
-    if (!saved) continue;
-    compared.by_seed.push_back(*saved);
-    compared.was_slower_from_start =
-        compared.was_slower_from_start && was_balanced_slower_from_start(ours.by_seed[seed]);
-    overall.push_back(saved->overall);
-    compared.noise.overall = std::max(compared.noise.overall, saved->noise.overall);
-    compared.noise.before = std::max(compared.noise.before, saved->noise.before);
-    compared.noise.after = std::max(compared.noise.after, saved->noise.after);
-    if (saved->switch_iteration) switch_iterations.push_back(*saved->switch_iteration);
-    if (!saved->before || !saved->after) continue;
-    before.push_back(*saved->before);
-    after.push_back(*saved->after);
-  }
-  compared.overall = effect_of(overall, time_limits(compared.noise.overall));
-  compared.before = spread_of(before);
-  compared.after = spread_of(after);
-  compared.switch_iteration = spread_of(switch_iterations);
-  compared.balanced = summarize_part(compared.by_seed, &TimeSaved::balanced);
-  compared.others = summarize_part(compared.by_seed, &TimeSaved::others);
-  return compared;
+  return results;
 }
 
 /// Iterations that all configurations have completed, by seed.
-std::vector<int> common_iterations(const std::vector<ConfigurationHistory>& configurations, int requested) {
+std::vector<int> common_iterations(const Histories& configurations, int requested) {
   std::vector<int> done(configurations[0].by_seed.size(), requested);
   for (const ConfigurationHistory& configuration : configurations) {
     B3DGS_CHECK(configuration.by_seed.size() == done.size(), configuration.name, " has ", configuration.by_seed.size(),
@@ -184,116 +413,66 @@ std::vector<int> common_iterations(const std::vector<ConfigurationHistory>& conf
 
 /// The configuration that the verdict is about: the first adaptive one after the baseline, else the first that may use
 /// a load-balanced kernel, else the second.
-const ConfigurationHistory& choose_ours(const std::vector<ConfigurationHistory>& configurations) {
+const ConfigurationHistory& choose_ours(const Histories& configurations) {
   const auto is_adaptive = [](const ConfigurationHistory& own) { return own.config.kernel == kAdaptive; };
-  const auto balances = [](const ConfigurationHistory& own) { return may_balance(own.config); };
   auto ours = std::find_if(configurations.begin() + 1, configurations.end(), is_adaptive);
-  if (ours == configurations.end()) ours = std::find_if(configurations.begin() + 1, configurations.end(), balances);
+  if (ours == configurations.end()) ours = std::find_if(configurations.begin() + 1, configurations.end(), may_balance);
   return ours == configurations.end() ? configurations[1] : *ours;
-}
-
-/// The item whose member has the value, or null.
-template <class Item>
-const Item* find_item(const std::vector<Item>& items, std::string Item::*member, const std::string& value) {
-  const auto it = std::find_if(items.begin(), items.end(), [&](const Item& own) { return own.*member == value; });
-  return it == items.end() ? nullptr : &*it;
 }
 
 }  // namespace
 
-int ComparisonSummary::seeds_started() const {
-  return static_cast<int>(std::count_if(done_by_seed.begin(), done_by_seed.end(), [](int done) { return done > 0; }));
-}
-
-const QualityDifference* ComparedConfiguration::find_quality(const std::string& wanted) const {
-  return find_item(quality, &QualityDifference::measure, wanted);
-}
-
-const ComparedConfiguration* ComparisonSummary::find(const std::string& name) const {
-  return find_item(compared, &ComparedConfiguration::name, name);
-}
-
-const BalancingGain* ComparisonSummary::find_balancing(const std::string& name) const {
-  return find_item(balancing, &BalancingGain::name, name);
-}
-
-std::optional<double> ComparisonSummary::noise() const {
-  const ComparedConfiguration* const own = find(repetition);
-  return own == nullptr ? std::nullopt : own->noise.overall;
-}
-
-ComparisonSummary summarize_comparison(const std::vector<ConfigurationHistory>& configurations, int iterations) {
+Json summarize_comparison(const Histories& configurations, int iterations) {
   B3DGS_CHECK(configurations.size() >= 2, configurations.size(), " configurations");
-  const ConfigurationHistory& baseline = configurations[0];
-  const ConfigurationHistory& ours = choose_ours(configurations);
+  const ConfigurationHistory &baseline = configurations[0], &ours = choose_ours(configurations);
+  Repetition repetition;
   const auto again = std::find_if(configurations.begin() + 1, configurations.end(), [&](const auto& own) {
     return differing_options(baseline.config, own.config).empty();
   });
-  const ConfigurationHistory* const repetition = again == configurations.end() ? nullptr : &*again;
+  if (again != configurations.end()) repetition = {&baseline, &*again};
+  const std::vector<int> done_by_seed = common_iterations(configurations, iterations);
+  int done = 0;
+  for (const int own : done_by_seed) done = own > 0 && (done == 0 || own < done) ? own : done;
 
-  ComparisonSummary summary;
-  summary.baseline = baseline.name;
-  summary.ours = ours.name;
-  if (repetition != nullptr) summary.repetition = repetition->name;
-  summary.holds_out_views = baseline.config.eval;
-  summary.iterations = iterations;
-  summary.results = final_results(configurations);
-  summary.done_by_seed = common_iterations(configurations, iterations);
-  std::vector<RepeatedRun> repeated;
-  for (std::size_t seed = 0; repetition != nullptr && seed < baseline.by_seed.size(); ++seed) {
-    repeated.push_back({baseline.by_seed[seed], repetition->by_seed[seed]});
-  }
-  for (const int done : summary.done_by_seed) {
-    if (done > 0) summary.done = summary.done == 0 ? done : std::min(summary.done, done);
-  }
+  std::optional<double> noise;
+  Json compared = Json::array(), balancing = Json::array(), paper_pairs = Json::array();
   for (std::size_t i = 1; i < configurations.size(); ++i) {
-    summary.compared.push_back(compare_times(baseline, configurations[i], repeated, summary.done_by_seed));
-    summary.compared.back().quality = compare_quality(configurations, i, repetition);
+    Json& own = compared.emplace_back(compare_times(baseline, configurations[i], repetition, done_by_seed));
+    own["quality"] = compare_quality(configurations, configurations[i], repetition);
+    const Json& own_noise = own["machine_spread"]["overall"];
+    if (&configurations[i] == repetition.second && own_noise.is_number()) noise = own_noise.get<double>();
   }
-  for (std::size_t i = 0; i < configurations.size(); ++i) {
-    if (const auto gain = balancing_gain(configurations, i, summary.done_by_seed, summary.noise())) {
-      summary.balancing.push_back(*gain);
-    }
-  }
-  if (may_balance(ours.config)) summary.missing_kernels = missing_unbalanced_kernels(configurations, ours.config);
   for (const ConfigurationHistory& own : configurations) {
+    const Json gain = balancing_gain(configurations, own, done_by_seed, noise);
+    if (!gain.is_null()) balancing.push_back(gain);
     for (const ConfigurationHistory& other : configurations) {
       if (!is_paper_pair(own.config, other.config)) continue;
-      summary.paper_comparisons.push_back(compare_times(own, other, repeated, summary.done_by_seed));
+      paper_pairs.push_back(compare_times(own, other, repetition, done_by_seed));
     }
   }
+  Json summary{{"verdict", ""},
+               {"baseline", baseline.name},
+               {"ours", ours.name},
+               {"repetition", repetition.second == nullptr ? "" : repetition.second->name},
+               {"machine_spread", or_null(noise)},
+               {"holds_out_views", baseline.config.eval},
+               {"iterations", iterations},
+               {"done", done},
+               {"done_by_seed", done_by_seed},  // 0: the seed is ignored, since not all have started
+               {"results", final_results(configurations)},
+               {"balancing", balancing},
+               {"missing_kernels", may_balance(ours) ? missing_unbalanced_kernels(configurations, ours.config)
+                                                     : std::vector<std::string>()},
+               {"beside_paper", paper_pairs},
+               {"compared", compared}};
+  summary["verdict"] = verdict(summary);
   return summary;
 }
 
-std::string quality_criterion(const ComparisonSummary& summary) {
-  bool some_have_several = false, some_have_one = false;
-  for (const ComparedConfiguration& compared : summary.compared) {
-    for (const QualityDifference& own : compared.quality)
-      (own.baseline.n > 1 ? some_have_several : some_have_one) = true;
-  }
-  const auto limits = [](double EffectLimits::*limit) {
-    std::string text;
-    for (const Measure& measure : kMeasures) {
-      text += (text.empty() ? "" : "; ") + std::string(measure.name) + " " +
-              (measure.is_relative ? format_whole_percent(measure.limits.*limit)
-                                   : print_to_string("%g", measure.limits.*limit));
-    }
-    return text;
-  };
-  std::string text;
-  if (some_have_several) {
-    text =
-        "95 %: the interval of the mean difference over the seeds (Student's t, the runs of a seed paired). "
-        "\"Differs\": it excludes 0, and the mean is at least " +
-        limits(&EffectLimits::floor) + ". \"Equal\": it lies within these limits. \"Unclear\": neither.";
-  }
-  if (some_have_one) {
-    text += (text.empty() ? "" : " ") +
-            ("With one seed, differences below " + limits(&EffectLimits::one_seed) +
-             " say nothing (\"unclear\"); --seeds 0,1,2 tells more." +
-             (summary.repetition.empty() ? "" : " Nor do those below 12.7 times the run-to-run variation."));
-  }
-  return text;
+bool have_equal_lengths(const Json& summary) {
+  const Json& results = summary["results"];
+  return std::all_of(results.begin(), results.end(),
+                     [&](const Json& own) { return own["iterations"] == results[0]["iterations"]; });
 }
 
 }  // namespace b3dgs

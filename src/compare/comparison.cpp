@@ -2,7 +2,6 @@
 
 #include <algorithm>
 
-#include "compare/compare_results.h"
 #include "compare/compare_summary.h"
 #include "compare/compare_verdict.h"
 #include "config/former_options.h"
@@ -39,7 +38,7 @@ Json to_json(const ComparisonPlan& plan) {
 }
 
 Json to_json(const Comparison& comparison) {
-  Json json = {{"plan", to_json(comparison.plan)}, {"summary", to_json(comparison.summary)}};
+  Json json = {{"plan", to_json(comparison.plan)}, {"summary", comparison.summary}};
   json["machine"] = Json::object();
   json["runs"] = Json::array();
   for (std::size_t i = 0; i < comparison.configurations.size(); ++i) {
@@ -58,72 +57,6 @@ Json to_json(const Comparison& comparison) {
     }
   }
   return json;
-}
-
-/// Mean of a measure of quality over seeds, or "-".
-std::string quality_cell(const ComparisonSummary& summary, std::size_t configuration, const std::string& measure,
-                         const char* format) {
-  const bool is_baseline = configuration == 0;
-  const QualityDifference* const own = summary.compared[is_baseline ? 0 : configuration - 1].find_quality(measure);
-  return own == nullptr ? "-" : print_to_string(format, (is_baseline ? own->baseline : own->ours).mean);
-}
-
-/// Training time, s: the mean over the seeds that have started.
-double mean_seconds(const Comparison& comparison, std::size_t configuration) {
-  const ComparisonSummary& summary = comparison.summary;
-  double seconds = 0;
-  for (std::size_t seed = 0; seed < summary.done_by_seed.size(); ++seed) {
-    seconds += elapsed_at(comparison.configurations[configuration].by_seed[seed], summary.done_by_seed[seed]) /
-               std::max(1, summary.seeds_started());
-  }
-  return seconds;
-}
-
-/// What was trained, how long that took and what came of it. Columns without content are left out: those of a kernel
-/// switch if there was none, and the interval with one seed.
-std::string summary_table(const Comparison& comparison) {
-  const ComparisonSummary& summary = comparison.summary;
-  const auto some = [&](const auto& has) { return std::any_of(summary.compared.begin(), summary.compared.end(), has); };
-  const bool has_switch = some([](const ComparedConfiguration& own) { return own.before.has_value(); });
-  const bool has_interval = some([](const ComparedConfiguration& own) { return own.overall && own.overall->margin; });
-  std::vector<std::vector<std::string>> rows{{"configuration", "training s", "time saved"}};
-  if (has_interval) rows[0].emplace_back("95 % interval");
-  rows[0].emplace_back("time");
-  if (has_switch) rows[0].insert(rows[0].end(), {"before switch", "after switch"});
-  rows[0].insert(rows[0].end(), {"PSNR dB", "PSNR", "SSIM", "Gaussians"});
-  for (std::size_t i = 0; i < comparison.configurations.size(); ++i) {
-    const ComparedConfiguration* const own = i == 0 ? nullptr : &summary.compared[i - 1];
-    const auto share = [&](const auto& saved, const std::optional<double>& noise) {
-      return saved ? format_percent(saved->mean) + format_noise(noise) : std::string("-");
-    };
-    const bool is_known = own != nullptr && own->overall;
-    std::vector<std::string> row{comparison.configurations[i].name,
-                                 print_to_string("%.2f", mean_seconds(comparison, i)),
-                                 is_known ? share(own->overall, own->noise.overall) : "-"};
-    if (has_interval) row.push_back(is_known && own->overall->margin ? interval_text(*own->overall) : "-");
-    row.push_back(is_known ? time_word(*own->overall) : "-");
-    if (has_switch) {
-      row.push_back(own == nullptr ? "-" : share(own->before, own->noise.before));
-      row.push_back(own == nullptr ? "-" : share(own->after, own->noise.after));
-    }
-    const QualityDifference* const psnr = own == nullptr ? nullptr : own->find_quality(kPsnrMeasure);
-    row.insert(row.end(),
-               {quality_cell(summary, i, kPsnrMeasure, "%.2f"), psnr == nullptr ? "-" : finding_word(psnr->gained),
-                quality_cell(summary, i, "SSIM", "%.4f"), quality_cell(summary, i, "Gaussians", "%.0f")});
-    rows.push_back(row);
-  }
-  return text_table(rows) + "time saved: share of " + summary.baseline + "'s training time, in total" +
-         (has_switch ? " and before and after the first switch to another forward kernel\n" : "\n");
-}
-
-/// Explains loading_ms in a sentence.
-std::string describe_loading(const Comparison& comparison) {
-  std::string names;
-  for (const Configuration& own : comparison.configurations) {
-    if (measures_kernels(own.config)) names += (names.empty() ? "" : ", ") + own.name;
-  }
-  return detail::concat("the times of ", names, " include ", format_figure(comparison.plan.loading_ms),
-                        " ms for loading the candidate kernels, which each process does once");
 }
 
 }  // namespace
@@ -216,54 +149,39 @@ Comparison load_comparison(const ComparisonPlan& plan) {
 
 namespace {
 
-/// Options of several configurations.
-struct ComparedOptions {
-  std::string shared;         // those that all have, where they differ from the default values
-  Json rows = Json::array();  // those in which configurations differ: the name, and a text for each configuration
-};
-
-ComparedOptions compare_options(const std::vector<ConfigurationHistory>& configurations) {
+/// Pairs of name and text: scene, seeds, and the options that all configurations have, where these differ from the
+/// default values. Those in which configurations differ go to `rows`: the name, and a text for each configuration.
+Json settings(const Comparison& comparison, Json& rows) {
+  const ComparisonPlan& plan = comparison.plan;
   std::vector<Json> all;
-  all.reserve(configurations.size());
-  for (const ConfigurationHistory& own : configurations) all.push_back(config_to_json(own.config));
+  for (const ConfigurationHistory& own : comparison.configurations) all.push_back(config_to_json(own.config));
   const Json defaults = config_to_json(TrainConfig{});
   Json shared = defaults;
-  ComparedOptions compared;
   for (const auto& [name, first] : all.front().items()) {
-    Json row = Json::array({name});
-    bool differs = false;
-    for (const Json& own : all) {
-      row.push_back(option_value_text(own.at(name)));
-      differs = differs || own.at(name) != first;
-    }
-    if (differs) {
-      compared.rows.push_back(row);
-    } else {
+    const bool differs = std::any_of(all.begin(), all.end(),
+                                     [&, key = name, &value = first](const Json& own) { return own[key] != value; });
+    if (!differs) {
       shared[name] = first;
+      continue;
     }
+    Json& row = rows.emplace_back(Json::array({name}));
+    for (const Json& own : all) row.push_back(option_value_text(own[name]));
   }
-  compared.shared = changed_options(defaults, shared);
-  return compared;
-}
-
-/// Pairs of name and text.
-Json settings(const Comparison& comparison, const std::string& shared) {
-  const ComparisonPlan& plan = comparison.plan;
-  Json rows = scene_rows(plan.base, plan.folder(comparison.configurations.front(), plan.seeds.front()));
   std::string seeds;
   for (const std::int64_t seed : plan.seeds) seeds += (seeds.empty() ? "" : ", ") + std::to_string(seed);
-  rows.push_back({"seeds", seeds});
-  rows.push_back({"options of all",
-                  (shared.empty() ? "" : shared + "; ") + "otherwise, but for the table below, as in --preset inria"});
-  return rows;
+  const std::string changed = changed_options(defaults, shared);
+  Json pairs = scene_rows(plan.base, plan.folder(comparison.configurations.front(), plan.seeds.front()));
+  pairs.push_back({"seeds", seeds});
+  pairs.push_back({"options of all", (changed.empty() ? "" : changed + "; ") +
+                                         "otherwise, but for the table below, as in --preset inria"});
+  return pairs;
 }
 
 }  // namespace
 
 Json comparison_report_data(const Comparison& comparison) {
-  const ComparisonSummary& summary = comparison.summary;
   const ComparisonPlan& plan = comparison.plan;
-  Json runs = Json::array(), machine = Json::object();
+  Json runs = Json::array(), machine = Json::object(), options = Json::array();
   std::vector<NamedInfo> first_runs;
   for (std::size_t i = 0; i < comparison.configurations.size(); ++i) {
     const ConfigurationHistory& own = comparison.configurations[i];
@@ -274,9 +192,7 @@ Json comparison_report_data(const Comparison& comparison) {
     if (!info.machine.empty()) machine = info.machine;
     first_runs.push_back({own.name, info});
   }
-  const ComparedOptions options = compare_options(comparison.configurations);
-  Json has_own_kernel = Json::array();
-  for (const ComparedConfiguration& own : summary.compared) has_own_kernel.push_back(own.has_own_kernel);
+  const Json rows = settings(comparison, options);
   return {{"kind", "comparison"},
           {"scene", scene_name(plan.base.source_path)},
           {"seeds", plan.seeds},
@@ -285,15 +201,10 @@ Json comparison_report_data(const Comparison& comparison) {
           {"measures_half", comparison.configurations.front().config.train_test_exp},
           {"reading_s", plan.reading_s},
           {"output_s", comparison.output_s()},
-          {"loading", plan.loading_ms > 0 ? describe_loading(comparison) : ""},
-          {"repetition", summary.repetition.empty() ? "" : describe_repetition(summary)},
-          {"time_criterion", time_criterion(summary)},
-          {"quality_criterion", quality_criterion(summary)},
-          {"missing_kernels", summary.missing_kernels},
-          {"has_own_kernel", has_own_kernel},
-          {"summary", to_json(summary)},
-          {"settings", settings(comparison, options.shared)},
-          {"options", options.rows},
+          {"loading_ms", plan.loading_ms},
+          {"summary", comparison.summary},
+          {"settings", rows},
+          {"options", options},
           {"machine", machine},
           {"previews", previews_data(first_runs)},
           {"runs", runs}};
@@ -305,21 +216,9 @@ void write_comparison(const Comparison& comparison) {
 }
 
 std::string describe_comparison(const Comparison& comparison) {
-  const ComparisonSummary& summary = comparison.summary;
-  if (!have_equal_lengths(summary.results)) return results_table(summary.results) + verdict(summary) + "\n";
-  std::string text = summary_table(comparison);
-  for (const ComparedConfiguration& compared : summary.compared) {
-    const int n_seeds = static_cast<int>(compared.by_seed.size());
-    if (!compared.before || compared.before->n == n_seeds) continue;
-    text +=
-        compared.name + ": times before and after the switch are known" + in_seeds(compared.before->n, n_seeds) + "\n";
-  }
-  for (const BalancingGain& gain : summary.balancing) text += gain.name + ": " + describe(gain) + "\n";
-  if (!summary.repetition.empty()) text += describe_repetition(summary) + "\n";
-  if (comparison.plan.loading_ms > 0) text += describe_loading(comparison) + "\n";
-  return text + "times do not include reading the scene (" + format_seconds(comparison.plan.reading_s, 0) +
-         ") or evaluation, saving and checkpoints (" + format_seconds(comparison.output_s(), 0) + ")\n" +
-         verdict(summary) + "\n";
+  return summary_table(comparison.summary) + "times do not include reading the scene (" +
+         format_seconds(comparison.plan.reading_s, 0) + ") or evaluation, saving and checkpoints (" +
+         format_seconds(comparison.output_s(), 0) + ")\n" + comparison.summary["verdict"].get<std::string>() + "\n";
 }
 
 }  // namespace b3dgs

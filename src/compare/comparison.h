@@ -50,7 +50,7 @@ struct Comparison {
   ComparisonPlan plan;
   std::vector<ConfigurationHistory> configurations;  // times include loading_ms where the kernel is chosen
   std::vector<std::vector<RunInfo>> infos;           // [configuration][seed]
-  ComparisonSummary summary;
+  nlohmann::ordered_json summary;                    // summarize_comparison()
 
   double output_s() const;  // evaluation, saving and checkpoints, all runs
 };
@@ -64,7 +64,7 @@ void write_comparison(const Comparison& comparison);
 /// The result for standard output.
 std::string describe_comparison(const Comparison& comparison);
 
-/// What the report shows: the results, the runs of all seeds, and texts of the terminal. @throws IoError, InputError if
+/// What the report shows: the summary, and the runs of all seeds. @throws IoError, InputError if
 /// an image cannot be read
 nlohmann::ordered_json comparison_report_data(const Comparison& comparison);
 

@@ -85,13 +85,14 @@ void ColmapProgram::check_options() {
                 ") was built without CUDA; leave --use_gpu out, or install a COLMAP with CUDA");
   }
   const CameraModel model = camera_model_from_name(options_.camera_model, "--camera_model");
-  if (model == CameraModel::kEquirectangular) return;  // COLMAP gets their faces
-  if (static_cast<int>(model) <= kNewestInAllVersions) return;
+  const bool has_faces = model == CameraModel::kEquirectangular;  // which COLMAP gets
+  if (has_faces || static_cast<int>(model) <= kNewestInAllVersions) return;
   // Newer versions list the models in their help.
   std::string help;
   for (const std::string& line : lines_of({"colmap", "feature_extractor", "-h"}, log_)) help += line + "\n";
   const bool has_list = has_word(help, camera_model_name(CameraModel::kThinPrismFisheye));
-  const bool is_known = has_list ? has_word(help, options_.camera_model) : major_version() >= 4;
+  const bool is_known =
+      has_list ? has_word(help, options_.camera_model) : std::atoi(text_after(short_version(), "COLMAP")) >= 4;
   if (!is_known) {
     input_error("--camera_model ", options_.camera_model, ": ", short_version(), " in PATH does not know it; ",
                 "choose another model, such as OPENCV or OPENCV_FISHEYE, or install a newer COLMAP");
@@ -103,10 +104,6 @@ std::string ColmapProgram::short_version() const {
   return version_.substr(begin, version_.find(' ', begin + 7) - begin);
 }
 
-int ColmapProgram::major_version() const {
-  return std::atoi(short_version().substr(std::string("COLMAP").size()).c_str());
-}
-
 bool ColmapProgram::uses_gpu() const {
   if (options_.use_gpu != "auto") return options_.use_gpu == "1";
   std::error_code error;
@@ -115,9 +112,9 @@ bool ColmapProgram::uses_gpu() const {
 }
 
 const std::set<std::string>& ColmapProgram::options_of(const std::string& command) {
-  const auto known = known_.find(command);
-  if (known != known_.end()) return known->second;
-  return known_[command] = options_in_help(lines_of({"colmap", command, "-h"}, log_));
+  const auto [known, is_new] = known_.try_emplace(command);
+  if (is_new) known->second = options_in_help(lines_of({"colmap", command, "-h"}, log_));
+  return known->second;
 }
 
 void ColmapProgram::add(std::vector<std::string>& command, const std::vector<std::string>& names,
@@ -131,6 +128,16 @@ void ColmapProgram::add(std::vector<std::string>& command, const std::vector<std
   }
 }
 
+std::vector<std::string> ColmapProgram::begin(const std::string& command) const {
+  return {"colmap", command, "--database_path", folders_.database.string()};
+}
+
+void ColmapProgram::add_device(std::vector<std::string>& command, const std::string& stage) {
+  add(command, {"Feature" + stage + ".use_gpu", "Sift" + stage + ".use_gpu"}, uses_gpu() ? "1" : "0");
+  if (options_.threads == 0) return;
+  add(command, {"Feature" + stage + ".num_threads", "Sift" + stage + ".num_threads"}, std::to_string(options_.threads));
+}
+
 void ColmapProgram::use_faces(const std::string& params, std::size_t n_faces) {
   face_params_ = params;
   n_faces_ = n_faces;
@@ -138,36 +145,24 @@ void ColmapProgram::use_faces(const std::string& params, std::size_t n_faces) {
 
 std::vector<std::string> ColmapProgram::extract_command(const fs::path& list, bool is_single_camera,
                                                         std::optional<std::size_t> camera) {
-  std::vector<std::string> command{"colmap",
-                                   "feature_extractor",
-                                   "--database_path",
-                                   folders_.database.string(),
-                                   "--image_path",
-                                   folders_.images.string(),
-                                   "--image_list_path",
-                                   list.string(),
-                                   "--ImageReader.camera_model",
-                                   face_params_.empty() ? options_.camera_model : "PINHOLE"};
+  const std::string model = face_params_.empty() ? options_.camera_model : "PINHOLE";
+  std::vector<std::string> command = begin("feature_extractor");
+  command.insert(command.end(), {"--image_path", folders_.images.string(), "--image_list_path", list.string(),
+                                 "--ImageReader.camera_model", model});
   if (!face_params_.empty()) add(command, {"ImageReader.camera_params"}, face_params_);
   const char* const sharing = is_single_camera                  ? "ImageReader.single_camera"
                               : options_.camera_per == "folder" ? "ImageReader.single_camera_per_folder"
                                                                 : "ImageReader.single_camera_per_image";
   add(command, {sharing}, "1");
   if (camera) add(command, {"ImageReader.existing_camera_id"}, std::to_string(*camera));
-  add(command, {"FeatureExtraction.use_gpu", "SiftExtraction.use_gpu"}, uses_gpu() ? "1" : "0");
+  add_device(command, "Extraction");
   add(command, {"SiftExtraction.max_num_features"}, std::to_string(options_.max_features));
-  if (options_.threads > 0) {
-    add(command, {"FeatureExtraction.num_threads", "SiftExtraction.num_threads"}, std::to_string(options_.threads));
-  }
   return command;
 }
 
 std::vector<std::string> ColmapProgram::match_command(const std::string& matcher, std::size_t n_photographs) {
-  std::vector<std::string> command{"colmap", matcher + "_matcher", "--database_path", folders_.database.string()};
-  add(command, {"FeatureMatching.use_gpu", "SiftMatching.use_gpu"}, uses_gpu() ? "1" : "0");
-  if (options_.threads > 0) {
-    add(command, {"FeatureMatching.num_threads", "SiftMatching.num_threads"}, std::to_string(options_.threads));
-  }
+  std::vector<std::string> command = begin(matcher + "_matcher");
+  add_device(command, "Matching");
   if (matcher == "exhaustive") {
     // COLMAP says how far it is, and stores what it has, once per block of pairs.
     const std::size_t block = std::clamp<std::size_t>(n_photographs / 8, 16, 50);
@@ -179,15 +174,12 @@ std::vector<std::string> ColmapProgram::match_command(const std::string& matcher
 }
 
 std::vector<std::string> ColmapProgram::map_command() {
-  std::vector<std::string> command{"colmap",          "mapper",
-                                   "--database_path", folders_.database.string(),
-                                   "--image_path",    folders_.images.string(),
-                                   "--output_path",   folders_.models.string()};
+  std::vector<std::string> command = begin("mapper");
+  command.insert(command.end(), {"--image_path", folders_.images.string(), "--output_path", folders_.models.string()});
   if (options_.threads > 0) add(command, {"Mapper.num_threads"}, std::to_string(options_.threads));
   if (!face_params_.empty()) {
-    for (const char* refined : {"Mapper.ba_refine_focal_length", "Mapper.ba_refine_extra_params"}) {
-      add(command, {refined}, "0");
-    }
+    add(command, {"Mapper.ba_refine_focal_length"}, "0");
+    add(command, {"Mapper.ba_refine_extra_params"}, "0");
   }
   return command;
 }

@@ -48,7 +48,9 @@ class ColmapProgram {
  private:
   void check_options();
   std::string short_version() const;  // "COLMAP 3.8"
-  int major_version() const;
+  std::vector<std::string> begin(const std::string& command) const;
+  /// `stage`: "Extraction" or "Matching".
+  void add_device(std::vector<std::string>& command, const std::string& stage);
   /// Words for the first of `names` that the command knows; none if it knows none of them.
   void add(std::vector<std::string>& command, const std::vector<std::string>& names, const std::string& value);
   const std::set<std::string>& options_of(const std::string& command);

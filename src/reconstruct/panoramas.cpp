@@ -202,17 +202,23 @@ ColmapModel join_faces(const ColmapModel& faces, const CheckedPhotographs& panor
   return model;
 }
 
-void join_models(const fs::path& from, const fs::path& to, const CheckedPhotographs& panoramas) {
+std::size_t join_models(const fs::path& from, const fs::path& to, const CheckedPhotographs& panoramas) {
+  std::vector<ColmapModel> models;
   std::error_code error;
   for (const fs::directory_entry& entry : fs::directory_iterator(from, error)) {
     if (!colmap_format(entry.path())) continue;
     try {
-      const ColmapModel faces = read_colmap_model(entry.path(), /*tracks=*/true);
-      write_colmap_model(to / entry.path().filename(), join_faces(faces, panoramas), ColmapFormat::kBinary);
+      models.push_back(join_faces(read_colmap_model(entry.path(), /*tracks=*/true), panoramas));
     } catch (const InputError&) {
       continue;  // cut off, as in order_models()
     }
   }
+  std::stable_sort(models.begin(), models.end(),
+                   [](const ColmapModel& a, const ColmapModel& b) { return a.images.size() > b.images.size(); });
+  for (std::size_t i = 0; i < models.size(); ++i) {
+    write_colmap_model(to / std::to_string(i), models[i], ColmapFormat::kBinary);
+  }
+  return models.size();
 }
 
 }  // namespace b3dgs

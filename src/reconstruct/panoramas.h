@@ -35,9 +35,9 @@ std::vector<std::string> cut_panoramas(const std::filesystem::path& images, cons
 /// then not seen from two panoramas.
 ColmapModel join_faces(const ColmapModel& faces, const CheckedPhotographs& panoramas);
 
-/// join_faces() of each model in `from`, to a folder of the same name in `to`. Folders that hold no readable model are
-/// passed over. @throws IoError
-void join_models(const std::filesystem::path& from, const std::filesystem::path& to,
-                 const CheckedPhotographs& panoramas);
+/// Writes join_faces() of each model in `from` to `to`/0, `to`/1, ..., the one with the most panoramas first. Folders
+/// that hold no readable model are passed over. @return the number of models. @throws IoError
+std::size_t join_models(const std::filesystem::path& from, const std::filesystem::path& to,
+                        const CheckedPhotographs& panoramas);
 
 }  // namespace b3dgs

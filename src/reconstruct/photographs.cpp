@@ -80,10 +80,10 @@ bool clone_file(const fs::path& from, const fs::path& to) {
 }
 
 /// @return whether it was turned
-bool copy_photograph(const fs::path& from, const fs::path& to, bool turns) {
+bool copy_photograph(const fs::path& from, const fs::path& to) {
   AtomicFile file(to);
   std::optional<std::vector<std::uint8_t>> upright;
-  if (turns) upright = turned_upright(read_file(from));
+  if (read_exif_orientation(from) != 1) upright = turned_upright(read_file(from));
   std::error_code error;
   if (upright) {
     file.write(upright->data(), upright->size());
@@ -206,22 +206,10 @@ std::string find_in_the_way(const fs::path& from, const fs::path& to, const std:
 
 std::size_t place_photographs(const fs::path& from, const fs::path& to, const std::vector<Photograph>& photographs,
                               const std::function<void(std::size_t done)>& progress) {
-  std::vector<const Photograph*> missing;
-  bool turns = true;
+  std::size_t n_done = 0, n_turned = 0;
   for (const Photograph& photograph : photographs) {
     const fs::path source = from / photograph.name, target = to / photograph.name;
-    if (!is_placed(source, target)) {
-      missing.push_back(&photograph);
-    } else if (turns && fs::file_size(source) == fs::file_size(target) && read_exif_orientation(source) != 1) {
-      turns = false;  // of an earlier version
-    }
-  }
-  std::size_t n_done = photographs.size() - missing.size(), n_turned = 0;
-  progress(n_done);
-  for (const Photograph* photograph : missing) {
-    const fs::path source = from / photograph->name;
-    const bool lies = turns && read_exif_orientation(source) != 1;
-    n_turned += copy_photograph(source, to / photograph->name, lies) ? 1 : 0;
+    if (!is_placed(source, target)) n_turned += copy_photograph(source, target) ? 1 : 0;
     progress(++n_done);
   }
   return n_turned;
@@ -235,19 +223,18 @@ std::size_t count_turned(const fs::path& folder, const std::vector<Photograph>& 
 
 std::vector<CameraGroup> group_by_camera(const CheckedPhotographs& photographs, const std::string& camera_per) {
   constexpr std::size_t kMostSizes = 8;
-  const std::vector<CameraGroup> all{{"all", photographs.names, false}};
+  const std::vector<CameraGroup> all{{photographs.names, false}};
   if (camera_per != "size") return all;
-  std::map<std::string, CameraGroup> groups;
+  std::map<std::string, CameraGroup> groups;  // by size
   for (std::size_t i = 0; i < photographs.names.size(); ++i) {
-    const std::string label = detail::concat(photographs.sizes[i].width, "x", photographs.sizes[i].height);
-    CameraGroup& group = groups[label];
-    group.label = label;
+    const ImageSize& size = photographs.sizes[i];
+    CameraGroup& group = groups[detail::concat(size.width, "x", size.height)];
     group.is_single_camera = true;
     group.names.push_back(photographs.names[i]);
   }
   if (groups.size() > kMostSizes) return all;
   std::vector<CameraGroup> result;
-  for (auto& [label, group] : groups) result.push_back(std::move(group));
+  for (auto& [size, group] : groups) result.push_back(std::move(group));
   return result;
 }
 

@@ -45,9 +45,9 @@ std::string find_in_the_way(const std::filesystem::path& from, const std::filesy
                             const std::vector<Photograph>& photographs);
 
 /// Copies photographs from `from`/NAME to `to`/NAME, with their time of change, unless they are there already. JPEG
-/// files whose EXIF data says that they lie on their side are turned upright meanwhile, unless some were placed as they
-/// are by an earlier version. The copies share no bytes with the originals that a later change of either could reach;
-/// where the file system can, they take no additional space. @return how many were turned
+/// files whose EXIF data says that they lie on their side are turned upright meanwhile. The copies share no bytes with
+/// the originals that a later change of either could reach; where the file system can, they take no additional space.
+/// @return how many were turned
 /// @throws IoError; what `progress` throws
 std::size_t place_photographs(const std::filesystem::path& from, const std::filesystem::path& to,
                               const std::vector<Photograph>& photographs,
@@ -58,7 +58,6 @@ std::size_t count_turned(const std::filesystem::path& folder, const std::vector<
 
 /// Photographs that share a camera, as COLMAP is to treat them in one call.
 struct CameraGroup {
-  std::string label;  // "1920x1080", or "all"
   std::vector<std::string> names;
   bool is_single_camera = false;  // all of them
 };

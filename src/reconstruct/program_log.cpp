@@ -7,6 +7,7 @@
 #include <utility>
 
 #include "core/check.h"
+#include "core/files/own_files.h"
 #include "core/text.h"
 
 namespace b3dgs {
@@ -46,9 +47,11 @@ std::string failure_line(const std::deque<std::string>& lines) {
   return last_error.empty() ? last : last_error;
 }
 
-ProgramLog::ProgramLog(std::filesystem::path file, const std::atomic<int>* stop)
-    : path_(std::move(file)), stop_(stop), file_(std::fopen(path_.c_str(), "ae")) {
-  if (!file_) io_error("cannot write to file: ", path_.string(), " (", std::strerror(errno), ")");
+ProgramLog::ProgramLog(std::filesystem::path file, const std::atomic<int>* stop) : path_(std::move(file)), stop_(stop) {
+  make_way(path_);
+  file_.open(path_, std::ios::app);
+  check_written();
+  if (OwnFiles* own = OwnFiles::of(path_)) own->add(path_, /*is_growing=*/true);
 }
 
 void ProgramLog::run(const std::vector<std::string>& argv, const OnChildLine& on_line, const OnChildBytes& on_bytes) {
@@ -72,10 +75,13 @@ void ProgramLog::check_stop() const {
   if (stop_ != nullptr && *stop_ != 0) throw Stopped{};
 }
 
+void ProgramLog::check_written() const {
+  if (!file_) io_error("cannot write to file: ", path_.string(), " (", std::strerror(errno), ")");
+}
+
 void ProgramLog::add(const std::string& line) {
-  std::fprintf(file_.get(), "%s\n", line.c_str());
-  if (std::fflush(file_.get()) != 0)
-    io_error("cannot write to file: ", path_.string(), " (", std::strerror(errno), ")");
+  file_ << line << std::endl;
+  check_written();
   last_lines_.push_back(line);
   if (last_lines_.size() > kLinesKept) last_lines_.pop_front();
 }

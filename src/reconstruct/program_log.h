@@ -2,11 +2,9 @@
 #pragma once
 
 #include <atomic>
-#include <cstddef>
-#include <cstdio>
 #include <deque>
 #include <filesystem>
-#include <memory>
+#include <fstream>
 #include <string>
 #include <vector>
 
@@ -19,7 +17,7 @@ struct Stopped {};
 
 class ProgramLog {
  public:
-  /// Appends to the file. @throws IoError
+  /// Appends to the file, which is the program's own from then on. @throws IoError
   ProgramLog(std::filesystem::path file, const std::atomic<int>* stop);
 
   /// Runs a program with its output in the log; with `on_bytes`, which takes standard output, only that of standard
@@ -31,15 +29,13 @@ class ProgramLog {
   void check_stop() const;
 
  private:
+  void check_written() const;
   void add(const std::string& line);
   [[noreturn]] void fail(const std::vector<std::string>& argv, const ChildResult& result);
 
-  struct Close {
-    void operator()(std::FILE* file) const { std::fclose(file); }
-  };
   std::filesystem::path path_;
   const std::atomic<int>* stop_;
-  std::unique_ptr<std::FILE, Close> file_;
+  std::ofstream file_;
   std::deque<std::string> last_lines_;
 };
 

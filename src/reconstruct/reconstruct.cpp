@@ -4,6 +4,8 @@
 #include <cmath>
 #include <filesystem>
 #include <optional>
+#include <system_error>
+#include <utility>
 
 #include "core/check.h"
 #include "core/files/atomic_file.h"
@@ -13,10 +15,10 @@
 #include "reconstruct/panoramas.h"
 #include "reconstruct/photographs.h"
 #include "reconstruct/program_log.h"
-#include "reconstruct/reconstruct_input.h"
 #include "reconstruct/scene_folder.h"
 #include "reconstruct/stage_record.h"
 #include "reconstruct/video_frames.h"
+#include "scene/images/image_folder.h"
 
 namespace b3dgs {
 namespace {
@@ -29,6 +31,91 @@ constexpr std::size_t kMostExhaustive = 300;  // photographs; pairs grow with th
 constexpr const char* kHowToPhotograph =
     "photograph again with two thirds of overlap between neighbours, sharp, from many places, with the same zoom";
 
+struct ReconstructInput {
+  fs::path source;  // a folder of photographs, or a video; without links
+  bool is_video = false;
+  bool is_in_place = false;             // the photographs are those in SCENE/images
+  std::vector<Photograph> photographs;  // unless it is a video
+};
+
+bool is_there(const fs::path& path) {
+  std::error_code error;
+  return fs::exists(path, error);
+}
+
+bool is_same_place(const fs::path& a, const fs::path& b) {
+  std::error_code error;
+  return a == b || fs::equivalent(a, b, error);
+}
+
+/// Whether `path` lies below `folder`. Both without links.
+bool is_inside(const fs::path& path, const fs::path& folder) {
+  const fs::path relative = path.lexically_relative(folder);
+  return !relative.empty() && *relative.begin() != ".." && relative != ".";
+}
+
+void list_input(ReconstructInput& input, const ReconstructOptions& options, const ScenePlaces& places,
+                const WarnFn& warn) {
+  fs::path& source = input.source;
+  if (is_same_place(source, places.root)) {
+    // Photographs beside SCENE/images would be found twice the next time.
+    if (!is_there(places.images)) {
+      input_error(options.output, ": is the folder of the photographs, too (expected another folder); ",
+                  "choose another scene folder, or move the photographs to ", places.images.string());
+    }
+    source = places.images;
+  }
+  input.is_in_place = is_same_place(source, places.images);
+  std::vector<fs::path> except{places.work};
+  if (is_inside(places.root, source)) except = {places.root};
+  if (is_inside(places.images, source)) except.push_back(places.images);
+  PhotographList list = list_photographs(source, except);
+  input.photographs = std::move(list.photographs);
+  if (list.unreadable.empty()) return;
+  warn(detail::one_line(detail::concat(list.unreadable.size(), " raw or HEIC files are left out (the first: ",
+                                       list.unreadable[0], "); convert them to JPEG to use them")));
+}
+
+/// The input, checked before anything is written. @throws InputError, with the remedy, if it or the scene folder cannot
+/// be used, or if a program that is needed is not installed
+ReconstructInput check_input(const ReconstructOptions& options, const ScenePlaces& places, const WarnFn& warn) {
+  ReconstructInput input;
+  input.source = real_path(options.input);
+  if (!is_there(input.source)) {
+    input_error("photographs not found: ", options.input, " (expected a folder or a video)");
+  }
+  input.is_video = !fs::is_directory(input.source);
+  if (input.is_video && !fs::is_regular_file(input.source)) {
+    input_error(options.input, ": neither a folder nor a file (expected photographs or a video)");
+  }
+  if (input.is_video && has_image_extension(input.source)) {
+    input_error(options.input, ": only one photograph (expected a folder of photographs, or a video)");
+  }
+  if (!input.is_video && options.frames > 0) {
+    input_error("--frames has no effect on photographs (", options.input, " is a folder); it is an option of videos");
+  }
+  if (is_there(places.root) && !fs::is_directory(places.root)) {
+    input_error("not a folder: ", options.output, " (expected the scene folder to make)");
+  }
+  if (options.frames == 1) input_error("--frames 1: expected at least 2 frames, each from another place");
+  check_work_folder(places);
+  if (!input.is_video) list_input(input, options, places, warn);
+  check_colmap_is_installed();
+  if (input.is_video) check_ffmpeg_is_installed();
+  if (is_stage_record(places.record)) return input;
+  // What was there before the first call is the user's.
+  for (const fs::path& folder : {places.sparse / "0", places.sparse, places.root}) {
+    if (!colmap_format(folder)) continue;
+    input_error(folder.string(), ": there is a COLMAP model already, which `b3dgs train ", shell_quote(options.output),
+                "` takes; choose another scene folder to reconstruct it again");
+  }
+  if (!input.is_in_place && holds_files(places.images)) {
+    input_error(places.images.string(), ": there are files already; to use them, give this folder as PHOTOS, ",
+                "otherwise choose another scene folder");
+  }
+  return input;
+}
+
 class Reconstruction {
  public:
   Reconstruction(const ReconstructOptions& options, const ReconstructProgress& progress, const std::atomic<int>* stop,
@@ -37,16 +124,11 @@ class Reconstruction {
         progress_(progress),
         warn_(warn),
         places_(real_path(options.output)),
-        input_(check_input(options, places_, warn)) {
-    is_panoramas_ = options.camera_model == camera_model_name(CameraModel::kEquirectangular);
-    folder_.emplace(places_, warn_);
-    make_way(places_.log);
-    log_.emplace(places_.log, stop);
-    OwnFiles::of(places_.log)->add(places_.log, /*is_growing=*/true);
-    const fs::path& images = is_panoramas_ ? places_.faces : places_.images;
-    colmap_.emplace(options_, ColmapFolders{places_.database, images, places_.models}, *log_);
-    record_.emplace(places_.record);
-  }
+        input_(check_input(options, places_, warn)),
+        folder_(places_, warn),
+        log_(places_.log, stop),
+        colmap_(options, {places_.database, is_panoramas_ ? places_.faces : places_.images, places_.models}, log_),
+        record_(places_.record) {}
 
   ReconstructResult run() {
     const std::vector<std::string> names = input_.is_video ? use_video() : use_photographs();
@@ -61,32 +143,32 @@ class Reconstruction {
 
  private:
   void show(const std::string& stage, std::size_t done, std::size_t total) const {
-    log_->check_stop();
+    log_.check_stop();
     progress_(stage, done, total);
   }
 
   /// The name of the input in the record: that of an earlier call if it is the same place, whatever it is called now.
   std::string source_name(const char* stage, const char* key) const {
-    const std::string earlier = record_->earlier_text(stage, key);
+    const std::string earlier = record_.earlier_text(stage, key);
     return !earlier.empty() && is_same_place(earlier, input_.source) ? earlier : input_.source.string();
   }
 
-  /// Runs a program, and records what it has written at the paths. Files that were there before and were not the
-  /// program's own stay the user's, such as a database that was changed by hand.
-  void run(const std::vector<std::string>& command, const OnChildLine& on_line, std::vector<fs::path> written) {
-    written.erase(
-        std::remove_if(written.begin(), written.end(), [&](const fs::path& path) { return folder_->has_others(path); }),
-        written.end());
-    const auto record = [&] {
-      for (const fs::path& path : written) folder_->add(path);
-    };
-    try {
-      log_->run(command, on_line);
-    } catch (...) {
-      record();
-      throw;
+  /// At its end, also by an exception, what was written at the paths is the program's own.
+  struct Recorder {
+    ~Recorder() {
+      for (const fs::path& path : paths) folder.add(path);
     }
-    record();
+    SceneFolder& folder;
+    std::vector<fs::path> paths;
+  };
+
+  /// Runs a program that writes at the paths. Files that were there before and were not the program's own stay the
+  /// user's, such as a database that was changed by hand.
+  void run(const std::vector<std::string>& command, const OnChildLine& on_line, std::vector<fs::path> written) {
+    const auto is_users = [&](const fs::path& path) { return folder_.has_others(path); };
+    written.erase(std::remove_if(written.begin(), written.end(), is_users), written.end());
+    const Recorder at_end{folder_, written};
+    log_.run(command, on_line);
   }
 
   std::vector<std::string> use_photographs() {
@@ -99,33 +181,33 @@ class Reconstruction {
     const bool are_there = std::all_of(names.begin(), names.end(),
                                        [&](const std::string& name) { return is_there(places_.images / name); });
     const std::string source = source_name("photographs", "folder");
-    if (record_->is_done("photographs", {{"folder", source}, {"files", files}}, are_there)) return names;
+    if (record_.is_done("photographs", {{"folder", source}, {"files", files}}, are_there)) return names;
     if (input_.is_in_place) {
-      if (const std::size_t n_turned = count_turned(input_.source, input_.photographs); n_turned > 0) {
-        warn_(detail::concat(n_turned, " of ", names.size(), " photographs lie on their side or upside down (EXIF ",
-                             "orientation), and so will the views of the model; photographs that are copied from ",
-                             "another folder are turned"));
-      }
+      warn_turned(
+          count_turned(input_.source, input_.photographs),
+          "lie on their side or upside down (EXIF orientation), and so will the views of the model; photographs "
+          "that are copied from another folder are turned");
     } else {
       place();
     }
-    record_->finish();
+    record_.finish();
     return names;
+  }
+
+  void warn_turned(std::size_t n_turned, const char* what) const {
+    if (n_turned > 0) warn_(detail::concat(n_turned, " of ", input_.photographs.size(), " photographs ", what));
   }
 
   void place() {
     const std::string other = find_in_the_way(input_.source, places_.images, input_.photographs);
     if (!other.empty()) {
-      folder_->move_aside(places_.images, detail::concat(other, " in ", places_.images.string(),
-                                                         " is another file than in ", options_.input));
+      folder_.move_aside(places_.images, detail::concat(other, " in ", places_.images.string(),
+                                                        " is another file than in ", options_.input));
     }
-    const std::size_t n_turned =
+    warn_turned(
         place_photographs(input_.source, places_.images, input_.photographs,
-                          [&](std::size_t done) { show("copying photographs", done, input_.photographs.size()); });
-    if (n_turned == 0) return;
-    warn_(detail::concat(n_turned, " of ", input_.photographs.size(),
-                         " photographs were turned upright, as their EXIF ",
-                         "orientation says: these copies are encoded again, with JPEG quality 98"));
+                          [&](std::size_t done) { show("copying photographs", done, input_.photographs.size()); }),
+        "were turned upright, as their EXIF orientation says: these copies are encoded again, with JPEG quality 98");
   }
 
   std::vector<std::string> use_video() {
@@ -133,34 +215,27 @@ class Reconstruction {
                         {"bytes", fs::file_size(input_.source)},
                         {"changed", fs::last_write_time(input_.source).time_since_epoch().count()},
                         {"frames", options_.frames}};
-    if (!record_->is_done("frames", settings, is_there(places_.images / "frame_00001.jpg"))) {
+    if (!record_.is_done("frames", settings, is_there(places_.images / "frame_00001.jpg"))) {
       const std::vector<std::string> names = write_frames();
       std::error_code error;
       if (!holds_files(places_.images)) fs::remove(places_.images, error);
-      folder_->move_aside(places_.images);
-      folder_->own().move(places_.frames, places_.images);
-      record_->set_notes({{"names", names}});
-      record_->finish();
+      folder_.move_aside(places_.images);
+      folder_.own().move(places_.frames, places_.images);
+      record_.set_notes({{"names", names}});
+      record_.finish();
     }
     try {
-      return record_->notes().at("names").get<std::vector<std::string>>();
+      return record_.notes().at("names").get<std::vector<std::string>>();
     } catch (const nlohmann::json::exception&) {
       input_error(places_.record.string(), ": damaged; remove it to begin again");
     }
   }
 
   std::vector<std::string> write_frames() {
-    folder_->clear(places_.frames);
-    try {
-      std::vector<std::string> names =
-          extract_frames(input_.source, static_cast<std::size_t>(options_.frames), places_.frames, *log_,
-                         [&](const char* stage, std::size_t done, std::size_t total) { show(stage, done, total); });
-      folder_->add(places_.frames);
-      return names;
-    } catch (...) {
-      folder_->add(places_.frames);
-      throw;
-    }
+    folder_.clear(places_.frames);
+    const Recorder at_end{folder_, {places_.frames}};
+    return extract_frames(input_.source, static_cast<std::size_t>(options_.frames), places_.frames, log_,
+                          [&](const char* stage, std::size_t done, std::size_t total) { show(stage, done, total); });
   }
 
   CheckedPhotographs check(const std::vector<std::string>& names) {
@@ -204,70 +279,77 @@ class Reconstruction {
   CheckedPhotographs cut_faces(const CheckedPhotographs& panoramas) {
     const std::vector<Camera> cameras = panorama_faces(panoramas.sizes);
     const ImageSize size{cameras[0].width, cameras[0].height};
-    colmap_->use_faces(pinhole_params(cameras[0]), cameras.size());
+    colmap_.use_faces(pinhole_params(cameras[0]), cameras.size());
     const Json settings{{"panoramas", panoramas.names}, {"faces", cameras.size()}, {"side", size.width}};
-    if (!record_->is_done("faces", settings, true) && !record_->was_begun()) folder_->clear(places_.faces);
+    if (!record_.is_done("faces", settings, true) && !record_.was_begun()) folder_.clear(places_.faces);
     CheckedPhotographs faces;
     faces.names = cut_panoramas(places_.images, places_.faces, panoramas,
                                 [&](std::size_t done) { show("cutting panoramas", done, panoramas.names.size()); });
     faces.sizes.assign(faces.names.size(), size);
-    record_->finish();
+    record_.finish();
     return faces;
   }
 
   void extract_features(const CheckedPhotographs& photographs) {
     const std::vector<CameraGroup> groups = group_by_camera(photographs, is_panoramas_ ? "size" : options_.camera_per);
-    if (extract_groups(groups, photographs.names.size())) return;
-    // COLMAP was ended before it had said which camera the first photographs of a group got. The others would get a
-    // second one, so all begin again.
-    record_->go_back_to(group_stage(0));
-    const bool is_done = extract_groups(groups, photographs.names.size());
-    B3DGS_CHECK(is_done, "a new database");
-  }
-
-  static std::string group_stage(std::size_t group) { return "features " + std::to_string(group); }
-
-  /// False if the database has a camera that the record does not know.
-  bool extract_groups(const std::vector<CameraGroup>& groups, std::size_t n_total) {
+    Json settings{{"colmap", colmap_.version()},
+                  {"camera_model", options_.camera_model},
+                  {"camera_per", options_.camera_per},
+                  {"max_features", options_.max_features},
+                  {"groups", Json::array()}};
+    for (const CameraGroup& group : groups) settings["groups"].push_back(group.names);
+    if (record_.is_done("features", settings, is_there(places_.database))) return;
+    // What an earlier call has done: COLMAP keeps the features that it has, and the other photographs of the group get
+    // the same camera. If COLMAP was ended before it had said which one that is, all begin again.
+    std::size_t first = groups.size();
+    std::optional<std::size_t> camera;
+    if (record_.was_begun() && is_there(places_.database)) {
+      first = noted("groups").value_or(0);
+      camera = noted("camera");
+    }
+    if (first >= groups.size() || (groups[first].is_single_camera && !camera)) {
+      folder_.clear_database();
+      first = 0;
+      camera.reset();
+    }
     std::size_t n_before = 0;
     for (std::size_t i = 0; i < groups.size(); ++i) {
-      const CameraGroup& group = groups[i];
-      const Json settings{{"colmap", colmap_->version()},
-                          {"camera_model", options_.camera_model},
-                          {"camera_per", options_.camera_per},
-                          {"max_features", options_.max_features},
-                          {"cameras", group.label},
-                          {"photographs", group.names}};
-      if (!record_->is_done(group_stage(i), settings, is_there(places_.database))) {
-        const bool goes_on = record_->was_begun() && is_there(places_.database);
-        const bool has_camera = record_->notes().contains("camera") && record_->notes()["camera"].is_number_unsigned();
-        if (goes_on && group.is_single_camera && !has_camera) return false;
-        if (!goes_on && i == 0) folder_->clear_database();
-        std::optional<std::size_t> camera;  // COLMAP keeps the features that it has; the others get the same camera
-        if (goes_on && has_camera) camera = record_->notes()["camera"].get<std::size_t>();
-        extract_group(group, camera, n_before, n_total);
-      }
-      n_before += group.names.size();
+      const auto on_step = [&](std::size_t done) {
+        show("extracting features", n_before + done, photographs.names.size());
+      };
+      if (i >= first) extract_group(groups[i], i, i == first ? camera : std::nullopt, on_step);
+      n_before += groups[i].names.size();
     }
-    return true;
+    record_.finish();
   }
 
-  void extract_group(const CameraGroup& group, std::optional<std::size_t> camera, std::size_t n_before,
-                     std::size_t n_total) {
+  std::optional<std::size_t> noted(const char* key) const {
+    const Json& notes = record_.notes();
+    if (!notes.contains(key) || !notes[key].is_number_unsigned()) return std::nullopt;
+    return notes[key].get<std::size_t>();
+  }
+
+  void extract_group(const CameraGroup& group, std::size_t index, std::optional<std::size_t> camera,
+                     const std::function<void(std::size_t done)>& on_step) {
+    const auto note = [&] {
+      Json notes{{"groups", index}};
+      if (camera) notes["camera"] = *camera;
+      record_.set_notes(notes);
+    };
+    note();
     std::string list;
     for (const std::string& name : group.names) list += name + "\n";
     const fs::path list_file = places_.work / "photographs.txt";
     write_file(list_file, list);
-    show("extracting features", n_before, n_total);
+    on_step(0);
+    const std::vector<std::string> command = colmap_.extract_command(list_file, group.is_single_camera, camera);
     const auto on_line = [&](const std::string& line) {
-      if (const auto step = colmap_step(line)) show("extracting features", n_before + step->done, n_total);
-      const auto found = colmap_camera(line);
-      if (!found || !group.is_single_camera || camera) return;
-      camera = found;
-      record_->set_notes({{"camera", *camera}});
+      if (const auto step = colmap_step(line)) on_step(step->done);
+      if (!group.is_single_camera || camera) return;
+      camera = colmap_camera(line);
+      if (camera) note();
     };
-    run(colmap_->extract_command(list_file, group.is_single_camera, camera), on_line, database_files(places_.database));
-    record_->finish();
+    run(command, on_line, database_files(places_.database));
   }
 
   void match(std::size_t n_photographs, std::size_t n_images) {
@@ -279,20 +361,20 @@ class Reconstruction {
           " photographs: only those with neighbouring names are matched; if they were not taken in this ",
           "order, add --matcher exhaustive, which takes longer"));
     }
-    if (record_->is_done("matches", {{"matcher", matcher}}, is_there(places_.database))) return;
+    if (record_.is_done("matches", {{"matcher", matcher}}, is_there(places_.database))) return;
     show("matching", 0, 0);
     const auto on_line = [&](const std::string& line) {
       if (const auto step = colmap_step(line)) show("matching", step->done, step->total);
     };
-    run(colmap_->match_command(matcher, n_images), on_line, database_files(places_.database));
-    record_->finish();
+    run(colmap_.match_command(matcher, n_images), on_line, database_files(places_.database));
+    record_.finish();
   }
 
   void map(const CheckedPhotographs& photographs, std::size_t n_images) {
     const bool are_there = colmap_format(places_.ordered / "0") || colmap_format(places_.sparse / "0");
-    if (record_->is_done("models", Json::object(), are_there)) return;
-    folder_->clear(places_.models);
-    folder_->clear(places_.ordered);
+    if (record_.is_done("models", Json::object(), are_there)) return;
+    folder_.clear(places_.models);
+    folder_.clear(places_.ordered);
     create_folder(places_.models);
     show("registering photographs", 0, n_images);
     std::string failure;
@@ -303,27 +385,24 @@ class Reconstruction {
       };
       std::vector<fs::path> written = database_files(places_.database);
       written.push_back(places_.models);
-      run(colmap_->map_command(), on_line, written);
+      run(colmap_.map_command(), on_line, written);
     } catch (const InputError& error) {
       failure = error.what();
     }
     // Without a model, some versions of the mapper fail, and others only say so.
     if (failure.find("killed") != std::string::npos) input_error(failure);
-    if (is_panoramas_) {
-      folder_->clear(places_.joined);
-      join_models(places_.models, places_.joined, photographs);
-    }
-    const std::size_t n_models = order_models(is_panoramas_ ? places_.joined : places_.models, places_.ordered);
-    folder_->add(places_.ordered);
+    const std::size_t n_models = is_panoramas_ ? join_models(places_.models, places_.ordered, photographs)
+                                               : order_models(places_.models, places_.ordered);
+    folder_.add(places_.ordered);
     if (n_models == 0) {
       const bool is_no_pair =
           failure.empty() || failure.find("model") != std::string::npos || failure.find("initial") != std::string::npos;
       if (!is_no_pair) input_error(failure);
       input_error(options_.input, ": too few matches: COLMAP found no two photographs to begin with; ",
-                  kHowToPhotograph, " (log: ", (places_.log).string(), ")");
+                  kHowToPhotograph, " (log: ", places_.log.string(), ")");
     }
     if (!failure.empty()) input_error(failure);
-    record_->finish();
+    record_.finish();
   }
 
   /// Moves the models to SCENE/sparse if enough photographs are registered.
@@ -352,22 +431,21 @@ class Reconstruction {
       warn_(registered + "; views that are missing leave holes: " + kHowToPhotograph);
     }
     if (!is_new) return;
-    folder_->move_aside(places_.sparse);
-    folder_->own().move(places_.ordered, places_.sparse);
-    folder_->own().remove(places_.models);
-    folder_->own().remove(places_.joined);
+    folder_.move_aside(places_.sparse);
+    folder_.own().move(places_.ordered, places_.sparse);
+    folder_.own().remove(places_.models);
   }
 
   const ReconstructOptions& options_;
   const ReconstructProgress& progress_;
   const WarnFn& warn_;
+  const bool is_panoramas_ = options_.camera_model == camera_model_name(CameraModel::kEquirectangular);
   ScenePlaces places_;
   ReconstructInput input_;
-  bool is_panoramas_ = false;
-  std::optional<SceneFolder> folder_;
-  std::optional<ProgramLog> log_;
-  std::optional<ColmapProgram> colmap_;
-  std::optional<StageRecord> record_;
+  SceneFolder folder_;
+  ProgramLog log_;
+  ColmapProgram colmap_;
+  StageRecord record_;
   ReconstructResult result_;
 };
 

@@ -65,22 +65,12 @@ ScenePlaces::ScenePlaces(const fs::path& scene)
       frames(work / "frames"),
       faces(work / "faces"),
       models(work / "models"),
-      joined(work / "panoramas"),
       ordered(work / "sparse") {}
 
 void check_work_folder(const ScenePlaces& places) {
   if (is_stage_record(places.record)) return;
-  std::vector<fs::path> files = files_at(places.work);
-  std::error_code error;
-  if (fs::is_directory(places.work, error)) {  // also through a link
-    files.clear();
-    for (const fs::directory_entry& entry : fs::directory_iterator(places.work, error)) {
-      const std::vector<fs::path> inside = files_at(entry.path());
-      files.insert(files.end(), inside.begin(), inside.end());
-    }
-  }
   OwnFiles own(places.root);
-  for (const fs::path& file : files) {
+  for (const fs::path& file : files_at(real_path(places.work))) {
     if (own.is_own(file) || is_lock_or_temporary(file)) continue;
     input_error(places.work.string(), ": expected no other files here than those of an earlier call, found ",
                 file.filename().string(), "; move or rename what is there, or choose another scene folder");

@@ -23,7 +23,6 @@ struct ScenePlaces {
   std::filesystem::path frames;   // of a video, until all are written
   std::filesystem::path faces;    // of panoramas
   std::filesystem::path models;   // as the mapper writes them
-  std::filesystem::path joined;   // the same of panoramas, if those are of faces
   std::filesystem::path ordered;  // by size, until they are accepted
 };
 

@@ -58,18 +58,6 @@ bool StageRecord::is_done(const std::string& stage, const Json& settings, bool s
   return false;
 }
 
-void StageRecord::go_back_to(const std::string& stage) {
-  for (std::size_t i = 0; i < n_passed_; ++i) {
-    if (stages_.at(i)["stage"] != stage) continue;
-    while (stages_.size() > i) stages_.erase(stages_.size() - 1);
-    n_passed_ = i;
-    was_begun_ = false;
-    write();
-    return;
-  }
-  B3DGS_CHECK(false, "the stage ", stage, " was not passed");
-}
-
 std::string StageRecord::earlier_text(const std::string& stage, const char* key) const {
   for (const Json& earlier : stages_) {
     if (earlier["stage"] != stage || !earlier["settings"].is_object()) continue;

@@ -24,10 +24,6 @@ class StageRecord {
   /// Whether an earlier call began the stage with the same settings, but did not finish it.
   bool was_begun() const { return was_begun_; }
 
-  /// Goes back to the stage, which this call has passed, and forgets it and all later ones: they have to be done again.
-  /// @throws IoError
-  void go_back_to(const std::string& stage);
-
   /// The text that the settings of a stage of an earlier call have for the key; "" if there is none.
   std::string earlier_text(const std::string& stage, const char* key) const;
 

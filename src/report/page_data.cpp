@@ -21,20 +21,15 @@ namespace {
 
 using Json = nlohmann::ordered_json;
 
+Json or_null(const std::optional<double>& value) {
+  return value ? Json(*value) : Json(nullptr);
+}
+Json or_null(const std::optional<std::int64_t>& value) {
+  return value ? Json(*value) : Json(nullptr);
+}
 template <class Value>
-Json to_json(const Value& value) {
+Json or_null(const Value& value) {
   return value;
-}
-
-template <class Value>
-Json to_json(const std::optional<Value>& value) {
-  return value ? to_json(*value) : Json(nullptr);
-}
-
-Json to_json(const NamedTimes& times) {
-  Json json = Json::object();
-  for (const auto& [name, ms] : times) json[name] = ms;
-  return json;
 }
 
 Json mean_stages(const TrainHistory& history) {
@@ -42,7 +37,7 @@ Json mean_stages(const TrainHistory& history) {
   double n = 0;
   for (const LogPoint& point : history.points) {
     n += point.stages_ms.empty() ? 0 : 1;
-    for (const auto& [name, ms] : point.stages_ms) means[name] = means.value(name, 0.0) + ms;
+    for (const auto& [name, ms] : point.stages_ms.items()) means[name] = means.value(name, 0.0) + ms.get<double>();
   }
   for (Json& ms : means) ms = ms.get<double>() / n;
   return means;
@@ -53,29 +48,9 @@ Json curves_of(const TrainHistory& history) {
   const LogPoint none;
   LogPoint::visit_curves(none, [&](const char* key, const auto&) { curves[key] = Json::array(); });
   for (const LogPoint& point : history.points) {
-    LogPoint::visit_curves(point, [&](const char* key, const auto& value) { curves[key].push_back(to_json(value)); });
+    LogPoint::visit_curves(point, [&](const char* key, const auto& value) { curves[key].push_back(or_null(value)); });
   }
   return curves;
-}
-
-Json checks_of(const TrainHistory& history) {
-  Json checks = Json::array();
-  for (const KernelCheckEvent& check : history.checks) {
-    Json& json = checks.emplace_back();
-    KernelCheckEvent::visit(check, [&](const char* key, const auto& value) { json[key] = to_json(value); });
-  }
-  return checks;
-}
-
-Json loads_of(const TrainHistory& history) {
-  Json loads = Json::array();
-  for (const LoadEvent& own : history.loads) {
-    loads.push_back({{"iteration", own.iteration},
-                     {"tile_lists", to_json(own.tile_lists)},
-                     {"pixel_processed", to_json(own.pixel_processed)},
-                     {"pixel_contributing", to_json(own.pixel_contributing)}});
-  }
-  return loads;
 }
 
 /// "" if the file has been deleted since: the report is written without it.
@@ -107,28 +82,21 @@ std::string photographs_text(const ModelFolder& folder) {
 Json history_json(const TrainHistory& history) {
   return {{"stages_ms", mean_stages(history)},
           {"curves", curves_of(history)},
-          {"kernel_checks", checks_of(history)},
-          {"load_statistics", loads_of(history)}};
+          {"kernel_checks", history.events["kernel_check"]},
+          {"load_statistics", history.events["load_statistics"]}};
 }
 
 Json run_data(const std::string& name, std::int64_t seed, const TrainHistory& history) {
   Json run = {{"name", name}, {"seed", seed}};
   run.update(history_json(history));
   for (const char* of_no_chart : {"ms", "kernel", "backward_kernel"}) run["curves"].erase(of_no_chart);
-  Json times = Json::array(), periods = Json::array(), resumes = Json::array();
-  for (const CandidateTimes& own : history.candidate_times) {
-    times.push_back({{"iteration", own.iteration}, {"pass", own.pass}, {"times_ms", to_json(own.times_ms)}});
-  }
+  Json periods = Json::array();
   for (const KernelPeriod& own : kernel_periods(history)) {
     periods.push_back({{"kernel", own.kernel}, {"from", own.from}, {"until", own.until}});
   }
-  for (const ResumeEvent& own : history.resumes) {
-    resumes.push_back({{"iteration", own.iteration},
-                       {"kernel", own.kernel},
-                       {"backward_kernel", own.backward_kernel},
-                       {"changed_options", own.changed_options}});
-  }
-  run.update({{"candidate_times", times}, {"kernel_periods", periods}, {"resumes", resumes}});
+  run.update({{"kernel_times", history.events["kernel_times"]},
+              {"kernel_periods", periods},
+              {"resumes", history.events["resumed"]}});
   return run;
 }
 

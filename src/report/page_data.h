@@ -1,8 +1,7 @@
-// Numbers as text, in the terminal's output; those in pages are written by src/page/text.js.
+// What reports of trainings and comparisons share: the files beside a model that they show, their data (JSON), and the
+// page.
 #pragma once
 
-#include <algorithm>
-#include <cmath>
 #include <cstdint>
 #include <filesystem>
 #include <nlohmann/json.hpp>
@@ -19,15 +18,6 @@ namespace b3dgs {
 /// "12.3 s", or "3.21 s" if `smallest`, the smallest of the times shown together, is below 10.
 inline std::string format_seconds(double value, double smallest) {
   return print_to_string(smallest < 10 ? "%.2f s" : "%.1f s", value);
-}
-
-/// With three significant digits.
-inline std::string format_figure(double value) {
-  if (std::fabs(value) >= 1e7) return print_to_string("%.1f M", 1e-6 * value);
-  if (std::fabs(value) >= 1000) return format_count(std::llround(value));
-  if (value == std::round(value)) return print_to_string("%.0f", value);
-  const int digits_before = static_cast<int>(std::floor(std::log10(std::fabs(value)))) + 1;
-  return print_to_string("%.*f", std::clamp(3 - digits_before, 0, 6), value);
 }
 
 // What a report needs from a training besides its log: MODEL/report/run.json and small images beside it. With these,
@@ -69,11 +59,11 @@ std::string data_uri(const Image8& rgb);
 
 // The parts of a report's data (JSON) that trainings and comparisons share. page/ reads them.
 
-/// "stages_ms" (mean per step), "curves" (an array per quantity, null where it was not measured), "kernel_checks" and
-/// "load_statistics", as in compare.json.
+/// A run in compare.json: "stages_ms" (mean per step), "curves" (an array per quantity, null where it was not
+/// measured), "kernel_checks" and "load_statistics".
 nlohmann::ordered_json history_json(const TrainHistory& history);
 
-/// A training as the page draws it: its name and seed, history_json(), and kernels.
+/// A run as the page draws it: its name and seed, history_json(), "kernel_times", "kernel_periods" and "resumes".
 nlohmann::ordered_json run_data(const std::string& name, std::int64_t seed, const TrainHistory& history);
 
 /// One entry per view: the photograph and the renders of all runs, as data URIs. Images that are missing are left out.

@@ -3,9 +3,7 @@
 #include <algorithm>
 #include <fstream>
 #include <map>
-#include <nlohmann/json.hpp>
 #include <type_traits>
-#include <utility>
 
 #include "core/json_text.h"
 
@@ -14,7 +12,60 @@ namespace {
 
 using Json = nlohmann::ordered_json;
 
-// Reads a value of a line. False, and `to` stays as it is, if it has another type or is out of range.
+/// The members of the events that reports show, as values of their types: what is missing or of another type becomes
+/// this value. null: a number or nothing; {}: numbers by name; a list: of such values.
+const Json& event_members() {
+  static const Json load{{"min", 0}, {"median", 0}, {"p90", 0},    {"p99", 0},
+                         {"max", 0}, {"mean", 0.0}, {"gini", 0.0}, {"log2_bins", Json::array({0})}};
+  static const Json members{
+      {"kernel_check",
+       {{"iteration", 0},
+        {"pass", ""},                   // "forward" or "backward"
+        {"times_ms", Json::object()},   // by kernel: median over the views
+        {"spread_ms", Json::object()},  // spread over the views
+        {"views", nullptr},             // number of views that were timed
+        {"before", ""},                 // the kernel in use
+        {"after", ""},
+        {"reason", ""},
+        {"refused", Json::array({""})},  // disabled, since their results differ from those of the reference kernel
+        {"cost_ms", nullptr},
+        {"warm_up_ms", nullptr}}},  // loading the kernels before the first check; not part of cost_ms
+      // Times of the candidates that were measured for the log only.
+      {"kernel_times", {{"iteration", 0}, {"pass", ""}, {"times_ms", Json::object()}}},
+      {"load_statistics",
+       {{"iteration", 0}, {"tile_lists", load}, {"pixel_processed", load}, {"pixel_contributing", load}}},
+      // The number of Gaussians has reached a limit, and does not exceed `count` from here on.
+      {"held", {{"iteration", 0}, {"count", 0}, {"reason", ""}}},
+      {"floaters", {{"iteration", 0}, {"unseen", 0}, {"one_view", 0}, {"close", 0}, {"large", 0}}},
+      // After `iteration`, with these kernels; options as "name: old -> new".
+      {"resumed", {{"iteration", 0}, {"kernel", ""}, {"backward_kernel", ""}, {"changed_options", Json::array({""})}}}};
+  return members;
+}
+
+bool has_type_of(const Json& example, const Json& json) {
+  if (example.is_number_integer()) return json.is_number_integer();
+  return example.is_number() || example.is_null() ? json.is_number() : json.type() == example.type();
+}
+
+/// `json` with the members of `expected`, each of its type. A record that is none becomes null.
+Json checked(const Json& json, const Json& expected) {
+  if (!expected.is_structured()) return has_type_of(expected, json) ? json : expected;
+  if (expected.is_object() && !expected.empty()) {
+    if (!json.is_object()) return nullptr;
+    Json record;
+    for (const auto& [name, member] : expected.items()) record[name] = checked(json.value(name, Json()), member);
+    return record;
+  }
+  Json all = expected.is_array() ? Json::array() : Json::object();
+  if (json.type() != expected.type()) return all;
+  for (const auto& [name, own] : json.items()) {
+    if (expected.is_array() && has_type_of(expected[0], own)) all.push_back(own);
+    if (expected.is_object() && own.is_number()) all[name] = own;
+  }
+  return all;
+}
+
+// Reads a member of a line. False, and `to` stays as it is, if it has another type or is out of range.
 
 bool read(const Json& json, double& to) {
   if (json.is_number()) to = json.get<double>();
@@ -36,106 +87,43 @@ bool read(const Json& json, Integer& to) {
   }
 }
 
-bool read(const Json& json, NamedTimes& to) {
-  if (!json.is_object()) return false;
-  for (const auto& [name, value] : json.items()) {
-    if (double ms = 0; read(value, ms)) to.emplace_back(name, ms);
-  }
-  return true;
-}
-
-/// Entries of another type are left out.
-template <class Entry>
-bool read(const Json& json, std::vector<Entry>& to) {
-  if (!json.is_array()) return false;
-  for (const Json& own : json) {
-    if (Entry entry{}; read(own, entry)) to.push_back(entry);
-  }
-  return true;
-}
-
-bool read(const Json& json, LoadStatistics& to);
-
 template <class Value>
 bool read(const Json& json, std::optional<Value>& to) {
-  if (Value value{}; read(json, value)) to = std::move(value);
+  if (Value value{}; read(json, value)) to = value;
   return to.has_value();
-}
-
-template <class Value>
-void read_member(const Json& json, const char* key, Value& to) {
-  if (const auto found = json.find(key); found != json.end()) read(*found, to);
-}
-
-bool read(const Json& json, LoadStatistics& to) {
-  if (json.is_object()) visit_load_figures(to, [&](const char* name, auto& value) { read_member(json, name, value); });
-  return json.is_object();
-}
-
-/// What the key has, or an empty value.
-template <class Value>
-Value get(const Json& json, const char* key) {
-  Value value{};
-  read_member(json, key, value);
-  return value;
 }
 
 LogPoint parse_point(const Json& json) {
   LogPoint point;
-  const auto field = [&](const char* key, auto& value) { read_member(json, key, value); };
+  const auto field = [&](const char* key, auto& value) { read(json.value(key, Json()), value); };
   LogPoint::visit_curves(point, field);
   field("gpu_peak_bytes", point.gpu_peak_bytes);
-  field("stages_ms", point.stages_ms);
+  point.stages_ms = checked(json.value("stages_ms", Json()), Json::object());
   return point;
 }
 
-KernelCheckEvent parse_check(const Json& json) {
-  KernelCheckEvent check;
-  KernelCheckEvent::visit(check, [&](const char* key, auto& value) { read_member(json, key, value); });
-  return check;
-}
-
-/// Keeps the first of two timings at one iteration: a check runs before the step, a measurement for the log after it.
-void add_candidate_times(CandidateTimes times, TrainHistory& history) {
-  const auto is_same = [&](const CandidateTimes& own) {
-    return own.iteration == times.iteration && own.pass == times.pass;
-  };
-  std::vector<CandidateTimes>& all = history.candidate_times;
-  if (std::none_of(all.begin(), all.end(), is_same)) all.push_back(std::move(times));
-}
-
-void add_event(const std::string& event, int iteration, const Json& json, TrainHistory& history) {
-  const auto count = [&](const char* key) { return get<std::int64_t>(json, key); };
-  const auto text = [&](const char* key) { return get<std::string>(json, key); };
-  if (event == "kernel_check") {
-    history.checks.push_back(parse_check(json));
-    add_candidate_times({iteration, history.checks.back().pass, history.checks.back().times_ms}, history);
-  } else if (event == "kernel_times") {
-    add_candidate_times({iteration, text("pass"), get<NamedTimes>(json, "times_ms")}, history);
-  } else if (event == "held") {
-    history.holds.push_back({iteration, count("count"), text("reason")});
-  } else if (event == "load_statistics") {
-    const auto load = [&](const char* key) { return get<std::optional<LoadStatistics>>(json, key); };
-    history.loads.push_back({iteration, load("tile_lists"), load("pixel_processed"), load("pixel_contributing")});
-  } else if (event == "floaters") {
-    history.floaters.push_back({iteration, count("unseen"), count("one_view"), count("close"), count("large")});
-  } else if (event == "resumed") {
-    history.resumes.push_back(
-        {iteration, text("kernel"), text("backward_kernel"), get<std::vector<std::string>>(json, "changed_options")});
-  }
-}
-
 }  // namespace
+
+Json TrainHistory::no_events() {
+  Json none;
+  for (const auto& [event, members] : event_members().items()) none[event] = Json::array();
+  return none;
+}
+
+bool switches_forward_kernel(const Json& check) {
+  return check["pass"] == "forward" && check["after"] != "" && check["before"] != check["after"];
+}
 
 std::vector<KernelPeriod> kernel_periods(const TrainHistory& history) {
   std::map<int, std::string> kernel_of;  // by iteration, where known
   for (const LogPoint& point : history.points) {
     if (!point.kernel.empty()) kernel_of[point.iteration] = point.kernel;
   }
-  for (const KernelCheckEvent& check : history.checks) {  // a check runs before the step of its iteration
-    if (check.pass != kForwardPass || check.before.empty() || check.after.empty()) continue;
-    if (check.iteration > 1) kernel_of[check.iteration - 1] = check.before;
-    kernel_of[check.iteration] = check.after;
+  for (const Json& check : history.events["kernel_check"]) {  // before the step of its iteration
+    if (check["pass"] != "forward" || check["before"] == "" || check["after"] == "") continue;
+    const int iteration = check["iteration"];
+    if (iteration > 1) kernel_of[iteration - 1] = check["before"];
+    kernel_of[iteration] = check["after"];
   }
   std::vector<KernelPeriod> periods;
   for (const auto& [iteration, kernel] : kernel_of) {
@@ -153,10 +141,12 @@ TrainHistory parse_train_log(std::istream& lines) {
   for (std::string line; std::getline(lines, line);) {
     const Json json = parse_json(line);
     int iteration = -1;
-    if (json.is_object()) read_member(json, "iteration", iteration);
+    if (json.is_object()) read(json.value("iteration", Json()), iteration);
     if (iteration < 0) continue;
     if (json.contains("event")) {
-      add_event(get<std::string>(json, "event"), iteration, json, history);
+      const Json& event = json["event"];
+      const auto members = event.is_string() ? event_members().find(event.get<std::string>()) : event_members().end();
+      if (members != event_members().end()) history.events[members.key()].push_back(checked(json, *members));
     } else if (iteration > history.last_iteration()) {
       history.points.push_back(parse_point(json));
     }

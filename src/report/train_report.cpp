@@ -38,12 +38,11 @@ Json settings(const ModelFolder& folder, const TrainConfig& config) {
   return rows;
 }
 
-/// The number of Gaussians was limited by memory or by an option; null if it was not.
+/// The event since which memory or an option has limited the number of Gaussians; null if none has.
 Json limit_of(const TrainHistory& history) {
-  if (history.holds.empty() || history.points.empty()) return nullptr;
-  const HoldEvent& hold = history.holds.back();
-  if (history.points.back().count.value_or(0) > hold.count) return nullptr;
-  return {{"iteration", hold.iteration}, {"count", hold.count}, {"reason", hold.reason}};
+  const Json& held = history.events["held"];
+  if (held.empty() || history.points.empty()) return nullptr;
+  return history.points.back().count.value_or(0) > held.back()["count"] ? Json(nullptr) : held.back();
 }
 
 Json overfitting_of(const TrainHistory& history) {
@@ -54,10 +53,11 @@ Json overfitting_of(const TrainHistory& history) {
 }  // namespace
 
 std::string floaters_text(const TrainHistory& history) {
-  if (history.floaters.empty() || history.floaters.back().iteration < history.last_iteration()) return "";
-  const FloaterEvent& found = history.floaters.back();
-  return format_count(found.unseen) + " in no training view, " + format_count(found.one_view) + " in one only, " +
-         format_count(found.close) + " close to a camera, " + format_count(found.large) + " large in an image";
+  const Json& events = history.events["floaters"];
+  if (events.empty() || events.back()["iteration"] < history.last_iteration()) return "";
+  const auto count = [&](const char* key) { return format_count(events.back()[key]); };
+  return count("unseen") + " in no training view, " + count("one_view") + " in one only, " + count("close") +
+         " close to a camera, " + count("large") + " large in an image";
 }
 
 std::string limit_text(const TrainHistory& history, std::int64_t limit) {

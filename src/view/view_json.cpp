@@ -1,9 +1,9 @@
 #include "view/view_json.h"
 
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <cstdlib>
+#include <iterator>
 
 #include "core/check.h"
 #include "core/vec.h"
@@ -14,8 +14,10 @@ namespace {
 
 using Json = nlohmann::ordered_json;
 
-constexpr int kMinSide = 16, kMaxSide = 16384;  // px
-constexpr double kMaxCoordinate = 1e9;          // world units
+constexpr const char* kModes[] = {"render", "difference", "depth", "alpha", "load"};  // in the order of FrameMode
+constexpr const char* kCommands[] = {"pause", "resume", "save", "stop"};              // in that of ViewCommand
+constexpr int kMinSide = 16, kMaxSide = 16384;                                        // px
+constexpr double kMaxCoordinate = 1e9;                                                // world units
 
 Json parse_object(const std::string& body, const char* expected) {
   const Json json = Json::parse(body, nullptr, /*allow_exceptions=*/false);
@@ -50,16 +52,14 @@ ImageSize check_size(ImageSize size) {
   return size;
 }
 
-FrameMode parse_mode(const Json& json) {
-  constexpr std::array<std::pair<const char*, FrameMode>, 5> kModes{{{"render", FrameMode::kRender},
-                                                                     {"difference", FrameMode::kDifference},
-                                                                     {"depth", FrameMode::kDepth},
-                                                                     {"alpha", FrameMode::kAlpha},
-                                                                     {"load", FrameMode::kLoad}}};
-  for (const auto& [name, mode] : kModes) {
-    if (json == name) return mode;
-  }
-  input_error("mode: expected render, difference, depth, alpha or load");
+/// The index of a word among those allowed. @throws InputError naming `what` and all words
+template <std::size_t n>
+int choice(const Json& json, const char* what, const char* const (&words)[n]) {
+  const auto found = std::find(std::begin(words), std::end(words), json);
+  if (found != std::end(words)) return static_cast<int>(found - std::begin(words));
+  std::string list;
+  for (const char* word : words) list += (list.empty() ? "" : ", ") + std::string(word);
+  input_error(what, ": expected one of ", list);
 }
 
 Camera parse_camera(const Json& json, ImageSize size) {
@@ -91,7 +91,7 @@ FrameRequest parse_frame_request(const std::string& body, const ViewedScene& sce
   const ImageSize size = check_size({whole_number(member(json, "width"), "width", 1, kMaxSide),
                                      whole_number(member(json, "height"), "height", 1, kMaxSide)});
   FrameRequest request;
-  if (json.contains("mode")) request.mode = parse_mode(json["mode"]);
+  if (json.contains("mode")) request.mode = static_cast<FrameMode>(choice(json["mode"], "mode", kModes));
   if (json.contains("quality")) request.quality = whole_number(json["quality"], "quality", 1, 100);
   if (json.contains("view")) {
     request.view = whole_number(json["view"], "view", 0, 1'000'000'000);
@@ -109,12 +109,7 @@ FrameRequest parse_frame_request(const std::string& body, const ViewedScene& sce
 
 ViewCommand parse_command(const std::string& body) {
   const Json json = parse_object(body, R"({"command": "pause"})");
-  const Json& word = member(json, "command");
-  if (word == "pause") return ViewCommand::kPause;
-  if (word == "resume") return ViewCommand::kResume;
-  if (word == "save") return ViewCommand::kSave;
-  if (word == "stop") return ViewCommand::kStop;
-  input_error("command: expected pause, resume, save or stop");
+  return static_cast<ViewCommand>(choice(member(json, "command"), "command", kCommands));
 }
 
 int parse_whole_number(const std::string& text, const std::string& what) {
@@ -145,20 +140,18 @@ Json state_json(const ViewState& state) {
   Json curve = Json::array(), psnr = Json::array();
   for (const CurvePoint& point : state.curve) curve.push_back({point.iteration, point.loss, point.n_gaussians});
   for (const PsnrPoint& point : state.psnr) psnr.push_back({point.iteration, point.psnr});
-  Json json{{"iteration", state.iteration},
-            {"iterations", state.iterations},
-            {"loss", state.loss},
-            {"count", state.n_gaussians},
-            {"kernel", state.kernel},
-            {"activity", state.activity},
-            {"notice", state.notice},
-            {"per_second", state.iterations_per_second},
-            {"eta_s", nullptr},
-            {"paused", state.is_paused},
-            {"curve", curve},
-            {"psnr", psnr}};
-  if (state.eta_s) json["eta_s"] = *state.eta_s;
-  return json;
+  return {{"iteration", state.iteration},
+          {"iterations", state.iterations},
+          {"loss", state.loss},
+          {"count", state.n_gaussians},
+          {"kernel", state.kernel},
+          {"activity", state.activity},
+          {"notice", state.notice},
+          {"per_second", state.iterations_per_second},
+          {"eta_s", state.eta_s ? Json(*state.eta_s) : Json(nullptr)},
+          {"paused", state.is_paused},
+          {"curve", curve},
+          {"psnr", psnr}};
 }
 
 Json frame_json(const Frame& frame) {

@@ -129,8 +129,8 @@ TEST(CompareConfig, RejectsInvalidEntriesWithAReason) {
   expect_rejected("naive,naive", "occurs twice");
   expect_rejected("naive,", "empty part");
   expect_rejected("naive,combined+", "empty part");
-  expect_rejected("naive,combined+culing=square", "did you mean culling?");
-  expect_rejected("naive,combined+culling_mode=square", "did you mean culling?");
+  expect_rejected("naive,combined+culing=square", "did you mean --culling?");
+  expect_rejected("naive,combined+culling_mode=square", "did you mean --culling?");
   expect_rejected("naive,combined+culling=round",
                   "--configs combined+culling=round: invalid value for --culling (expected one of");
   expect_rejected("naive,combined+seed=3", "must be the same for all");
@@ -145,7 +145,7 @@ TEST(CompareConfig, RejectsInvalidEntriesWithAReason) {
   expect_rejected("naive,compare.json:combined", "is the name of a file that the comparison writes");
   expect_rejected("report.html:naive,combined", "is the name of a file that the comparison writes");
   expect_rejected("a:naive,a:combined", "a occurs twice; rename one of them: NAME:combined");
-  expect_rejected("naive,combined+seeed=3", "see b3dgs train --help");
+  expect_rejected("naive,combined+seeed=3", "did you mean --seed?");
 }
 
 }  // namespace

@@ -5,53 +5,43 @@
 
 #include <cmath>
 
-#include "compare/compare_verdict.h"
 #include "compare/synthetic_histories.h"
 
 namespace b3dgs {
 namespace {
 
 using namespace test;
-
-TEST(CompareSummary, InterpolatesElapsedTime) {
-  const TrainHistory curve = history(10, 20);
-  EXPECT_DOUBLE_EQ(elapsed_at(curve, 0), 0);
-  EXPECT_NEAR(elapsed_at(curve, 5), 0.05, 1e-12);
-  EXPECT_NEAR(elapsed_at(curve, 2000), 20, 1e-9);
-  EXPECT_NEAR(elapsed_at(curve, 2005), 20.1, 1e-9);
-  EXPECT_NEAR(elapsed_at(curve, 9999), 60, 1e-9) << "constant after the last line";
-  EXPECT_EQ(elapsed_at(TrainHistory{}, 100), 0);
-}
+using Json = nlohmann::ordered_json;
 
 TEST(CompareSummary, SplitsTimeSavedAtTheKernelSwitch) {
-  const auto saved = time_saved(history(10, 10), with_switch(history(8, 9.5), 2001));
-  ASSERT_TRUE(saved);
-  EXPECT_EQ(saved->switch_iteration, 2001);
-  EXPECT_NEAR(saved->before.value(), 0.2, 1e-9);
-  EXPECT_NEAR(saved->after.value(), 0.05, 1e-9);
-  EXPECT_NEAR(saved->overall, 0.125, 1e-9);
-  EXPECT_NEAR(saved->baseline_s, 40, 1e-9);
-  EXPECT_NEAR(saved->ours_s, 35, 1e-9);
+  const Json saved = summarize_pair({history(10, 10)}, {with_switch(history(8, 9.5), 2001)})["compared"][0];
+  EXPECT_EQ(saved["inflection"]["mean"], 2001);
+  EXPECT_NEAR(saved["saved_before_inflection"]["mean"], 0.2, 1e-9);
+  EXPECT_NEAR(saved["saved_after_inflection"]["mean"], 0.05, 1e-9);
+  EXPECT_NEAR(saved["saved_overall"]["mean"], 0.125, 1e-9);
+  EXPECT_EQ(saved["saved_overall"]["n"], 1);
+  EXPECT_NEAR(saved["by_seed"][0]["baseline_s"], 40, 1e-9);
+  EXPECT_NEAR(saved["by_seed"][0]["ours_s"], 35, 1e-9);
+  EXPECT_EQ(saved["balanced_kernels"]["names"], Json::array({"combined"}));
+  EXPECT_EQ(saved["balanced_kernels"]["iterations"]["mean"], 2000);
+  EXPECT_NEAR(saved["other_kernels"]["saved_against_baseline"]["mean"], 0.05, 1e-9);
+
+  // Between log lines, time is interpolated.
+  const Json between = summarize_pair({history(10, 10)}, {with_switch(history(8, 9.5), 2006)})["compared"][0];
+  EXPECT_NEAR(between["saved_before_inflection"]["mean"], (20.05 - 16.0475) / 20.05, 1e-9);
 }
 
 TEST(CompareSummary, WithoutAKernelSwitchThereIsNoBeforeAndAfter) {
-  const auto saved = time_saved(history(10, 10), history(8, 8));
-  ASSERT_TRUE(saved);
-  EXPECT_FALSE(saved->switch_iteration);
-  EXPECT_FALSE(saved->before);
-  EXPECT_FALSE(saved->after);
-  EXPECT_NEAR(saved->overall, 0.2, 1e-9);
-  EXPECT_FALSE(time_saved(history(10, 10), TrainHistory{}));
-
-  const auto from_the_start = time_saved(history(10, 10), with_switch(history(8, 8), 1));
-  ASSERT_TRUE(from_the_start);
-  EXPECT_FALSE(from_the_start->before) << "there is no time before the first step";
-  EXPECT_NEAR(from_the_start->after.value(), 0.2, 1e-3);
+  const Json saved = summarize_pair({history(10, 10)}, {history(8, 8)})["compared"][0];
+  EXPECT_TRUE(saved["inflection"].is_null());
+  EXPECT_TRUE(saved["saved_before_inflection"].is_null());
+  EXPECT_TRUE(saved["saved_after_inflection"].is_null());
+  EXPECT_NEAR(saved["saved_overall"]["mean"], 0.2, 1e-9);
+  EXPECT_TRUE(summarize_pair({history(10, 10)}, {TrainHistory{}})["compared"][0]["saved_overall"].is_null());
 
   TrainHistory backward = with_switch(history(8, 8), 2000);
-  for (KernelCheckEvent& check : backward.checks) check.pass = "backward";
-  EXPECT_FALSE(first_kernel_switch(backward));
-  EXPECT_FALSE(first_kernel_switch(TrainHistory{}));
+  for (Json& check : backward.events["kernel_check"]) check["pass"] = "backward";
+  EXPECT_TRUE(summarize_pair({history(10, 10)}, {backward})["compared"][0]["inflection"].is_null());
 }
 
 TEST(CompareSummary, KernelPeriodsFollowLinesAndChecks) {
@@ -73,50 +63,49 @@ TEST(CompareSummary, KernelPeriodsFollowLinesAndChecks) {
 }
 
 TEST(CompareSummary, TheVerdictIsAboutTheFirstAdaptiveConfiguration) {
-  const ComparisonSummary summary =
+  const Json summary =
       summarize_comparison({trained("naive", {history(10, 10)}), trained("shared-memory", {history(9, 9)}),
                             trained("adaptive", {history(8, 8)})},
                            4000);
-  EXPECT_EQ(summary.baseline, "naive");
-  EXPECT_EQ(summary.ours, "adaptive");
-  EXPECT_EQ(summary.compared.size(), 2u);
-  EXPECT_NEAR(summary.find("shared-memory")->overall->mean, 0.1, 1e-9);
-  EXPECT_EQ(summary.find("nobody"), nullptr);
+  EXPECT_EQ(summary["baseline"], "naive");
+  EXPECT_EQ(summary["ours"], "adaptive");
+  ASSERT_EQ(summary["compared"].size(), 2u);
+  EXPECT_NEAR(summary["compared"][0]["saved_overall"]["mean"], 0.1, 1e-9);
+  EXPECT_TRUE(summary["machine_spread"].is_null());
 }
 
 TEST(CompareSummary, SeparatesTheGainOfLoadBalancing) {
-  const ComparisonSummary summary = summarize_comparison(
+  const Json summary = summarize_comparison(
       {trained("naive", {history(10, 10), history(10, 10)}), trained("shared-memory", {history(5, 5), history(5, 5)}),
        trained("segmented", {history(4, 4), history(3, 3)})},
       4000);
-  ASSERT_EQ(summary.balancing.size(), 1u) << "only for the balanced configuration";
-  const BalancingGain& gain = summary.balancing[0];
-  EXPECT_EQ(gain.name, "segmented");
-  EXPECT_EQ(gain.naive, "naive");
-  EXPECT_EQ(gain.unbalanced, "shared-memory");
-  EXPECT_NEAR(gain.to_unbalanced.mean, 0.5, 1e-9);
-  EXPECT_NEAR(gain.balancing.min, 0.2, 1e-9);
-  EXPECT_NEAR(gain.balancing.max, 0.4, 1e-9);
-  EXPECT_NEAR(gain.whole.mean, 0.65, 1e-9);
-  const auto json = to_json(summary)["balancing"][0];
-  EXPECT_NEAR(json["saved_by_balancing"]["mean"].get<double>(), 0.3, 1e-9);
-  EXPECT_NEAR(json["saved_naive_to_unbalanced"]["mean"].get<double>(), 0.5, 1e-9);
-  EXPECT_NEAR(json["saved_whole"]["mean"].get<double>(), 0.65, 1e-9);
+  ASSERT_EQ(summary["balancing"].size(), 1u) << "only for the balanced configuration";
+  const Json& gain = summary["balancing"][0];
+  EXPECT_EQ(gain["name"], "segmented");
+  EXPECT_EQ(gain["naive"], "naive");
+  EXPECT_EQ(gain["unbalanced"], "shared-memory");
+  EXPECT_NEAR(gain["saved_naive_to_unbalanced"]["mean"], 0.5, 1e-9);
+  EXPECT_NEAR(gain["saved_by_balancing"]["mean"], 0.3, 1e-9);
+  EXPECT_NEAR(gain["saved_by_balancing"]["min"], 0.2, 1e-9);
+  EXPECT_NEAR(gain["saved_by_balancing"]["max"], 0.4, 1e-9);
+  EXPECT_NEAR(gain["saved_whole"]["mean"], 0.65, 1e-9);
 }
 
 TEST(CompareSummary, TheGainNeedsEveryUnbalancedKernelWithTheSameOptions) {
   ConfigurationHistory other = trained("shared-memory", {history(5, 5)});
-  const std::vector<ConfigurationHistory> same{trained("naive", {history(10, 10)}), other,
-                                               trained("adaptive", {history(4, 4)})};
-  EXPECT_EQ(summarize_comparison(same, 4000).balancing.size(), 1u);
+  const auto summary = [&] {
+    return summarize_comparison({trained("naive", {history(10, 10)}), other, trained("adaptive", {history(4, 4)})},
+                                4000);
+  };
+  EXPECT_EQ(summary()["balancing"].size(), 1u);
+  EXPECT_TRUE(summary()["missing_kernels"].empty());
   other.config.culling = "square";
-  const ComparisonSummary summary =
-      summarize_comparison({trained("naive", {history(10, 10)}), other, trained("adaptive", {history(4, 4)})}, 4000);
-  EXPECT_TRUE(summary.balancing.empty());
-  EXPECT_EQ(summary.missing_kernels, (std::vector<std::string>{"shared-memory"}));
-  EXPECT_EQ(summary.compared[0].differs_in, (std::vector<std::string>{"culling"}));
-  EXPECT_TRUE(summary.compared[1].differs_in.empty()) << "it differs only in the forward kernel";
-  EXPECT_TRUE(summary.compared[1].has_own_kernel);
+  const Json changed = summary();
+  EXPECT_TRUE(changed["balancing"].empty());
+  EXPECT_EQ(changed["missing_kernels"], Json::array({"shared-memory"}));
+  EXPECT_EQ(changed["compared"][0]["differs_in"], Json::array({"culling"}));
+  EXPECT_TRUE(changed["compared"][1]["differs_in"].empty()) << "it differs only in the forward kernel";
+  EXPECT_TRUE(changed["compared"][1]["has_own_kernel"]);
 }
 
 TEST(CompareSummary, KnowsWhichKernelsAreBalanced) {
@@ -124,12 +113,14 @@ TEST(CompareSummary, KnowsWhichKernelsAreBalanced) {
   for (const char* name : {"dynamic", "gaussian-wise", "combined", "segmented"}) {
     EXPECT_TRUE(is_balanced_kernel(name)) << name;
   }
-  EXPECT_TRUE(may_balance(config_with("adaptive")) && may_balance(config_with("published")));
-  EXPECT_FALSE(may_balance(config_with("shared-memory")));
+  for (const char* kernel : {"adaptive", "published"}) {
+    EXPECT_FALSE(summarize_pair({history(1, 1)}, {history(1, 1)}, kernel)["missing_kernels"].empty()) << kernel;
+  }
+  EXPECT_TRUE(summarize_pair({history(1, 1)}, {history(1, 1)}, "shared-memory")["missing_kernels"].empty());
 }
 
 TEST(CompareSummary, ARepeatedBaselineGivesTheRunToRunVariation) {
-  const ComparisonSummary summary = summarize_comparison(
+  const Json summary = summarize_comparison(
       {trained("naive", {with_quality(history(10, 10), 25, 1000), with_quality(history(10, 10), 26, 1000)}),
        trained("ours", {with_quality(with_switch(history(8, 9.5), 2001), 25.3, 1000),
                         with_quality(with_switch(history(8, 9.5), 2001), 26, 1000)}),
@@ -137,33 +128,24 @@ TEST(CompareSummary, ARepeatedBaselineGivesTheRunToRunVariation) {
         config_with("naive"),
         {with_quality(history(10.1, 10), 25.2, 1000), with_quality(history(10, 9.6), 25.9, 1010)}}},
       4000);
-  EXPECT_EQ(summary.repetition, "again");
-  EXPECT_NEAR(summary.noise().value(), 0.02, 1e-9) << "the larger of 0.5 and 2 %";
-  const ComparedConfiguration& ours = summary.compared[0];
-  EXPECT_NEAR(ours.noise.overall.value(), 0.02, 1e-9);
-  EXPECT_NEAR(ours.noise.before.value(), 0.01, 1e-9);
-  EXPECT_NEAR(ours.noise.after.value(), 0.04, 1e-9);
-  EXPECT_NEAR(ours.quality[0].noise.value(), 0.2, 1e-9);
-  const auto json = to_json(summary);
-  EXPECT_EQ(json["repetition"], "again");
-  EXPECT_NEAR(json["machine_spread"].get<double>(), 0.02, 1e-9);
-  EXPECT_NEAR(json["compared"][0]["machine_spread"]["after"].get<double>(), 0.04, 1e-9);
-  EXPECT_NEAR(json["compared"][0]["quality"][0]["machine_spread"].get<double>(), 0.2, 1e-9);
-  EXPECT_EQ(describe_repetition(summary),
-            "run-to-run variation of naive: time 2.0 %, PSNR 0.20, SSIM 0.0000, Gaussians 10");
-  EXPECT_EQ(summarize_pair({history(10, 10)}, {history(8, 8)}).noise(), std::nullopt);
+  EXPECT_EQ(summary["repetition"], "again");
+  EXPECT_NEAR(summary["machine_spread"], 0.02, 1e-9) << "the larger of 0.5 and 2 %";
+  const Json& ours = summary["compared"][0];
+  EXPECT_NEAR(ours["machine_spread"]["overall"], 0.02, 1e-9);
+  EXPECT_NEAR(ours["machine_spread"]["before"], 0.01, 1e-9);
+  EXPECT_NEAR(ours["machine_spread"]["after"], 0.04, 1e-9);
+  EXPECT_NEAR(ours["quality"][0]["machine_spread"], 0.2, 1e-9);
 }
 
 TEST(CompareSummary, ADifferenceWithinRunToRunVariationIsNeitherEqualNorADifference) {
-  const ComparisonSummary summary =
+  const Json summary =
       summarize_comparison({trained("naive", {with_quality(history(10, 10), 25, 1000)}),
                             trained("ours", {with_quality(history(8, 8), 25.4, 1000)}),
                             {"again", config_with("naive"), {with_quality(history(10, 10), 24.5, 1000)}}},
                            4000);
-  const Effect& gained = summary.compared[0].quality[0].gained;
-  EXPECT_EQ(gained.finding, Finding::kUnclear);
-  EXPECT_NEAR(gained.limit, 12.706 * 0.5, 1e-9);
-  EXPECT_NE(quality_criterion(summary).find("12.7 times the run-to-run variation"), std::string::npos);
+  const Json& quality = summary["compared"][0]["quality"][0];
+  EXPECT_EQ(quality["finding"], "unclear");
+  EXPECT_NEAR(quality["tolerance"], 12.706 * 0.5, 1e-9);
 }
 
 TEST(CompareSummary, OnlyTheSameComparisonIsSetBesideThePaper) {
@@ -173,15 +155,14 @@ TEST(CompareSummary, OnlyTheSameComparisonIsSetBesideThePaper) {
     own.config.backward_kernel = "per-pixel";
     return own;
   };
-  const ComparisonSummary summary =
+  const Json pairs =
       summarize_comparison({trained("naive", {history(10, 10)}), trained("published", {history(9, 9)}),
                             original("naive"), original("adaptive"), original("published"), original("combined")},
-                           4000);
-  ASSERT_EQ(summary.paper_comparisons.size(), 1u) << "not with another backward pass, another pair or a fixed kernel";
-  EXPECT_EQ(summary.paper_comparisons[0].baseline, "original_naive");
-  EXPECT_EQ(summary.paper_comparisons[0].name, "original_published");
-  EXPECT_TRUE(summary.paper_comparisons[0].before);
-  EXPECT_EQ(to_json(summary)["beside_paper"][0]["baseline"], "original_naive");
+                           4000)["beside_paper"];
+  ASSERT_EQ(pairs.size(), 1u) << "not with another backward pass, another pair or a fixed kernel";
+  EXPECT_EQ(pairs[0]["baseline"], "original_naive");
+  EXPECT_EQ(pairs[0]["name"], "original_published");
+  EXPECT_FALSE(pairs[0]["saved_before_inflection"].is_null());
 }
 
 TEST(CompareSummary, QualityIsComparedSeedBySeed) {
@@ -189,37 +170,35 @@ TEST(CompareSummary, QualityIsComparedSeedBySeed) {
     std::vector<TrainHistory> a, b;
     for (const double psnr : naive) a.push_back(with_quality(history(10, 10), psnr, 1000));
     for (const double psnr : ours) b.push_back(with_quality(history(8, 8), psnr, 1100));
-    return summarize_pair(a, b).compared[0].quality;
+    return summarize_pair(a, b)["compared"][0]["quality"];
   };
-  const std::vector<QualityDifference> paired = quality({25, 26, 27}, {24.7, 25.68, 26.72});
+  const Json paired = quality({25, 26, 27}, {24.7, 25.68, 26.72});
   ASSERT_EQ(paired.size(), 3u);
-  EXPECT_EQ(paired[0].gained.finding, Finding::kDiffers) << "each seed lost 0.3 dB, though seeds differ by 2 dB";
-  EXPECT_NEAR(paired[0].gained.mean, -0.3, 1e-9);
-  EXPECT_NEAR(paired[0].gained.margin.value(), 4.303 * 0.02 / std::sqrt(3), 1e-9);
-  EXPECT_EQ(paired[1].gained.finding, Finding::kEqual);
-  EXPECT_EQ(paired[2].gained.finding, Finding::kDiffers) << "a tenth more Gaussians";
-  EXPECT_EQ(quality({25, 25, 25}, {25.05, 25.06, 25.04})[0].gained.finding, Finding::kEqual) << "within 0.1 dB";
-  EXPECT_EQ(quality({25, 25, 25}, {25.5, 24.6, 25.3})[0].gained.finding, Finding::kUnclear);
-  EXPECT_EQ(quality({25, 25.5}, {25.3, 25.9})[0].gained.finding, Finding::kUnclear) << "two seeds tell little";
-  const auto json = to_json(summarize_pair({with_quality(history(10, 10), 25, 9), with_quality(history(10, 10), 25, 9)},
-                                           {with_quality(history(8, 8), 26, 9), with_quality(history(8, 8), 26, 9)}));
-  EXPECT_EQ(json["compared"][0]["quality"][0]["finding"], "differs");
-  EXPECT_EQ(json["compared"][0]["quality"][0]["interval"], nlohmann::ordered_json::array({1.0, 1.0}));
-  EXPECT_EQ(json["compared"][0]["quality"][0]["tolerance"], 0.1);
-  EXPECT_TRUE(summarize_pair({history(10, 10)}, {history(8, 8)}).compared[0].quality.empty()) << "nothing measured";
+  EXPECT_EQ(paired[0]["finding"], "differs") << "each seed lost 0.3 dB, though seeds differ by 2 dB";
+  EXPECT_NEAR(paired[0]["difference"], -0.3, 1e-9);
+  EXPECT_NEAR(paired[0]["interval"][1], -0.3 + 4.303 * 0.02 / std::sqrt(3), 1e-9);
+  EXPECT_EQ(paired[0]["tolerance"], 0.1);
+  EXPECT_EQ(paired[1]["finding"], "equal");
+  EXPECT_TRUE(paired[1]["equal"]);
+  EXPECT_EQ(paired[2]["finding"], "differs") << "a tenth more Gaussians";
+  EXPECT_EQ(quality({25, 25, 25}, {25.05, 25.06, 25.04})[0]["finding"], "equal") << "within 0.1 dB";
+  EXPECT_EQ(quality({25, 25, 25}, {25.5, 24.6, 25.3})[0]["finding"], "unclear");
+  EXPECT_EQ(quality({25, 25.5}, {25.3, 25.9})[0]["finding"], "unclear") << "two seeds tell little";
+  EXPECT_TRUE(summarize_pair({history(10, 10)}, {history(8, 8)})["compared"][0]["quality"].empty())
+      << "nothing measured";
 }
 
 TEST(CompareSummary, OneSeedSaysLittleOfQualityAndTime) {
   const auto compared = [](double psnr, double ms) {
-    return summarize_pair({with_quality(history(10, 10), 25, 1000)}, {with_quality(history(ms, ms), psnr, 1000)})
-        .compared[0];
+    return summarize_pair({with_quality(history(10, 10), 25, 1000)},
+                          {with_quality(history(ms, ms), psnr, 1000)})["compared"][0];
   };
-  EXPECT_EQ(compared(25, 10).quality[0].gained.finding, Finding::kUnclear) << "not equal, either";
-  EXPECT_EQ(compared(24.5, 10).quality[0].gained.finding, Finding::kUnclear);
-  EXPECT_EQ(compared(23.5, 10).quality[0].gained.finding, Finding::kDiffers);
-  EXPECT_EQ(compared(25, 9.5).overall->finding, Finding::kUnclear);
-  EXPECT_EQ(compared(25, 8.5).overall->finding, Finding::kDiffers);
-  EXPECT_FALSE(compared(25, 8.5).overall->margin);
+  EXPECT_EQ(compared(25, 10)["quality"][0]["finding"], "unclear") << "not equal, either";
+  EXPECT_EQ(compared(24.5, 10)["quality"][0]["finding"], "unclear");
+  EXPECT_EQ(compared(23.5, 10)["quality"][0]["finding"], "differs");
+  EXPECT_EQ(compared(25, 9.5)["saved_overall"]["finding"], "unclear");
+  EXPECT_EQ(compared(25, 8.5)["saved_overall"]["finding"], "differs");
+  EXPECT_TRUE(compared(25, 8.5)["saved_overall"]["interval"].is_null());
 }
 
 TEST(CompareSummary, QualityIsComparedWhereAllWereMeasured) {
@@ -229,55 +208,83 @@ TEST(CompareSummary, QualityIsComparedWhereAllWereMeasured) {
     }
     return history;
   };
-  const std::vector<QualityDifference> quality =
+  const Json quality =
       summarize_pair({measured_at(history(10, 10), {{1000, 20}, {4000, 25}})},
-                     {measured_at(history(8, 8, 3000), {{1000, 20.05}, {2000, 23}})})
-          .compared[0]
-          .quality;
+                     {measured_at(history(8, 8, 3000), {{1000, 20.05}, {2000, 23}})})["compared"][0]["quality"];
   ASSERT_EQ(quality.size(), 1u);
-  EXPECT_EQ(quality[0].iteration, 1000);
-  EXPECT_EQ(quality[0].baseline.mean, 20);
-  EXPECT_EQ(quality[0].ours.mean, 20.05);
+  EXPECT_EQ(quality[0]["iteration"], 1000);
+  EXPECT_EQ(quality[0]["baseline"]["mean"], 20);
+  EXPECT_EQ(quality[0]["ours"]["mean"], 20.05);
 
   // A second seed that has not come as far does not count, nor change what is compared.
-  const ComparisonSummary two = summarize_pair(
+  const Json two = summarize_pair(
       {measured_at(history(10, 10), {{1000, 20}, {4000, 25}}), measured_at(history(10, 10, 2000), {{1000, 10}})},
       {measured_at(history(8, 8), {{1000, 20}, {4000, 25.2}}), measured_at(history(8, 8, 2000), {{1000, 10}})});
-  const QualityDifference& last = two.compared[0].quality.at(0);
-  EXPECT_EQ(last.iteration, 4000);
-  EXPECT_EQ(last.baseline.n, 1);
-  EXPECT_EQ(last.ours.mean, 25.2);
-  EXPECT_EQ(last.gained.limit, 1) << "the range of one seed says nothing";
-  EXPECT_NE(quality_criterion(two).find("PSNR, dB 1; SSIM 0.03; Gaussians 20 %"), std::string::npos)
-      << quality_criterion(two);
+  const Json& last = two["compared"][0]["quality"].at(0);
+  EXPECT_EQ(last["iteration"], 4000);
+  EXPECT_EQ(last["baseline"]["n"], 1);
+  EXPECT_EQ(last["ours"]["mean"], 25.2);
+  EXPECT_EQ(last["tolerance"], 1) << "the range of one seed says nothing";
 }
 
 TEST(CompareSummary, BeforeAndAfterAreOfTheSameSeeds) {
   const TrainHistory naive = history(10, 10);
-  const ComparedConfiguration compared =
+  const Json compared =
       summarize_pair({naive, naive, naive}, {with_switch(history(8, 9.5), 2001), with_switch(history(9, 9), 1),
-                                             with_kernel(history(7, 7), "combined")})
-          .compared[0];
-  ASSERT_TRUE(compared.before && compared.after);
-  EXPECT_EQ(compared.before->n, 1);
-  EXPECT_EQ(compared.after->n, 1) << "the second seed has an after, but no before";
-  EXPECT_NEAR(compared.after->mean, 0.05, 1e-9);
-  EXPECT_EQ(compared.switch_iteration->n, 2);
-  EXPECT_EQ(compared.overall->n, 3);
-  EXPECT_EQ(in_seeds(compared.before->n, compared.overall->n), " in 1 of 3 seeds");
-  EXPECT_EQ(in_seeds(3, 3), "");
+                                             with_kernel(history(7, 7), "combined")})["compared"][0];
+  EXPECT_EQ(compared["saved_before_inflection"]["n"], 1);
+  EXPECT_EQ(compared["saved_after_inflection"]["n"], 1) << "the second seed has no time before its first step";
+  EXPECT_NEAR(compared["saved_after_inflection"]["mean"], 0.05, 1e-9);
+  EXPECT_EQ(compared["inflection"]["n"], 2);
+  EXPECT_EQ(compared["saved_overall"]["n"], 3);
 }
 
-TEST(CompareSummary, IsWrittenAsJson) {
-  const auto json = to_json(summarize_pair({history(10, 10)}, {with_switch(history(8, 9.5), 2001)}));
-  EXPECT_EQ(json["compared"][0]["inflection"]["mean"], 2001);
-  EXPECT_EQ(json["compared"][0]["balanced_kernels"]["names"], nlohmann::ordered_json::array({"combined"}));
-  EXPECT_EQ(json["compared"][0]["balanced_kernels"]["iterations"]["mean"], 2000);
-  EXPECT_NEAR(json["compared"][0]["other_kernels"]["saved_against_baseline"]["mean"].get<double>(), 0.05, 1e-9);
-  EXPECT_TRUE(json["machine_spread"].is_null());
-  EXPECT_NEAR(json["compared"][0]["saved_before_inflection"]["mean"].get<double>(), 0.2, 1e-9);
-  EXPECT_EQ(json["compared"][0]["saved_overall"]["n"], 1);
-  EXPECT_TRUE(to_json(summarize_pair({history(10, 10)}, {history(8, 8)}))["compared"][0]["inflection"].is_null());
+ConfigurationHistory of_length(const std::string& name, int iterations, std::vector<TrainHistory> by_seed) {
+  TrainConfig config;
+  config.iterations = iterations;
+  config.feature_lr *= name == "fast" ? 2 : 1;
+  return {name, config, std::move(by_seed)};
+}
+
+/// 40 s and 8 s; the second seed of `fast` is not finished.
+std::vector<ConfigurationHistory> of_two_lengths() {
+  return {of_length("inria", 4000, {with_quality(history(1, 1), 28, 900000), with_quality(history(1, 1), 29, 1000000)}),
+          of_length("fast", 1000,
+                    {with_quality(history(0.8, 1, 1000), 28.75, 200000), with_quality(history(0.8, 1, 500), 20, 5)})};
+}
+
+TEST(FinalResults, AreThoseOfEachConfigurationsOwnEnd) {
+  const Json results = summarize_comparison(of_two_lengths(), 4000)["results"];
+  ASSERT_EQ(results.size(), 2u);
+  EXPECT_EQ(results[0]["complete_seeds"], 2);
+  EXPECT_NEAR(results[0]["seconds"]["mean"], 4, 1e-9);
+  EXPECT_EQ(results[0]["psnr"]["mean"], 28.5);
+  EXPECT_EQ(results[0]["psnr"]["min"], 28);
+  EXPECT_EQ(results[0]["gaussians"]["mean"], 950000);
+  EXPECT_EQ(results[1]["iterations"], 1000);
+  EXPECT_EQ(results[1]["complete_seeds"], 1) << "unfinished trainings do not count";
+  EXPECT_NEAR(results[1]["seconds"]["mean"], 0.8, 1e-9);
+  EXPECT_EQ(results[1]["psnr"]["mean"], 28.75);
+  EXPECT_EQ(results[1]["psnr_gained"]["finding"], "unclear");
+}
+
+TEST(FinalResults, AreTheVerdictWhereLengthsDiffer) {
+  const auto text = [](const std::vector<ConfigurationHistory>& all) {
+    return summarize_comparison(all, 4000)["verdict"].get<std::string>();
+  };
+  EXPECT_EQ(text(of_two_lengths()),
+            "Not finished. So far: inria 4.0 s, 28.50 dB, 950,000 Gaussians; fast 0.8 s, 28.75 dB, 200,000 "
+            "Gaussians. PSNR of the test views in 1 of 2 seeds, compared with inria: fast +0.75 dB, which may be "
+            "chance. One seed: differences below 1 dB say nothing.");
+  std::vector<ConfigurationHistory> complete = of_two_lengths();
+  complete[1].by_seed[1] = complete[1].by_seed[0];
+  EXPECT_EQ(text(complete),
+            "inria 4.0 s, 28.50 dB, 950,000 Gaussians; fast 0.8 s, 28.75 dB, 200,000 Gaussians. PSNR of the test "
+            "views, compared with inria: fast +0.25 dB (95 % interval -6.10 to +6.60), which may be chance.");
+  EXPECT_EQ(text({of_length("inria", 4000, {history(1, 1)}), of_length("fast", 1000, {history(0.8, 1, 1000)})}),
+            "inria 4.0 s; fast 0.8 s. No views were held out (--no_eval), so quality was not measured.");
+  for (ConfigurationHistory& own : complete) own.by_seed = {TrainHistory{}, TrainHistory{}};
+  EXPECT_NE(text(complete).find("No result yet"), std::string::npos);
 }
 
 }  // namespace

@@ -29,19 +29,30 @@ inline TrainHistory with_kernel(TrainHistory history, const std::string& kernel)
   return history;
 }
 
+/// The event of a timing check, with the members that are always there.
+inline nlohmann::ordered_json check(int iteration, const std::string& before, const std::string& after,
+                                    const std::string& pass = "forward") {
+  return {{"iteration", iteration},
+          {"pass", pass},
+          {"times_ms", {{"combined", 2.0}, {"shared-memory", 1.0}}},
+          {"spread_ms", nlohmann::ordered_json::object()},
+          {"views", 5},
+          {"before", before},
+          {"after", after},
+          {"reason", "shared-memory takes half"},
+          {"refused", nlohmann::ordered_json::array()},
+          {"cost_ms", nullptr},
+          {"warm_up_ms", nullptr}};
+}
+
 /// With a switch from combined to shared-memory before the step of `iteration`.
 inline TrainHistory with_switch(TrainHistory history, int iteration) {
   for (LogPoint& point : history.points) {
     point.kernel = point.iteration < iteration ? "combined" : "shared-memory";
   }
-  KernelCheckEvent kept, changed;
-  kept.iteration = iteration - 1000;
-  kept.pass = changed.pass = "forward";
-  kept.before = kept.after = changed.before = "combined";
-  changed.iteration = iteration;
-  changed.after = "shared-memory";
-  history.checks = {changed};
-  if (kept.iteration > 0) history.checks.insert(history.checks.begin(), kept);
+  nlohmann::ordered_json& checks = history.events["kernel_check"];
+  if (iteration > 1000) checks.push_back(check(iteration - 1000, "combined", "combined"));
+  checks.push_back(check(iteration, "combined", "shared-memory"));
   return history;
 }
 
@@ -63,8 +74,8 @@ inline ConfigurationHistory trained(const std::string& kernel, std::vector<Train
   return {kernel, config_with(kernel), std::move(by_seed)};
 }
 
-inline ComparisonSummary summarize_pair(std::vector<TrainHistory> naive, std::vector<TrainHistory> ours,
-                                        const std::string& kernel = "adaptive") {
+inline nlohmann::ordered_json summarize_pair(std::vector<TrainHistory> naive, std::vector<TrainHistory> ours,
+                                             const std::string& kernel = "adaptive") {
   return summarize_comparison({trained("naive", std::move(naive)), {"ours", config_with(kernel), std::move(ours)}},
                               4000);
 }

@@ -86,20 +86,6 @@ TEST_F(StageRecordTest, NamesThatAreNoUtf8AreFoundAgain) {
   EXPECT_FALSE(open().is_done("a", {{"name", "gruen.jpg"}}, true));
 }
 
-TEST_F(StageRecordTest, GoingBackForgetsWhatFollows) {
-  record_two_and_a_half();
-  {
-    StageRecord record = open();
-    for (const char* stage : {"a", "b", "c"}) record.is_done(stage, 1, true);
-    record.go_back_to("b");
-    EXPECT_FALSE(record.is_done("b", 1, true));
-    EXPECT_FALSE(record.was_begun());
-  }
-  StageRecord record = open();
-  EXPECT_TRUE(record.is_done("a", 1, true));
-  EXPECT_FALSE(record.is_done("b", 1, true));
-}
-
 TEST_F(StageRecordTest, TellsItsFilesFromOthers) {
   record_two_and_a_half();
   EXPECT_TRUE(is_stage_record(folder_ / "stages.json"));

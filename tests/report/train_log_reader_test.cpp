@@ -7,6 +7,8 @@
 namespace b3dgs {
 namespace {
 
+using Json = nlohmann::ordered_json;
+
 TrainHistory parse(const std::string& lines) {
   std::istringstream stream(lines);
   return parse_train_log(stream);
@@ -27,7 +29,7 @@ TEST(TrainLogReader, ReadsAllFieldsOfALine) {
   EXPECT_EQ(point.elapsed_s, 0.25);
   EXPECT_EQ(point.kernel, "combined");
   EXPECT_EQ(point.backward_kernel, "x");
-  EXPECT_EQ(point.stages_ms, (NamedTimes{{"bin", 1.5}, {"loss", 2}}));
+  EXPECT_EQ(point.stages_ms, Json({{"bin", 1.5}, {"loss", 2}}));
   EXPECT_EQ(point.test_psnr, 21.5);
   EXPECT_EQ(point.test_ssim, 0.7);
 }
@@ -45,42 +47,26 @@ TEST(TrainLogReader, SeparatesEventsFromPoints) {
       R"({"iteration":1000,"event":"of a later version"})"
       "\n");
   EXPECT_TRUE(history.points.empty());
-  ASSERT_EQ(history.checks.size(), 1u);
-  EXPECT_EQ(history.checks[0].pass, "forward");
-  EXPECT_EQ(history.checks[0].times_ms, (NamedTimes{{"combined", 2}, {"shared-memory", 1.5}}));
-  EXPECT_EQ(history.checks[0].spread_ms, (NamedTimes{{"combined", 0.1}}));
-  EXPECT_EQ(history.checks[0].views, 5);
-  EXPECT_EQ(history.checks[0].disabled, (std::vector<std::string>{"naive"}))
-      << "values that are not strings are ignored";
-  EXPECT_EQ(history.checks[0].before, "combined");
-  EXPECT_EQ(history.checks[0].after, "shared-memory");
-  EXPECT_EQ(history.checks[0].cost_ms, 12.5);
-  ASSERT_EQ(history.holds.size(), 1u);
-  EXPECT_EQ(history.holds[0].iteration, 1000);
-  EXPECT_EQ(history.holds[0].count, 2912344);
-  EXPECT_EQ(history.holds[0].reason, "GPU memory");
-  ASSERT_EQ(history.loads.size(), 1u);
-  ASSERT_TRUE(history.loads[0].tile_lists);
-  EXPECT_EQ(history.loads[0].tile_lists->p99, 9);
-  EXPECT_EQ(history.loads[0].tile_lists->gini, 0.25);
-  EXPECT_EQ(history.loads[0].tile_lists->log2_bins, (std::vector<std::int64_t>{0, 1, 2}));
-  EXPECT_FALSE(history.loads[0].pixel_processed);
-}
-
-TEST(TrainLogReader, CollectsTheTimesOfCandidateKernels) {
-  const TrainHistory history = parse(R"({"iteration":1,"event":"kernel_check","pass":"forward","times_ms":{"a":2,"b":1}}
-{"iteration":1,"event":"kernel_check","pass":"backward","times_ms":{"c":5}}
-{"iteration":1,"event":"kernel_times","pass":"forward","times_ms":{"a":3,"b":3}}
-{"iteration":1000,"event":"kernel_times","pass":"forward","times_ms":{"a":4,"b":1.5}}
-{"iteration":2000,"event":"kernel_times","pass":"forward"})");
-  EXPECT_EQ(history.checks.size(), 2u) << "kernel_times lines are not checks";
-  ASSERT_EQ(history.candidate_times.size(), 4u);
-  EXPECT_EQ(history.candidate_times[0].times_ms, (NamedTimes{{"a", 2}, {"b", 1}}))
-      << "of two timings at one iteration, that of the check";
-  EXPECT_EQ(history.candidate_times[1].pass, "backward");
-  EXPECT_EQ(history.candidate_times[2].iteration, 1000);
-  EXPECT_EQ(history.candidate_times[2].times_ms, (NamedTimes{{"a", 4}, {"b", 1.5}}));
-  EXPECT_TRUE(history.candidate_times[3].times_ms.empty());
+  ASSERT_EQ(history.events["kernel_check"].size(), 1u);
+  const Json& check = history.events["kernel_check"][0];
+  EXPECT_EQ(check["pass"], "forward");
+  EXPECT_EQ(check["times_ms"], Json({{"combined", 2}, {"shared-memory", 1.5}}));
+  EXPECT_EQ(check["spread_ms"], Json({{"combined", 0.1}}));
+  EXPECT_EQ(check["views"], 5);
+  EXPECT_EQ(check["refused"], Json::array({"naive"})) << "values that are not strings are ignored";
+  EXPECT_EQ(check["before"], "combined");
+  EXPECT_EQ(check["after"], "shared-memory");
+  EXPECT_EQ(check["cost_ms"], 12.5);
+  EXPECT_TRUE(check["warm_up_ms"].is_null()) << "not in the line";
+  EXPECT_TRUE(switches_forward_kernel(check));
+  ASSERT_EQ(history.events["held"].size(), 1u);
+  EXPECT_EQ(history.events["held"][0], Json({{"iteration", 1000}, {"count", 2912344}, {"reason", "GPU memory"}}));
+  ASSERT_EQ(history.events["load_statistics"].size(), 1u);
+  const Json& load = history.events["load_statistics"][0];
+  EXPECT_EQ(load["tile_lists"]["p99"], 9);
+  EXPECT_EQ(load["tile_lists"]["gini"], 0.25);
+  EXPECT_EQ(load["tile_lists"]["log2_bins"], Json::array({0, 1, 2}));
+  EXPECT_TRUE(load["pixel_processed"].is_null());
 }
 
 TEST(TrainLogReader, SkipsMissingFieldsAndDamagedLines) {
@@ -99,9 +85,11 @@ TEST(TrainLogReader, SkipsMissingFieldsAndDamagedLines) {
   EXPECT_TRUE(history.points[0].stages_ms.empty());
   EXPECT_EQ(history.points[0].kernel, "");
   EXPECT_EQ(history.points[0].elapsed_s, 0);
-  EXPECT_EQ(history.checks.size(), 1u);
-  ASSERT_EQ(history.loads.size(), 1u);
-  EXPECT_FALSE(history.loads[0].tile_lists);
+  ASSERT_EQ(history.events["kernel_check"].size(), 1u);
+  EXPECT_EQ(history.events["kernel_check"][0]["times_ms"], Json::object());
+  EXPECT_EQ(history.events["kernel_check"][0]["reason"], "");
+  ASSERT_EQ(history.events["load_statistics"].size(), 1u);
+  EXPECT_TRUE(history.events["load_statistics"][0]["tile_lists"].is_null());
   EXPECT_TRUE(read_train_log("/nonexistent/train.jsonl").points.empty());
 }
 
@@ -109,12 +97,11 @@ TEST(TrainLogReader, IgnoresNumbersOutOfRange) {
   const TrainHistory history = parse(R"({"iteration":4294967297,"loss":1}
 {"iteration":-3,"loss":1}
 {"iteration":10,"loss":1,"count":1e300}
-{"iteration":20,"event":"kernel_check","views":99999999999})");
+{"iteration":20,"event":"held","count":1e300})");
   ASSERT_EQ(history.points.size(), 1u);
   EXPECT_EQ(history.points[0].iteration, 10);
   EXPECT_FALSE(history.points[0].count);
-  ASSERT_EQ(history.checks.size(), 1u);
-  EXPECT_FALSE(history.checks[0].views);
+  EXPECT_EQ(history.events["held"][0]["count"], 0);
 }
 
 }  // namespace

@@ -45,13 +45,22 @@ function results_section({summary: {results}}) {
 
 // --- Quality
 
-const kMeasureText = {SSIM: (x) => x.toFixed(4), Gaussians: count_text};
+/// When a difference is more than chance: see compare_summary.h.
+const criterion = ({seeds, summary}) => (seeds.length > 1
+  ? "95 %: the interval of the mean difference over the seeds (Student's t, the runs of a seed paired). \"Differs\", " +
+    "\"faster\", \"slower\": it excludes 0, and the mean is at least 1 % of the time, 0.1 dB, 0.003 SSIM or 2 % of " +
+    "the Gaussians. \"Equal\": it lies within these limits. \"Unclear\": neither."
+  : "With one seed, differences below " + (summary.repetition ? "12.7 times the run-to-run variation, " : "10 % of the " +
+    "time, ") + "1 dB, 0.03 SSIM or 20 % of the Gaussians may be chance (\"unclear\"); --seeds 0,1,2 tells more.");
+
+const measure_text = (measure) => (measure === "Gaussians" ? count_text
+                                   : (x) => x.toFixed(measure === "SSIM" ? 4 : 2));
 
 function quality_section(data) {
-  const {summary, quality_criterion, measures_half} = data;
+  const {summary, measures_half} = data;
   const tables = summary.compared.filter((own) => own.quality.length > 0).map(({name, quality}) => {
     const rows = quality.map((own) => {
-      const text = kMeasureText[own.measure] || ((x) => x.toFixed(2));
+      const text = measure_text(own.measure);
       const signed = (x) => (x < 0 ? text(x) : `+${text(x)}`);
       return [own.measure + in_seeds(own.baseline.n, seeds_started(summary)), count_text(own.iteration),
               spread_cell(own.baseline, text), spread_cell(own.ours, text),
@@ -63,7 +72,7 @@ function quality_section(data) {
   });
   if (tables.length === 0) return soft("Quality has not been measured yet.");
   const runs = first_runs(data), n_values = runs[0].curves.test_psnr.filter((psnr) => psnr !== null).length;
-  return [tables, soft(quality_criterion), measures_half ? soft(kMeasuredHalf) : [],
+  return [tables, soft(criterion(data)), measures_half ? soft(kMeasuredHalf) : [],
           n_values === 0 ? soft("No test views were held out (--no_eval), so there is no PSNR.")
           : n_values > 1 ? curve_figure(kQuantities.psnr, runs) : []];  // the tables have a single value
 }
@@ -103,8 +112,8 @@ function seconds_cell({by_seed}, key) {
 }
 
 /// "lambda_dssim 0.2 → 0.4", of few options; of more, how many they are.
-function differences_cell({options, has_own_kernel}, own, i) {
-  const kernel = has_own_kernel[i] ? ["forward kernel"] : [], names = own.differs_in;
+function differences_cell({options}, own, i) {
+  const kernel = own.has_own_kernel ? ["forward kernel"] : [], names = own.differs_in;
   if (names.length > 3) return [...kernel, `${names.length} options (see below)`].join(", ");
   const text = (name) => {
     const row = options.find((option) => option[0] === name);
@@ -114,7 +123,7 @@ function differences_cell({options, has_own_kernel}, own, i) {
 }
 
 function time_table(data) {
-  const {summary, time_criterion} = data, compared = summary.compared;
+  const {summary} = data, compared = summary.compared;
   const has_switch = compared.some((own) => own.inflection);
   const shown = (cells) => (has_switch ? cells : cells.slice(0, 2));
   const rows = [[`${summary.baseline} (baseline)`, seconds_cell(compared[0], "baseline_s"),
@@ -124,14 +133,14 @@ function time_table(data) {
                                              differences_cell(data, own, i)])];
   return [table(["configuration", "training time", ...shown(kSavedHead), "differs in"], rows,
                 {marked: 1 + compared.findIndex((own) => own.name === summary.ours)}),
-          soft(`Time saved is a share of ${summary.baseline}'s training time. ${time_criterion}` +
+          soft(`Time saved is a share of ${summary.baseline}'s training time. ${criterion(data)}` +
                (has_switch ? " The switch is the first timing check after which another forward kernel was used; " +
                              "before and after it are means over the seeds that have both." : ""))];
 }
 
 /// The time that load balancing alone saves.
-function balancing_table({summary, missing_kernels}) {
-  const gains = summary.balancing;
+function balancing_table({summary}) {
+  const {balancing: gains, missing_kernels} = summary;
   if (gains.length === 0) {
     return missing_kernels.length === 0 ? [] : paragraph("How much load balancing alone saves is unknown: these " +
       `kernels without load balancing were not trained with the options of ${summary.ours}: ` +
@@ -149,16 +158,6 @@ function balancing_table({summary, missing_kernels}) {
                "naive's time.")];
 }
 
-/// Training time up to an iteration, interpolated; constant after the last point.
-function elapsed_at({iteration, elapsed_s}, at) {
-  let [from, from_s] = [0, 0];
-  for (let i = 0; i < iteration.length; ++i) {
-    if (iteration[i] >= at) return from_s + (at - from) / (iteration[i] - from) * (elapsed_s[i] - from_s);
-    [from, from_s] = [iteration[i], elapsed_s[i]];
-  }
-  return from_s;
-}
-
 function time_charts(data) {
   const {summary, seeds} = data, runs = first_runs(data), baseline = runs[0].curves;
   const curve = ({name, color, curves}, value) =>
@@ -171,10 +170,10 @@ function time_charts(data) {
   const note = seed ? ` Shown for ${seed}.` : "";
   const chart = (name, height, series, caption) =>
       series_figure({name, unit: "s", height, caption: caption + note}, series, events);
+  const baseline_s = new Map(baseline.iteration.map((x, i) => [x, baseline.elapsed_s[i]]));
   const difference = runs.slice(1).map((run) => {
-    const until = baseline.iteration.length > 0 ? baseline.iteration[baseline.iteration.length - 1] : 0;
-    const own = curve(run, (x, seconds) => elapsed_at(baseline, x) - seconds);
-    return {...own, points: own.points.filter((point) => point[0] <= until)};
+    const own = curve(run, (x, seconds) => baseline_s.get(x) - seconds);
+    return {...own, points: own.points.filter(([x]) => x === 0 || baseline_s.has(x))};
   });
   return [chart("Training time", 280, runs.map((run) => curve(run, (_, seconds) => seconds)),
                 "Training time of each configuration."),
@@ -182,20 +181,24 @@ function time_charts(data) {
                                                "its configuration is faster.")];
 }
 
-const sentence = (text) => `${text[0].toUpperCase()}${text.slice(1)}.`;
+function noise_sentence({repetition, machine_spread, baseline, compared}) {
+  if (!repetition) return "The run-to-run variation of times was not measured (--noise does that).";
+  if (machine_spread === null) return `${baseline} has not been trained twice yet: the run-to-run variation is unknown.`;
+  const again = compared.find((own) => own.name === repetition).quality.map((own) =>
+      `, ${own.measure.split(",")[0]} ${measure_text(own.measure)(own.machine_spread)}`);
+  return `Run-to-run variation of ${baseline}: time ${percent_text(machine_spread)}${again.join("")}. Values after ± ` +
+         "are the run-to-run variation over the same iterations, the largest of all seeds.";
+}
 
 function time_section(data) {
-  const {reading_s, output_s, loading, repetition} = data;
+  const {reading_s, output_s, loading_ms, summary} = data;
   return [
-    time_table(data), balancing_table(data),
-    soft(repetition ? `${sentence(repetition)} Values after ± are the run-to-run variation over the same iterations, ` +
-                      "the largest of all seeds."
-                    : "The run-to-run variation of times was not measured (--noise does that)."),
-    time_charts(data),
+    time_table(data), balancing_table(data), soft(noise_sentence(summary)), time_charts(data),
     soft("Times include rendering, gradients, loss, optimizer, density control, uploads and timing checks of " +
          `kernels. Reading the scene (${seconds_text(reading_s, 0)}, once for all configurations) and evaluation, ` +
-         `saving and checkpoints (${seconds_text(output_s, 0)} in total) are not included.`),
-    loading ? soft(sentence(loading)) : [],
+         `saving and checkpoints (${seconds_text(output_s, 0)} in total) are not included.` +
+         (loading_ms > 0 ? ` Configurations that choose a kernel by timing also include ${figure_text(loading_ms)} ms ` +
+                           "for loading the candidates, which each process does once." : "")),
   ];
 }
 
@@ -214,7 +217,7 @@ function one_run({runs, summary}, has) {
 function compared_kernels(data) {
   const checked = data.runs.filter((run) => run.kernel_checks.length > 0);
   const first = checked.filter((run, i) => checked.findIndex((own) => own.name === run.name) === i);
-  const chosen = first.length > 0 ? first : one_run(data, (run) => run.candidate_times.length > 0);
+  const chosen = first.length > 0 ? first : one_run(data, (run) => run.kernel_times.length > 0);
   return chosen.length > 0 ? of_runs(chosen, kernel_section)
                            : soft("No kernels were timed: the kernels were fixed by options.");
 }

@@ -88,15 +88,17 @@ function preview_section({previews, held_out}) {
 // --- Kernels
 
 function candidate_figure(run, pass) {
-  const series = new Map();
-  for (const timed of run.candidate_times.filter((own) => own.pass === pass)) {
+  const series = new Map(), checks = run.kernel_checks.filter((own) => own.pass === pass);
+  // A check runs before the step of its iteration, a timing for the log after it.
+  const others = run.kernel_times.filter((own) => own.pass === pass &&
+                                                  !checks.some((check) => check.iteration === own.iteration));
+  for (const timed of [...checks, ...others].sort((a, b) => a.iteration - b.iteration)) {
     for (const [name, ms] of Object.entries(timed.times_ms)) {
       if (!series.has(name)) series.set(name, {name, color: series.size, points: [], markers: true});
       series.get(name).points.push([timed.iteration, ms]);
     }
   }
-  const events = run.kernel_checks.filter((check) => check.pass === pass && has_changed(check))
-                     .map((check) => ({x: check.iteration, label: `to ${check.after}`}));
+  const events = checks.filter(has_changed).map((check) => ({x: check.iteration, label: `to ${check.after}`}));
   const name = `Time of the ${pass} kernels`;
   return series_figure({name, unit: "ms", height: 280, caption: `${name} over the training. At each point, all ` +
     "kernels were timed on the same views; a dashed line marks a switch to another kernel."},
@@ -167,7 +169,7 @@ function check_cost(checks, elapsed_s) {
 }
 
 function kernel_section(run) {
-  if (run.kernel_checks.length === 0 && run.candidate_times.length === 0) {
+  if (run.kernel_checks.length === 0 && run.kernel_times.length === 0) {
     return [kernels_in_use(run), soft("No kernels were timed: the kernels were fixed by options.")];
   }
   return [disabled_kernels(run), kernels_in_use(run), candidate_figure(run, "forward"),
