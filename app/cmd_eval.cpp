@@ -124,8 +124,9 @@ struct SplitEvaluator {
       }
       progress("evaluating " + split + " views", index + 1, views.size());
     };
+    const RenderFn render = [&](const CameraView& view) { return renderer.render(view); };
     const Evaluation evaluation =
-        evaluate_views(renderer.rasterizer, renderer.gaussians, views, renderer.settings, on_rendered, lpips, colors);
+        evaluate_views(render, renderer.gaussians.means.device(), views, on_rendered, lpips, colors);
     tasks.finish();
     status.clear();
     std::cout << split << " views"

@@ -6,6 +6,7 @@
 #include <limits>
 #include <numeric>
 #include <set>
+#include <tuple>
 #include <utility>
 
 #include "core/check.h"
@@ -43,27 +44,31 @@ double standard_error_of_median(const std::vector<double>& values) {
   return 1.2533 * robust_deviation(values) / std::sqrt(static_cast<double>(values.size()));
 }
 
-bool is_time(double ms) {
-  return std::isfinite(ms) && ms > 0;
-}
-
 std::vector<double> valid_times(const KernelMeasurement& measurement) {
   std::vector<double> valid;
-  std::copy_if(measurement.ms.begin(), measurement.ms.end(), std::back_inserter(valid), is_time);
+  std::copy_if(measurement.ms.begin(), measurement.ms.end(), std::back_inserter(valid),
+               [](double ms) { return std::isfinite(ms) && ms > 0; });
   return valid;
-}
-
-const KernelMeasurement* find_measurement(const std::vector<KernelMeasurement>& measurements,
-                                          const std::string& kernel) {
-  for (const KernelMeasurement& measurement : measurements) {
-    if (measurement.kernel == kernel) return &measurement;
-  }
-  return nullptr;
 }
 
 /// "12.3 %"
 std::string percent(double share) {
   return print_to_string("%.1f %%", 100 * share);
+}
+
+/// One line for the user if a check changes something, else "".
+std::string describe_change(const KernelDecision& decision, bool is_final) {
+  std::string text;
+  for (const auto& [kernel, ms] : decision.times_ms) {
+    text += (text.empty() ? "" : ", ") + kernel + print_to_string(" %.3g ms", ms);
+  }
+  if (!decision.disabled.empty()) {
+    text = decision.reason + (text.empty() ? "" : " (" + text + ")");
+  } else if (decision.before == decision.after) {
+    return "";
+  }
+  return detail::concat("iteration ", decision.iteration, ": ", text, ": using ", decision.after,
+                        is_final ? ", permanently" : ", until the next check");
 }
 
 }  // namespace
@@ -80,13 +85,6 @@ KernelTimes summarize(const std::vector<KernelMeasurement>& measurements) {
   return times;
 }
 
-/// How much faster one kernel is than another, in natural logarithms of time ratios, which are symmetric.
-struct KernelSelector::Lead {
-  double median = 0;  // > 0 = the other kernel is faster
-  double margin = 0;
-  bool is_certain() const { return median > margin; }
-};
-
 KernelSelector::KernelSelector(KernelSelectorOptions options) : options_(std::move(options)) {
   const std::vector<std::string>& names = options_.candidates;
   B3DGS_CHECK(!names.empty() && std::set<std::string>(names.begin(), names.end()).size() == names.size(),
@@ -96,14 +94,9 @@ KernelSelector::KernelSelector(KernelSelectorOptions options) : options_(std::mo
   kernel_ = names.front();
 }
 
-bool KernelSelector::is_candidate(const std::string& kernel) const {
-  const std::vector<std::string>& names = options_.candidates;
-  return std::find(names.begin(), names.end(), kernel) != names.end() && disabled_.count(kernel) == 0;
-}
-
 std::string KernelSelector::first_enabled() const {
   for (const std::string& name : options_.candidates) {
-    if (is_candidate(name)) return name;
+    if (disabled_.count(name) == 0) return name;
   }
   return options_.reference;
 }
@@ -111,7 +104,7 @@ std::string KernelSelector::first_enabled() const {
 std::vector<std::string> KernelSelector::candidates() const {
   std::vector<std::string> names{kernel_};
   for (const std::string& name : options_.candidates) {
-    if (name != kernel_ && is_candidate(name)) names.push_back(name);
+    if (name != kernel_ && disabled_.count(name) == 0) names.push_back(name);
   }
   return names;
 }
@@ -137,28 +130,30 @@ bool KernelSelector::is_due(const CheckMoment& now) const {
   return is_over && with_this_ms <= options_.cost_share * (now.iteration - 1) * now.step_ms;
 }
 
-/// Nothing if fewer than kMinViews views have valid times of both.
-std::optional<KernelSelector::Lead> KernelSelector::lead_over_current(const KernelMeasurement& other,
-                                                                      const KernelMeasurement& current) const {
-  std::vector<double> ratios;
-  for (std::size_t view = 0; view < std::min(other.ms.size(), current.ms.size()); ++view) {
-    if (!is_time(other.ms[view]) || !is_time(current.ms[view])) continue;
-    ratios.push_back(std::log(current.ms[view] / other.ms[view]));
+std::vector<KernelSelector::Lead> KernelSelector::leads(const std::vector<KernelMeasurement>& measurements) const {
+  const auto current = std::find_if(measurements.begin(), measurements.end(),
+                                    [&](const KernelMeasurement& one) { return one.kernel == kernel_; });
+  std::vector<Lead> leads;
+  for (const KernelMeasurement& other : measurements) {
+    if (other.kernel == kernel_ || !other.fault.empty() || disabled_.count(other.kernel) > 0) continue;
+    std::vector<double> ratios;
+    for (std::size_t view = 0; current != measurements.end() && view < other.ms.size(); ++view) {
+      const double ratio = view < current->ms.size() ? std::log(current->ms[view] / other.ms[view]) : NAN;
+      if (std::isfinite(ratio)) ratios.push_back(ratio);
+    }
+    Lead& lead = leads.emplace_back(Lead{other.kernel});
+    if (ratios.size() < static_cast<std::size_t>(kMinViews)) continue;
+    lead.median = median(ratios);
+    const bool has_margin = options_.policy != KernelPolicy::kPublished;
+    lead.margin = has_margin ? std::max(kMinMargin, kStandardErrors * standard_error_of_median(ratios)) : 0;
   }
-  if (ratios.size() < static_cast<std::size_t>(kMinViews)) return std::nullopt;
-  const double margin = options_.policy == KernelPolicy::kPublished
-                            ? 0
-                            : std::max(kMinMargin, kStandardErrors * standard_error_of_median(ratios));
-  return Lead{median(ratios), margin};
+  return leads;
 }
 
 bool KernelSelector::is_clear(const std::vector<KernelMeasurement>& measurements) const {
-  const KernelMeasurement* const current = find_measurement(measurements, kernel_);
-  return current != nullptr && options_.policy != KernelPolicy::kPublished &&
-         std::all_of(measurements.begin(), measurements.end(), [&](const KernelMeasurement& other) {
-           if (other.kernel == kernel_ || !other.fault.empty() || !is_candidate(other.kernel)) return true;
-           const std::optional<Lead> lead = lead_over_current(other, *current);
-           return lead && std::fabs(lead->median) > 2 * lead->margin;
+  const std::vector<Lead> others = leads(measurements);
+  return options_.policy != KernelPolicy::kPublished && std::all_of(others.begin(), others.end(), [](const Lead& lead) {
+           return lead.is_known() && std::fabs(lead.median) > 2 * lead.margin;
          });
 }
 
@@ -170,16 +165,6 @@ KernelDecision KernelSelector::decide(const CheckMoment& now, const std::vector<
   decision.cost_ms = cost_ms;
   decision.step_ms = now.step_ms;
   static_cast<KernelTimes&>(decision) = summarize(measurements);
-  disable_faulty(measurements, decision);
-  if (disabled_.count(kernel_) > 0) kernel_ = first_enabled();
-  if (candidates().size() > 1) choose(measurements, decision);
-  decision.after = kernel_;
-  last_check_ = now.iteration;
-  costs_ms_.push_back(cost_ms);
-  return decision;
-}
-
-void KernelSelector::disable_faulty(const std::vector<KernelMeasurement>& measurements, KernelDecision& decision) {
   for (const KernelMeasurement& measurement : measurements) {
     if (measurement.fault.empty()) continue;
     disabled_[measurement.kernel] = measurement.fault;
@@ -187,32 +172,30 @@ void KernelSelector::disable_faulty(const std::vector<KernelMeasurement>& measur
     decision.reason +=
         detail::concat(decision.reason.empty() ? "" : "; ", measurement.kernel, " is disabled: ", measurement.fault);
   }
+  if (disabled_.count(kernel_) > 0) kernel_ = first_enabled();
+  if (candidates().size() > 1) choose(leads(measurements), decision);
+  decision.after = kernel_;
+  last_check_ = now.iteration;
+  costs_ms_.push_back(cost_ms);
+  decision.message = describe_change(decision, is_finished());
+  return decision;
 }
 
 /// Switches to the fastest candidate if its lead over the kernel in use exceeds the margin.
-void KernelSelector::choose(const std::vector<KernelMeasurement>& measurements, KernelDecision& decision) {
-  const KernelMeasurement* const current = find_measurement(measurements, kernel_);
-  std::string fastest;  // among those that lead by more than their margin, or among all if there are none
-  Lead best;
-  for (const KernelMeasurement& other : measurements) {
-    if (current == nullptr || other.kernel == kernel_ || !is_candidate(other.kernel)) continue;
-    const std::optional<Lead> lead = lead_over_current(other, *current);
-    if (!lead) continue;
-    // A lead within its margin may be noise, however large: it must not hide a smaller lead that is certain.
-    const auto order = [](const Lead& one) { return std::make_pair(one.is_certain(), one.median); };
-    if (!fastest.empty() && order(*lead) <= order(best)) continue;
-    fastest = other.kernel;
-    best = *lead;
-  }
+void KernelSelector::choose(const std::vector<Lead>& leads, KernelDecision& decision) {
+  // A lead within its margin may be noise, however large: it must not hide a smaller lead that is certain.
+  const auto order = [](const Lead& lead) { return std::tuple(lead.is_known(), lead.is_certain(), lead.median); };
+  const auto best =
+      std::max_element(leads.begin(), leads.end(), [&](const Lead& a, const Lead& b) { return order(a) < order(b); });
   if (!decision.reason.empty()) decision.reason += "; ";
-  if (fastest.empty()) {
+  if (best == leads.end() || !best->is_known()) {
     decision.reason += detail::concat("no two candidates have valid times on ", kMinViews, " or more views");
     return;
   }
-  decision.reason += detail::concat(fastest, " takes ", percent(std::fabs(std::expm1(-best.median))),
-                                    best.median >= 0 ? " less" : " more", " time than ", kernel_, " (margin ",
-                                    percent(std::expm1(best.margin)), ")");
-  if (best.is_certain()) kernel_ = fastest;
+  decision.reason += detail::concat(best->kernel, " takes ", percent(std::fabs(std::expm1(-best->median))),
+                                    best->median >= 0 ? " less" : " more", " time than ", kernel_, " (margin ",
+                                    percent(std::expm1(best->margin)), ")");
+  if (best->is_certain()) kernel_ = best->kernel;
 }
 
 nlohmann::ordered_json KernelSelector::to_json() const {
@@ -235,7 +218,10 @@ void KernelSelector::restore(const nlohmann::ordered_json& json, const std::stri
   read.kernel_ = read.first_enabled();
   const auto kernel = json.at("kernel").get<std::string>();
   const bool same_candidates = json.at("candidates").get<std::vector<std::string>>() == options_.candidates;
-  if (same_candidates && (read.is_candidate(kernel) || kernel == options_.reference)) {
+  const std::vector<std::string>& names = options_.candidates;
+  const bool is_enabled =
+      std::find(names.begin(), names.end(), kernel) != names.end() && read.disabled_.count(kernel) == 0;
+  if (same_candidates && (is_enabled || kernel == options_.reference)) {
     read.kernel_ = kernel;
     read.last_check_ = json_integer<int>(json.at("last_check"), "last_check", place, 0);
   }
@@ -244,33 +230,19 @@ void KernelSelector::restore(const nlohmann::ordered_json& json, const std::stri
   input_error(place, ": invalid history of kernel checks: ", error.what());
 }
 
-std::string describe_change(const KernelDecision& decision, bool is_final) {
-  std::string text;
-  for (const auto& [kernel, ms] : decision.times_ms) {
-    text += (text.empty() ? "" : ", ") + kernel + print_to_string(" %.3g ms", ms);
-  }
-  if (!decision.disabled.empty()) {
-    text = decision.reason + (text.empty() ? "" : " (" + text + ")");
-  } else if (decision.before == decision.after) {
-    return "";
-  }
-  return detail::concat("iteration ", decision.iteration, ": ", text, ": using ", decision.after,
-                        is_final ? ", permanently" : ", until the next check");
-}
-
 nlohmann::ordered_json to_json(const KernelTimes& times) {
-  return {{"times_ms", times.times_ms}, {"spread_ms", times.spread_ms}, {"views", times.views}};
+  return {{"pass", times.pass}, {"times_ms", times.times_ms}, {"spread_ms", times.spread_ms}, {"views", times.views}};
 }
 
 nlohmann::ordered_json to_json(const KernelDecision& decision) {
-  Json json = {{"iteration", decision.iteration}};
-  json.update(to_json(static_cast<const KernelTimes&>(decision)));
+  Json json = to_json(static_cast<const KernelTimes&>(decision));
   json["before"] = decision.before;
   json["after"] = decision.after;
   json["reason"] = decision.reason;
   json["cost_ms"] = decision.cost_ms;
   if (decision.step_ms > 0) json["step_ms"] = decision.step_ms;
   if (!decision.disabled.empty()) json["refused"] = decision.disabled;
+  if (decision.warm_up_ms > 0) json["warm_up_ms"] = decision.warm_up_ms;
   return json;
 }
 

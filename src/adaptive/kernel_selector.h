@@ -9,7 +9,6 @@
 
 #include <map>
 #include <nlohmann/json.hpp>
-#include <optional>
 #include <string>
 #include <vector>
 
@@ -48,6 +47,7 @@ struct KernelMeasurement {
 
 /// Summary of measurements, by kernel. Times that are missing, zero or not finite are ignored.
 struct KernelTimes {
+  std::string pass;                         // "forward" or "backward"
   std::map<std::string, double> times_ms;   // median over the views
   std::map<std::string, double> spread_ms;  // robust standard deviation over the views
   int views = 0;
@@ -62,6 +62,8 @@ struct KernelDecision : KernelTimes {
   std::vector<std::string> disabled;  // by this check (JSON key "refused")
   double cost_ms = 0;                 // of the check itself
   double step_ms = 0;                 // duration of a step; 0 = not known
+  double warm_up_ms = 0;              // before the first check of a pass; not part of the cost
+  std::string message;                // a line for the user if something changed, else empty
 };
 
 class KernelSelector {
@@ -94,7 +96,7 @@ class KernelSelector {
   /// the margin, so that more views would not change the decision.
   bool is_clear(const std::vector<KernelMeasurement>& measurements) const;
 
-  /// Decides. Times that are missing, zero or not finite are ignored; with fewer than kMinViews pairs nothing changes.
+  /// With fewer than kMinViews pairs of valid times nothing changes.
   KernelDecision decide(const CheckMoment& now, const std::vector<KernelMeasurement>& measurements, double cost_ms);
 
   /// Saves and restores the state. The current options apply: with another policy or interval, selection continues from
@@ -107,11 +109,17 @@ class KernelSelector {
   static constexpr int kMinViews = 3;  // the spread cannot be estimated from fewer
 
  private:
-  struct Lead;
-  std::optional<Lead> lead_over_current(const KernelMeasurement& other, const KernelMeasurement& current) const;
-  void disable_faulty(const std::vector<KernelMeasurement>& measurements, KernelDecision& decision);
-  void choose(const std::vector<KernelMeasurement>& measurements, KernelDecision& decision);
-  bool is_candidate(const std::string& kernel) const;  // and not disabled
+  /// How much faster a kernel is than the one in use, in natural logarithms of time ratios, which are symmetric.
+  struct Lead {
+    std::string kernel;
+    double median = 0;   // > 0 = it is faster
+    double margin = -1;  // -1: fewer than kMinViews views have valid times of both
+    bool is_known() const { return margin >= 0; }
+    bool is_certain() const { return is_known() && median > margin; }
+  };
+  /// Of all candidates but the one in use.
+  std::vector<Lead> leads(const std::vector<KernelMeasurement>& measurements) const;
+  void choose(const std::vector<Lead>& leads, KernelDecision& decision);
   std::string first_enabled() const;
 
   KernelSelectorOptions options_;
@@ -121,9 +129,7 @@ class KernelSelector {
   std::vector<double> costs_ms_;                 // of all checks
 };
 
-/// One line for the user if a check changes something, else "".
-std::string describe_change(const KernelDecision& decision, bool is_final);
-
+/// Fields of the log's "kernel_times" and "kernel_check" lines.
 nlohmann::ordered_json to_json(const KernelTimes& times);
 nlohmann::ordered_json to_json(const KernelDecision& decision);
 

@@ -8,33 +8,6 @@
 namespace b3dgs {
 namespace {
 
-/// A value and how often it occurs.
-using Tally = std::pair<std::int64_t, std::int64_t>;
-
-/// Tallies of the values that occur, ascending. Per-pixel counts come in millions and rarely exceed a few thousand: if
-/// a table of all possible values is not much larger than the input, counting takes a fiftieth of the time of sorting.
-template <class Count>
-std::vector<Tally> tally(const Count* values, std::int64_t n) {
-  const auto [least, most] = std::minmax_element(values, values + n);
-  B3DGS_CHECK(*least >= 0, "load statistics: negative count ", *least);
-  std::vector<Tally> tallies;
-  if (std::int64_t{*most} <= 4 * n + 65536) {
-    std::vector<std::int64_t> table(static_cast<std::size_t>(*most) + 1);
-    for (std::int64_t i = 0; i < n; ++i) ++table[static_cast<std::size_t>(values[i])];
-    for (std::size_t value = 0; value < table.size(); ++value) {
-      if (table[value] > 0) tallies.emplace_back(static_cast<std::int64_t>(value), table[value]);
-    }
-    return tallies;
-  }
-  std::vector<Count> sorted(values, values + n);
-  std::sort(sorted.begin(), sorted.end());
-  for (const Count value : sorted) {
-    if (tallies.empty() || tallies.back().first != value) tallies.emplace_back(value, 0);
-    ++tallies.back().second;
-  }
-  return tallies;
-}
-
 std::size_t log2_bin(std::int64_t value) {
   std::size_t bin = 0;
   for (; value > 0; value >>= 1) ++bin;
@@ -48,16 +21,21 @@ LoadStatistics load_statistics(const Count* values, std::int64_t n) {
   LoadStatistics statistics;
   statistics.n = n;
   if (n == 0) return statistics;
-  const std::vector<Tally> tallies = tally(values, n);
-  statistics.min = tallies.front().first;
-  statistics.max = tallies.back().first;
+  const auto [least, most] = std::minmax_element(values, values + n);
+  B3DGS_CHECK(*least >= 0, "load statistics: negative count ", *least);
+  statistics.min = *least;
+  statistics.max = *most;
+  std::vector<std::int64_t> occurrences(static_cast<std::size_t>(*most) + 1);
+  for (std::int64_t i = 0; i < n; ++i) ++occurrences[static_cast<std::size_t>(values[i])];
   statistics.log2_bins.resize(log2_bin(statistics.max) + 1);
 
   const std::pair<double, std::int64_t*> quantiles[] = {
       {0.5, &statistics.median}, {0.9, &statistics.p90}, {0.99, &statistics.p99}};
   std::int64_t before = 0;         // number of values smaller than the current one
   double total = 0, weighted = 0;  // sum of the values; of place in ascending order (from 1) times value
-  for (const auto& [value, count] : tallies) {
+  for (std::int64_t value = *least; value <= *most; ++value) {
+    const std::int64_t count = occurrences[static_cast<std::size_t>(value)];
+    if (count == 0) continue;
     for (const auto& [share, quantile] : quantiles) {
       const auto place = static_cast<std::int64_t>(share * static_cast<double>(n - 1));
       if (place >= before && place < before + count) *quantile = value;

@@ -17,7 +17,7 @@ struct LoadStatistics {
   std::vector<std::int64_t> log2_bins;  // bin 0: zeros; bin k: counts in [2^(k-1), 2^k); ends with the bin of max
 };
 
-/// `values`: n counts, not negative. Count is int32_t or int64_t.
+/// `values`: n counts, not negative; takes 8 bytes for each count up to the largest. Count is int32_t or int64_t.
 template <class Count>
 LoadStatistics load_statistics(const Count* values, std::int64_t n);
 

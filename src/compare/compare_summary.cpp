@@ -277,8 +277,8 @@ Json balancing_gain(const Histories& configurations, const ConfigurationHistory&
 bool is_paper_pair(const TrainConfig& baseline, const TrainConfig& ours) {
   TrainConfig published = ours;
   published.kernel = kPublishedKernel;
-  return baseline.kernel == forward_kernel_name(ForwardKernel::kNaive) &&
-         baseline.backward_kernel == backward_kernel_name(BackwardKernel::kPerPixel) && chooses_forward_kernel(ours) &&
+  return baseline.kernel == kernel_name(ForwardKernel::kNaive) &&
+         baseline.backward_kernel == kernel_name(BackwardKernel::kPerPixel) && chooses_forward_kernel(ours) &&
          forward_candidates(ours) == forward_candidates(published) && differing_options(baseline, ours).others.empty();
 }
 

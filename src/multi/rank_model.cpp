@@ -80,28 +80,24 @@ GaussianTensors RankStepper::whole_gaussians() {
 }
 
 void RankStepper::write_checkpoint(const nlohmann::ordered_json& scene_fingerprint) {
-  using TakeBytes = std::function<void(const void*, std::size_t)>;
   const TrainState& own = flushed_state();
   std::set<const void*> rows;  // tensors of which each rank has a part
   visit_rows(state_, [&](torch::Tensor& tensor) {
     if (tensor.defined()) rows.insert(tensor.unsafeGetTensorImpl());
   });
-  const TakeBytes ignore = [](const void*, std::size_t) {};
-  std::vector<OutputWriter::TensorPieces> tensors;
+  std::vector<CheckpointTensor> tensors = checkpoint_tensors(own);
   std::size_t n_read = 0;  // all ranks read all tensors in one order, even if rank 0 cannot write them
-  for (const auto& [name, tensor] : checkpoint_tensors(own)) {
-    const bool has_part = rows.count(tensor.unsafeGetTensorImpl()) > 0;
-    TensorEntry entry{name, tensor.scalar_type(), tensor.sizes().vec()};
-    if (has_part) entry.shape[0] = state_.n_gaussians();
-    tensors.push_back({entry, [this, has_part, &n_read, part = tensor](const TakeBytes& take) {
-                         ++n_read;
-                         const torch::Tensor whole =
-                             has_part ? gather_rows_on_first(ranks_, part, owners_) : part.cpu();
-                         if (whole.defined()) take(whole.data_ptr(), whole.nbytes());
-                       }});
+  for (CheckpointTensor& tensor : tensors) {
+    const bool has_part = rows.count(tensor.values.unsafeGetTensorImpl()) > 0;
+    if (has_part) tensor.entry.shape[0] = state_.n_gaussians();
+    tensor.read = [this, has_part, &n_read, part = std::exchange(tensor.values, {})](const TakePiece& take) {
+      ++n_read;
+      const torch::Tensor whole = has_part ? gather_rows_on_first(ranks_, part, owners_) : part.cpu();
+      if (whole.defined()) take(whole.data_ptr(), whole.nbytes());
+    };
   }
   if (writes_files()) training_.recorder.write_checkpoint(checkpoint_header(config_, own, scene_fingerprint), tensors);
-  while (n_read < tensors.size()) tensors[n_read].read(ignore);
+  while (n_read < tensors.size()) tensors[n_read].read([](const void*, std::size_t) {});
 }
 
 std::optional<std::int64_t> RankStepper::room_for_gaussians() {

@@ -218,13 +218,12 @@ void RankStepper::keep_own_splats(Part& part) {
   for (std::size_t v = 0; v < part.views.size(); ++v) {
     const Part::View& view = part.views[v];
     const ViewStatistics statistics = with_remedies(training_.remedies(), [&] {
-      if (view.plan.statistics) make_room_for_statistics();
+      if (view.plan.statistics) save_statistics();
       return optimizer_.keep_splats(view.own, splat_grads[v], view.camera, view.settings, state_.gaussians,
                                     view.n_splats, regularization());
     });
     if (!view.plan.statistics) continue;
     training_.timer.begin(Stage::kDensify);
-    save_statistics();
     DensityView step{view.id.iteration, statistics, view.camera.width, view.camera.height};
     if (view.plan.score) {
       step.add_scores = [&](const GaussianScores& to) { add_splat_scores(view.own, scores[v], to); };

@@ -76,7 +76,6 @@ class RankStepper final : public Stepper {
   void complete_pending() override;
 
   // The model.
-  torch::Device load_device() const override { return torch::kCPU; }  // no GPU has room for all of it
   void adopt_model() override;
   RenderedView render(const CameraView& view, const RenderSettings& settings) override;
   GaussianTensors whole_gaussians() override;
@@ -106,9 +105,6 @@ class RankStepper final : public Stepper {
 
  protected:
   void take_step() override;
-  /// A rank that repeated a step alone would leave the others waiting: it repeats what it does alone.
-  std::vector<MemoryRemedy> remedies_of_step() override { return {}; }
-  bool keeps_gradients() const override { return true; }
   void compute_filters(SmoothingFilter& filter) override;
   std::int64_t remove_invalid_rows(std::int64_t row) override;
 

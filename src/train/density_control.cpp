@@ -1,85 +1,85 @@
-#include "train/density_control.h"
-
+// Stepper's rounds of density control within the available memory.
 #include <algorithm>
+#include <utility>
 #include <vector>
 
 #include "core/text.h"
+#include "train/stepper.h"
 
 namespace b3dgs {
+namespace {
 
-void DensityControl::run() {
-  TrainState& state = training_.state;
-  for (; state.n_density_pending > 0; --state.n_density_pending) run(state.iteration - state.n_density_pending + 1);
+/// The smaller of two limits on the number of Gaussians; 0 = no limit.
+std::int64_t smaller_limit(std::int64_t a, std::int64_t b) {
+  return a == 0 || b == 0 ? std::max(a, b) : std::min(a, b);
 }
 
-void DensityControl::run(int iteration) {
-  TrainState& state = training_.state;
-  const DensityPlan plan = training_.density->plan(iteration);
-  if (plan.densify) {
-    training_.recorder.report_progress("densifying");
-    training_.timer.start(StageTimes::Kind::kDensityRound);
-    stepper_.flush();
-    run_round(iteration);
-    training_.timer.finish();
-    if (state.n_gaussians() == 0) {
-      training_.is_consistent = false;
-      throw NumericError(detail::concat("iteration ", state.iteration, ": density control removed the last Gaussian; ",
-                                        "lower the learning rates"));
+}  // namespace
+
+void Stepper::run_density_control() {
+  for (; state_.n_density_pending > 0; --state_.n_density_pending) {
+    const int iteration = state_.iteration - state_.n_density_pending + 1;
+    const DensityPlan plan = training_.density->plan(iteration);
+    if (plan.densify) {
+      training_.recorder.report_progress("densifying");
+      training_.timer.start(StageTimes::Kind::kDensityRound);
+      flush();
+      run_round(iteration);
+      training_.timer.finish();
+      if (state_.n_gaussians() == 0) {
+        training_.is_consistent = false;
+        throw NumericError(detail::concat("iteration ", state_.iteration,
+                                          ": density control removed the last Gaussian; lower the learning rates"));
+      }
     }
+    if (plan.lower_opacities) training_.density->lower_opacities(state_.gaussians, state_.adam);
   }
-  if (plan.lower_opacities) training_.density->lower_opacities(state.gaussians, state.adam);
 }
 
-void DensityControl::run_round(int iteration) {
-  stepper_.begin_round();
-  const std::vector<MemoryRemedy> remedies{stepper_.together(training_.wait_for_files()),
-                                           stepper_.together(training_.free_scratch())};
-  try {
-    with_remedies(remedies, [&] { plan_and_apply(iteration); });
-  } catch (const OutOfMemoryError&) {
-    growth_has_failed_ = true;
-    hold_count(training_.state.n_gaussians());
-    // Once more without growth: pruning still takes place.
+void Stepper::run_round(int iteration) {
+  begin_round();
+  const std::vector<MemoryRemedy> remedies{together(training_.wait_for_files()), together(training_.free_scratch())};
+  // A second time without growth, so that pruning still takes place. The Gaussians may be as many in all then, and
+  // still more in one of several processes: a third time without new ones.
+  for (int n_failures = 0;; ++n_failures) {
     try {
-      with_remedies(remedies, [&] { plan_and_apply(iteration); });
+      with_remedies(remedies, [&] { plan_and_apply(iteration, /*adds=*/n_failures < 2); });
+      break;
     } catch (const OutOfMemoryError&) {
-      // The Gaussians may be as many in all, and still more in one of several processes. Once more without new ones.
-      with_remedies(remedies, [&] { plan_and_apply(iteration, /*adds=*/false); });
+      if (n_failures == 2) throw;
+      growth_has_failed_ = true;
+      if (n_failures == 0) hold_count(state_.n_gaussians());
     }
   }
-  stepper_.end_round();
+  end_round();
   training_.trim_memory();
 }
 
-void DensityControl::plan_and_apply(int iteration, bool adds) {
-  TrainState& state = training_.state;
-  const std::int64_t before = state.n_gaussians();
-  const std::int64_t room = stepper_.room_for_gaussians().value_or(0);
-  if (state.held_at > 0 && can_grow_again(room)) state.held_at = 0;
-  const std::int64_t allowed = smaller_limit(training_.config.max_gaussians, state.held_at);
+void Stepper::plan_and_apply(int iteration, bool adds) {
+  const std::int64_t before = state_.n_gaussians();
+  const std::int64_t room = room_for_gaussians().value_or(0);
+  if (state_.held_at > 0 && can_grow_again(room)) state_.held_at = 0;
+  const std::int64_t allowed = smaller_limit(config_.max_gaussians, state_.held_at);
   const std::int64_t limit = adds ? smaller_limit(allowed, room) : 1;
-  const DensityRound round = stepper_.plan_round(iteration, limit);
+  const DensityRound round = plan_round(iteration, limit);
   if (adds && round.n_over_limit > 0 && limit != allowed) hold_count(std::max(room, before));
-  stepper_.apply_round(round, iteration, limit);
+  apply_round(round, iteration, limit);
 }
 
-bool DensityControl::can_grow_again(std::int64_t room) const {
+bool Stepper::can_grow_again(std::int64_t room) const {
   // With less room, the count would be held again in every round.
   constexpr double kWorthwhile = 1.05;
   // A deterministic training must not depend on how much memory is free.
-  if (training_.config.deterministic || growth_has_failed_) return false;
-  return room == 0 || static_cast<double>(room) > kWorthwhile * static_cast<double>(training_.state.held_at);
+  if (config_.deterministic || growth_has_failed_) return false;
+  return room == 0 || static_cast<double>(room) > kWorthwhile * static_cast<double>(state_.held_at);
 }
 
-void DensityControl::hold_count(std::int64_t count) {
-  TrainState& state = training_.state;
+void Stepper::hold_count(std::int64_t count) {
   constexpr double kNoteworthy = 0.99;  // of the count logged before
-  const bool is_news =
-      state.held_at == 0 || static_cast<double>(count) < kNoteworthy * static_cast<double>(state.held_at);
-  state.held_at = count;
-  if (!is_news) return;
+  const std::int64_t before = std::exchange(state_.held_at, count);
+  if (before > 0 && static_cast<double>(count) >= kNoteworthy * static_cast<double>(before)) return;
   training_.recorder.say("held at " + format_count(count) + " Gaussians: GPU memory");
-  training_.recorder.log_event(state.iteration, "held",
+  training_.recorder.log_event(state_.iteration, "held",
                                {{"reason", "GPU memory"},
                                 {"count", count},
                                 {"in_use_bytes", training_.memory->use().in_use},

@@ -17,6 +17,8 @@
 namespace b3dgs {
 namespace {
 
+int default_threads = 0;
+
 /// Why no GPU can be used, or "" if one can be.
 std::string why_no_gpu() {
 #if B3DGS_TORCH_CUDA
@@ -50,12 +52,6 @@ std::string describe_device(const torch::Device& device) {
   const int threads = thread_count();
   return "device      CPU, " + std::to_string(threads) + (threads == 1 ? " thread" : " threads");
 }
-
-namespace {
-
-int default_threads = 0;
-
-}  // namespace
 
 int set_compute_threads(int n) {
   constexpr int kFew = 64;  // as for a training that is resumed on a smaller machine

@@ -6,28 +6,23 @@
 namespace b3dgs {
 
 RenderSettings evaluation_settings(const TrainConfig& config, int sh_degree) {
-  const bool forward_is_open = chooses_forward_kernel(config), backward_is_open = config.backward_kernel == kAdaptive;
-  const std::string name = forward_is_open ? kStandardKernel : config.kernel;
-  const std::string backward_name = backward_is_open ? kStandardBackwardKernel : config.backward_kernel;
-  const float background = config.white_background ? 1.0f : 0.0f;
+  const bool backward_is_open = config.backward_kernel == kAdaptive;
   RenderSettings settings;
-  settings.background = {background, background, background};
+  settings.background = config.white_background ? Vec3f{1, 1, 1} : Vec3f{0, 0, 0};
   settings.sh_degree = sh_degree;
   settings.near_plane = static_cast<float>(config.near_plane);
   settings.antialiasing = config.antialiasing;
   settings.culling = config.culling == "square" ? Culling::kSquare : Culling::kEllipse;
-  settings.kernel = kernel_named(kForwardKernels, name);
-  settings.backward_kernel = kernel_named(kBackwardKernels, backward_name);
+  settings.kernel = kernel_named(kForwardKernels, chooses_forward_kernel(config) ? kStandardKernel : config.kernel);
+  settings.backward_kernel =
+      kernel_named(kBackwardKernels, backward_is_open ? kStandardBackwardKernel : config.backward_kernel);
   settings.deterministic = config.deterministic;
   settings.depth_gradient = false;  // only --depths needs it, and sets it itself
   return settings;
 }
 
 ColorEvaluation color_evaluation(const TrainConfig& config) {
-  ColorEvaluation colors;
-  colors.fit_left_half = config.train_test_exp;
-  colors.corrected_psnr = config.exposure || config.bilateral_grid || config.train_test_exp;
-  return colors;
+  return {{}, config.train_test_exp, config.exposure || config.bilateral_grid || config.train_test_exp};
 }
 
 namespace {
@@ -62,20 +57,8 @@ void add_to_mean(const std::optional<double>& value, std::size_t n_views, std::o
 
 }  // namespace
 
-Evaluation evaluate_views(Rasterizer& rasterizer, const GaussianTensors& gaussians, const std::vector<View>& views,
-                          const RenderSettings& settings, const RenderedFn& on_rendered, const LpipsNetwork* lpips,
-                          const ColorEvaluation& colors) {
-  const RenderFn render = [&](const CameraView& view, const RenderSettings& with) {
-    return rasterizer.forward(gaussians, view, with);
-  };
-  return evaluate_views(render, gaussians.means.device(), views, settings, on_rendered, lpips, colors);
-}
-
 Evaluation evaluate_views(const RenderFn& render, torch::Device device, const std::vector<View>& views,
-                          const RenderSettings& settings, const RenderedFn& on_rendered, const LpipsNetwork* lpips,
-                          const ColorEvaluation& colors) {
-  RenderSettings forward_only = settings;
-  forward_only.keep_for_backward = false;
+                          const RenderedFn& on_rendered, const LpipsNetwork* lpips, const ColorEvaluation& colors) {
   Evaluation evaluation;
   if (lpips != nullptr) evaluation.lpips_network = lpips->name();
   evaluation.fits_left_half = colors.fit_left_half;
@@ -91,7 +74,7 @@ Evaluation evaluate_views(const RenderFn& render, torch::Device device, const st
     truth.width = view.camera.width;
     truth.height = view.camera.height;
     truth.pixels.assign(rgb, rgb + view.image->n_bytes());
-    RenderedView rendered = render(to_camera_view(view.camera), forward_only);
+    RenderedView rendered = render(to_camera_view(view.camera));
     const std::optional<ImageQuality> quality = compare_view(view, truth, colors, rendered, lpips);
     if (quality) {
       evaluation.views.push_back({view.name, *quality});

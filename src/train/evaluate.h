@@ -36,18 +36,13 @@ ColorEvaluation color_evaluation(const TrainConfig& config);
 using RenderedFn =
     std::function<void(std::size_t index, const View&, const RenderedView&, const std::optional<ImageQuality>&)>;
 
-/// Renders one view.
-using RenderFn = std::function<RenderedView(const CameraView&, const RenderSettings&)>;
+/// Renders a view, on `device`.
+using RenderFn = std::function<RenderedView(const CameraView&)>;
 
-/// Renders each view with `settings` and compares it with its photograph. Views keep their order; those without a valid
-/// pixel are left out of the mean. `lpips`: may be null.
-Evaluation evaluate_views(Rasterizer& rasterizer, const GaussianTensors& gaussians, const std::vector<View>& views,
-                          const RenderSettings& settings, const RenderedFn& on_rendered = {},
-                          const LpipsNetwork* lpips = nullptr, const ColorEvaluation& colors = {});
-
-/// The same with another way to render. `device`: that of the rendered views.
+/// Renders each view and compares it with its photograph. Views keep their order; those without a valid pixel are left
+/// out of the mean. `lpips`: may be null.
 Evaluation evaluate_views(const RenderFn& render, torch::Device device, const std::vector<View>& views,
-                          const RenderSettings& settings, const RenderedFn& on_rendered = {},
-                          const LpipsNetwork* lpips = nullptr, const ColorEvaluation& colors = {});
+                          const RenderedFn& on_rendered = {}, const LpipsNetwork* lpips = nullptr,
+                          const ColorEvaluation& colors = {});
 
 }  // namespace b3dgs

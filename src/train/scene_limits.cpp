@@ -4,7 +4,7 @@
 #include <cmath>
 #include <filesystem>
 #include <limits>
-#include <type_traits>
+#include <nlohmann/json.hpp>
 
 #include "core/check.h"
 #include "core/text.h"
@@ -12,17 +12,18 @@
 namespace b3dgs {
 namespace {
 
-namespace fs = std::filesystem;
-
-template <class Value>
-void check_same(const char* name, const Value& of_scene, const Value& of_config) {
-  if (of_scene == of_config) return;
-  const auto text = [](const Value& value) {
-    if constexpr (std::is_same_v<Value, std::string>) return '"' + value + '"';
-    return detail::concat(std::boolalpha, value);
-  };
-  input_error("the scene was not read with the options of the training: ", name, " (expected ", text(of_config),
-              " as in TrainConfig, found ", text(of_scene), " in SceneOptions); load it with scene_options(config)");
+/// The options that decide what a scene shows, by name.
+nlohmann::ordered_json compared_options(const SceneOptions& options) {
+  const std::filesystem::path folder = std::filesystem::absolute(options.source_path) / "";
+  return {{"source_path", folder.lexically_normal().string()},
+          {"images", options.images},
+          {"resolution", options.resolution},
+          {"lenses", options.lenses},
+          {"eval", options.eval},
+          {"white_background", options.white_background},
+          {"masks", options.masks},
+          {"invert_masks", options.invert_masks},
+          {"empty_background", options.empty_background}};
 }
 
 }  // namespace
@@ -53,18 +54,14 @@ void check_scene_options(const TrainConfig& config, const Scene& scene) {
                 "--antialiasing", is_panorama ? "" : ", or undistort the photographs with --lenses undistort");
   }
   if (!scene.options || config.source_path.empty()) return;
-  const SceneOptions expected = scene_options(config);
-  const SceneOptions& found = *scene.options;
-  const auto plain = [](const std::string& path) { return (fs::absolute(path) / "").lexically_normal().string(); };
-  check_same("source_path", plain(found.source_path), plain(expected.source_path));
-  check_same("images", found.images, expected.images);
-  check_same("resolution", found.resolution, expected.resolution);
-  check_same("lenses", found.lenses, expected.lenses);
-  check_same("eval", found.eval, expected.eval);
-  check_same("white_background", found.white_background, expected.white_background);
-  check_same("masks", found.masks, expected.masks);
-  check_same("invert_masks", found.invert_masks, expected.invert_masks);
-  check_same("empty_background", found.empty_background, expected.empty_background);
+  const nlohmann::ordered_json found = compared_options(*scene.options),
+                               wanted = compared_options(scene_options(config));
+  for (const auto& [name, expected] : wanted.items()) {
+    if (found[name] == expected) continue;
+    input_error("the scene was not read with the options of the training: ", name, " (expected ", expected.dump(),
+                " as in TrainConfig, found ", found[name].dump(),
+                " in SceneOptions); load it with scene_options(config)");
+  }
 }
 
 std::int64_t count_limit(const TrainConfig& config, const Scene& scene) {
@@ -105,11 +102,8 @@ Photographs training_photographs(const Scene& scene) {
   }
   double sum = 0, n = 0;
   for (const std::vector<std::size_t>& own : seen) {
-    if (own.empty()) continue;
-    double all = 0;
-    for (const std::size_t i : own) all += n_views[i];
-    sum += all / static_cast<double>(own.size());
-    ++n;
+    for (const std::size_t i : own) sum += n_views[i] / static_cast<double>(own.size());
+    n += own.empty() ? 0 : 1;
   }
   if (n == 0) return scene.train.size();
   return {scene.train.size(), sum / n * static_cast<double>(view_step)};

@@ -16,6 +16,7 @@
 #include "core/random.h"
 #include "core/text.h"
 #include "raster/torch/tensors.h"
+#include "train/checkpoint/checkpoint.h"
 #include "train/evaluate.h"
 #include "train/optimizer/adam.h"
 
@@ -42,7 +43,9 @@ Stepper::Stepper(Training& training)
 // --- Steps ---
 
 void Stepper::step() {
-  MemoryRemedies remedies(remedies_of_step());
+  // A rank that repeated a step alone would leave the others waiting: it repeats what it does alone.
+  std::vector<MemoryRemedy> remedies;
+  if (is_alone()) remedies = training_.remedies();
   for (bool is_taken = false; !is_taken;) {
     before_ = {state_, state_.adam.steps};
     try {
@@ -56,7 +59,7 @@ void Stepper::step() {
     } catch (...) {
       roll_back();
       if (!training_.is_consistent) throw;  // the Gaussians have changed
-      remedies.free_or_rethrow();
+      free_memory_or_rethrow(remedies);
     }
   }
   state_.n_density_pending = state_.step_iterations;
@@ -111,7 +114,7 @@ void Stepper::learn_view(const TrainView& view) {
   }
   if (keeps_gradients()) {
     optimizer_.make_room_for_view(state_.gaussians);
-    if (plan.statistics) make_room_for_statistics();
+    if (plan.statistics) save_statistics();
   }
   note_view_size(iteration);
   note_visibility(view.index, training_.rasterizer.view_size().n_pairs == 0);
@@ -133,7 +136,6 @@ void Stepper::learn_view(const TrainView& view) {
   if (settings.camera_gradient) training_.views.poses.add_gradient(view.index, iteration, statistics.camera_grad);
   if (!plan.statistics) return;
   training_.timer.begin(Stage::kDensify);
-  if (keeps_gradients()) save_statistics();
   DensityView seen{iteration, statistics, view.camera.width, view.camera.height};
   if (plan.score) {
     seen.add_scores = [&](const GaussianScores& scores) {
@@ -149,7 +151,7 @@ void Stepper::finish_step(const torch::Tensor& model_rows) {
     optimizer_.step_views(adam_rates(config_, training_.scene.extent, state_.iteration), state_.gaussians, state_.adam,
                           &training_.timer);
   }
-  saved_statistics_.is_in_use = false;
+  saved_statistics_.clear();
   training_.views.poses.queue_step();
   if (training_.device.is_cpu()) training_.views.poses.take_queued_steps();
   // What is learned of each photograph takes a step for each view.
@@ -228,6 +230,11 @@ void Stepper::prepare_appearance() {
   }
 }
 
+void Stepper::write_checkpoint(const nlohmann::ordered_json& scene_fingerprint) {
+  const TrainState& whole = flushed_state();
+  training_.recorder.write_checkpoint(checkpoint_header(config_, whole, scene_fingerprint), checkpoint_tensors(whole));
+}
+
 // --- What is known of the views ---
 
 void Stepper::note_view_size(int iteration) {
@@ -243,41 +250,30 @@ void Stepper::note_view_size(int iteration) {
 }
 
 void Stepper::note_visibility(std::int32_t view, bool is_empty) {
-  visibility_.empty_views.resize(training_.scene.train.size());
-  visibility_.empty_views[static_cast<std::size_t>(view)] = is_empty;
-  if (++visibility_.n_rendered == visibility_.empty_views.size()) warn_of_empty_views();
+  empty_views_.resize(training_.scene.train.size());
+  empty_views_[static_cast<std::size_t>(view)] = is_empty;
+  if (++n_rendered_ == empty_views_.size()) warn_of_empty_views();
 }
 
 void Stepper::warn_of_empty_views() {
-  const std::vector<bool>& empty = visibility_.empty_views;
-  const auto n = static_cast<std::size_t>(std::count(empty.begin(), empty.end(), true));
-  if (n == 0 || (n <= visibility_.n_warned_of && 2 * n < empty.size())) return;
-  visibility_.n_warned_of = n;
+  const auto n = static_cast<std::size_t>(std::count(empty_views_.begin(), empty_views_.end(), true));
+  if (n == 0 || (n <= n_empty_at_warning_ && 2 * n < empty_views_.size())) return;
+  n_empty_at_warning_ = n;
   if (!writes_files()) return;
-  const auto first = std::find(empty.begin(), empty.end(), true) - empty.begin();
-  training_.recorder.warn(
-      detail::concat("after iteration ", state_.iteration, ": no Gaussian is visible in ", n, " of ", empty.size(),
-                     " training views (first: ", training_.scene.train[static_cast<std::size_t>(first)].name,
-                     "); check their poses, --near_plane (", config_.near_plane, ") and the learning rates"));
+  const auto first = std::find(empty_views_.begin(), empty_views_.end(), true) - empty_views_.begin();
+  training_.recorder.warn(detail::concat(
+      "after iteration ", state_.iteration, ": no Gaussian is visible in ", n, " of ", empty_views_.size(),
+      " training views (first: ", training_.scene.train[static_cast<std::size_t>(first)].name,
+      "); check their poses, --near_plane (", config_.near_plane, ") and the learning rates"));
 }
 
 // --- Failures ---
 
-void Stepper::make_room_for_statistics() {
-  const std::vector<torch::Tensor*> columns = state_.statistics.all();
-  saved_statistics_.columns.resize(columns.size());
-  saved_statistics_.rooms.resize(columns.size());
-  for (std::size_t i = 0; i < columns.size(); ++i) {
-    place_tensor(saved_statistics_.columns[i], saved_statistics_.rooms[i], columns[i]->sizes(), columns[i]->options(),
-                 /*spare_part=*/4);
-  }
-}
-
 void Stepper::save_statistics() {
-  if (std::exchange(saved_statistics_.is_in_use, true)) return;
-  for (std::size_t i = 0; i < saved_statistics_.columns.size(); ++i) {
-    saved_statistics_.columns[i].copy_(*state_.statistics.all()[i]);
-  }
+  if (!saved_statistics_.empty()) return;
+  std::vector<torch::Tensor> saved;
+  for (const torch::Tensor* column : state_.statistics.all()) saved.push_back(column->clone());
+  saved_statistics_ = std::move(saved);
 }
 
 void Stepper::roll_back() {
@@ -290,11 +286,8 @@ void Stepper::roll_back() {
   unread_losses_.erase(std::remove_if(unread_losses_.begin(), unread_losses_.end(), is_of_step), unread_losses_.end());
   optimizer_.drop_views();
   training_.views.poses.drop_gradients();
-  if (std::exchange(saved_statistics_.is_in_use, false)) {
-    for (std::size_t i = 0; i < saved_statistics_.columns.size(); ++i) {
-      state_.statistics.all()[i]->copy_(saved_statistics_.columns[i]);
-    }
-  }
+  for (std::size_t i = 0; i < saved_statistics_.size(); ++i) state_.statistics.all()[i]->copy_(saved_statistics_[i]);
+  saved_statistics_.clear();
   static_cast<StepPosition&>(state_) = before_.position;
 }
 
@@ -334,7 +327,7 @@ GaussianMemory Stepper::memory_of_gaussian() {
 }
 
 std::int64_t Stepper::memory_of_images() {
-  const double taken = visibility_.n_rendered == 0 ? 0 : 1.0 / coarse_scale_at(config_, state_.iteration);
+  const double taken = n_rendered_ == 0 ? 0 : 1.0 / coarse_scale_at(config_, state_.iteration);
   const double to_come = (1 - taken * taken) * static_cast<double>(training_.objective.bytes_per_pixel());
   const double n_pixels = static_cast<double>(largest_view_.width) * largest_view_.height;
   return static_cast<std::int64_t>(memory_of_view().of_image + to_come * n_pixels);

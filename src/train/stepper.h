@@ -49,17 +49,20 @@ class Stepper {
   void step();
   /// Waits for the losses not yet read, adds them to the average, and moves the poses. @throws LossError
   virtual void complete_pending();
+  /// Does the density control that falls on the iterations of the last step and has not been done yet: rounds within
+  /// the available memory. If a round, or the views after it, would not fit, the number of Gaussians is held and
+  /// training continues with the existing ones.
+  void run_density_control();
   /// Warns if no Gaussian is visible in half of the training views, or in more than before.
   void warn_of_empty_views();
 
   // The model.
 
-  /// Where the state is to be when adopt_model() is called.
-  virtual torch::Device load_device() const { return training_.device; }
+  /// Where the state is to be when adopt_model() is called: no GPU has room for all of a model of several processes.
+  torch::Device load_device() const { return is_alone() ? training_.device : torch::Device(torch::kCPU); }
   /// Once the state has Gaussians: at the start, or from a checkpoint.
   virtual void adopt_model() {}
-  /// Makes the state of what is learned of photographs, unless that of a checkpoint fits, and drops what no option asks
-  /// for.
+  /// Makes what is learned of photographs, unless that of a checkpoint fits, and drops what no option asks for.
   void prepare_appearance();
   /// Applies the deferred optimizer updates, which is part of training.
   void flush() {
@@ -88,30 +91,11 @@ class Stepper {
   }
   /// All Gaussians; undefined where writes_files() is false.
   virtual GaussianTensors whole_gaussians() { return flushed_state().gaussians; }
-  virtual void write_checkpoint(const nlohmann::ordered_json& scene_fingerprint) {
-    training_.recorder.write_checkpoint(flushed_state(), scene_fingerprint);
-  }
+  virtual void write_checkpoint(const nlohmann::ordered_json& scene_fingerprint);
 
-  // Rounds of density control (density_control.h).
-
-  ViewMemory memory_of_view();
   GaussianMemory memory_of_gaussian();
   /// Of the largest view, whatever is in it: its pixels in the rasterizer, and images beyond those of the last steps.
   std::int64_t memory_of_images();
-  /// Number of Gaussians for which there is memory; nothing if memory is not limited.
-  virtual std::optional<std::int64_t> room_for_gaussians();
-  virtual void begin_round() { state_.view_ratios.begin_round(); }
-  virtual DensityRound plan_round(int iteration, std::int64_t limit) {
-    return training_.density->plan_round(state_.gaussians, state_.statistics, iteration, limit);
-  }
-  /// `limit`: of the model's Gaussians; 0 = none.
-  virtual void apply_round(const DensityRound& round, int iteration, std::int64_t limit) {
-    reserve_rows(round.edit, limit);
-    apply_reserved(round.edit, iteration);
-  }
-  virtual void end_round() {}
-  /// A remedy that counts as successful in all processes if it is in one.
-  virtual MemoryRemedy together(MemoryRemedy remedy) { return remedy; }
 
   // What several processes agree on, or one of them does for all.
 
@@ -151,8 +135,6 @@ class Stepper {
   };
 
   virtual void take_step();
-  /// What frees memory for a step that has run out of it, before the step is taken again.
-  virtual std::vector<MemoryRemedy> remedies_of_step() { return training_.remedies(); }
   /// Begins a step up to iteration `last`. All processes call it together.
   void begin_step(int last);
   /// Renders the view of the current iteration and compares it with its photograph. Keeps the gradients of its splats,
@@ -165,8 +147,8 @@ class Stepper {
   /// Whether steps keep the gradients of their views' splats, from which a pass of its own takes the Adam step. Else
   /// the backward pass of the one view does that, which is faster. The GPU compiler may fuse multiplications and
   /// additions differently in the two; --deterministic always has the bytes of the former.
-  virtual bool keeps_gradients() const {
-    return config_.batch > 1 || (config_.deterministic && !training_.device.is_cpu());
+  bool keeps_gradients() const {
+    return !is_alone() || config_.batch > 1 || (config_.deterministic && !training_.device.is_cpu());
   }
   /// Of the step, by the loss before it, which all processes know.
   RegularizationWeights regularization() const;
@@ -181,19 +163,38 @@ class Stepper {
   void note_view_size(int iteration);
   /// Warns after each view has been rendered once if no Gaussian is visible in some of them.
   void note_visibility(std::int32_t view, bool is_empty);
+
+  // Rounds of density control.
+
+  /// Number of Gaussians for which there is memory; nothing if memory is not limited.
+  virtual std::optional<std::int64_t> room_for_gaussians();
+  virtual void begin_round() { state_.view_ratios.begin_round(); }
+  virtual DensityRound plan_round(int iteration, std::int64_t limit) {
+    return training_.density->plan_round(state_.gaussians, state_.statistics, iteration, limit);
+  }
+  /// `limit`: of the model's Gaussians; 0 = none.
+  virtual void apply_round(const DensityRound& round, int iteration, std::int64_t limit) {
+    reserve_rows(round.edit, limit);
+    apply_reserved(round.edit, iteration);
+  }
+  virtual void end_round() {}
+  /// A remedy that counts as successful in all processes if it is in one.
+  virtual MemoryRemedy together(MemoryRemedy remedy) { return remedy; }
+  /// Memory for an edit of this process' rows, if possible with spare capacity, so that most rounds reallocate nothing.
+  /// `limit`: of the rows; 0 = none.
+  void reserve_rows(const RowEdit& edit, std::int64_t limit);
+  void apply_reserved(const RowEdit& edit, int iteration);
+
+  // Failures.
+
   /// Adds the loss of a view to the average. @throws LossError if it is not finite
   void add_loss(const ViewOfStep& view, double value);
-  /// Statistics as they were before the step, whose views are added one by one.
-  void make_room_for_statistics();
+  /// Keeps a copy of the statistics for roll_back(), before the first view of a step is added to them.
   void save_statistics();
   void roll_back();
   void remove_invalid_gaussians(const InvalidGaussianError& error);
   /// Removes the Gaussian of this row of the model, and others that are invalid. Returns their number.
   virtual std::int64_t remove_invalid_rows(std::int64_t row);
-  /// Memory for an edit of this process' rows, if possible with spare capacity, so that most rounds reallocate nothing.
-  /// `limit`: of the rows; 0 = none.
-  void reserve_rows(const RowEdit& edit, std::int64_t limit);
-  void apply_reserved(const RowEdit& edit, int iteration);
 
   Training& training_;
   TrainState& state_;  // training_.state
@@ -210,17 +211,23 @@ class Stepper {
   } before_;
 
  private:
-  struct SavedStatistics {
-    bool is_in_use = false;
-    std::vector<torch::Tensor> columns, rooms;
-  } saved_statistics_;
-  /// In which training views no Gaussian was visible when they were rendered last.
-  struct Visibility {
-    std::vector<bool> empty_views;
-    std::size_t n_rendered = 0, n_warned_of = 0;
-  } visibility_;
+  ViewMemory memory_of_view();
+  // density_control.cpp
+  /// With fewer or no new Gaussians if memory is short.
+  void run_round(int iteration);
+  void plan_and_apply(int iteration, bool adds);
+  /// Whether the hold can end now that there is memory for `room` Gaussians (0 = any number).
+  bool can_grow_again(std::int64_t room) const;
+  /// The model does not grow beyond `count` until there is memory for more. Logged at the start of a hold and when it
+  /// drops by over 1 %.
+  void hold_count(std::int64_t count);
+
+  std::vector<torch::Tensor> saved_statistics_;  // as they were before the step; empty = not changed
+  std::vector<bool> empty_views_;                // no Gaussian was visible when the view was rendered last
+  std::size_t n_rendered_ = 0, n_empty_at_warning_ = 0;
   std::int64_t view_bytes_ = 0;  // of the rasterizer's buffers after the last view
   std::int64_t n_removed_at_warning_ = 0;
+  bool growth_has_failed_ = false;  // in this session, although memory had seemed sufficient
 };
 
 }  // namespace b3dgs

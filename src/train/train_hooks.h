@@ -7,12 +7,12 @@
 #include <optional>
 #include <string>
 
-#include "adaptive/kernel_timer.h"
 #include "raster/torch/rasterizer.h"
 #include "scene/scene.h"
 #include "train/memory/memory.h"
-#include "train/output/train_events.h"
+#include "train/output/train_recorder.h"
 #include "train/poses/camera_correction.h"
+#include "train/selection/kernel_chooser.h"
 
 namespace b3dgs {
 
@@ -44,10 +44,10 @@ struct TrainHooks : TrainListeners {
   std::optional<double> gpu_memory_gb;  // overrides the option, for processes that share a GPU
 
   // For tests and benchmarks.
-  std::function<double()> clock_s;  // seconds for train_s and output_s; std::chrono::steady_clock if empty
-  bool wait_for_files = false;      // each file is on disk before the next iteration
-  std::function<std::unique_ptr<KernelTimer>()> make_kernel_timer;  // times candidate kernels; the device's if empty
-  std::shared_ptr<MemorySource> memory;                             // the device's if null
+  std::function<double()> clock_s;       // seconds for train_s and output_s; std::chrono::steady_clock if empty
+  bool wait_for_files = false;           // each file is on disk before the next iteration
+  RunTimer time_kernels;                 // of candidates; the device's if empty
+  std::shared_ptr<MemorySource> memory;  // the device's if null
   // Bytes of photographs that stay on the device, overriding image_cache_gb, for trainers that share a device.
   std::optional<std::int64_t> image_budget;
 };

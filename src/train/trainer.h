@@ -21,7 +21,6 @@
 
 namespace b3dgs {
 
-class DensityControl;
 class Stepper;
 struct BlendInput;
 struct OutputPlan;
@@ -65,7 +64,7 @@ class Trainer {
   TrainResult run(std::optional<int> until = std::nullopt);
 
   /// Last iteration done.
-  int iteration() const;
+  int iteration() const { return state_.iteration; }
 
   /// Renders `views` with the current model and computes their PSNR and SSIM; training views with their refined poses.
   /// Call run() first. Of several processes, all call this together, except in TrainHooks::on_result; the result
@@ -88,8 +87,8 @@ class Trainer {
   /// Where the photographs are stored, on one line: "for training 80 in memory (122.9 MB); for testing none".
   std::string describe_images() const;
 
-  std::int64_t n_gaussians() const;
-  int sh_degree() const;  // currently optimised
+  std::int64_t n_gaussians() const { return state_.n_gaussians(); }
+  int sh_degree() const { return state_.sh_degree; }  // currently optimised
 
   /// GPU memory that training is going to use; nothing on a CPU. Makes the initial Gaussians unless there are some.
   std::optional<MemoryForecast> forecast_memory();
@@ -103,8 +102,8 @@ class Trainer {
   /// Times the blending kernels before the next step, if that is due. Does not change the Gaussians.
   void check_kernels();
   void show_model();
-  /// Writes a checkpoint if the state is consistent, and rethrows the current exception with the checkpoint's path.
-  [[noreturn]] void end_with_checkpoint();
+  /// Writes a checkpoint if the state is consistent, and throws `cause` with the checkpoint's path.
+  [[noreturn]] void end_with_checkpoint(const std::exception& cause);
   /// The end of the error message: where training can be resumed.
   std::string save_last_state();
 
@@ -116,10 +115,7 @@ class Trainer {
   void warn_of_disk_space();
   void write_outputs(const OutputPlan& plan);
   void log_load();
-  void log_kernel_times();
   void log_floaters();
-  /// No value if no test view has a valid pixel.
-  std::optional<ImageQuality> evaluate_test_views();
   Evaluation evaluate_here(const std::vector<View>& views, const RenderedFn& on_rendered);
   /// The next views, and the current model.
   BlendInput kernel_check_input();
@@ -128,9 +124,13 @@ class Trainer {
   void write_poses();
   void write_state();
 
-  std::unique_ptr<Training> training_;
+  const std::unique_ptr<Training> training_;
+  const TrainConfig& config_;  // these are of training_
+  const Scene& scene_;
+  TrainState& state_;
+  TimeAccount& time_;
+  TrainRecorder& recorder_;
   std::unique_ptr<Stepper> stepper_;
-  std::unique_ptr<DensityControl> density_control_;
   std::optional<OwnFiles> own_files_;  // of the folder, while it is written
   TrainResult result_;
   bool has_begun_ = false;

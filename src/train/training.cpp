@@ -38,7 +38,7 @@ Training::Training(const TrainConfig& options, const Scene& of, ModelFolder into
       rasterizer(device),
       objective(config, scene, device, hooks.on_loading),
       density(make_density_strategy(config, scene.extent)),
-      kernels(config, device, {hooks.make_kernel_timer ? hooks.make_kernel_timer() : nullptr}),
+      kernels(config, device, hooks.time_kernels),
       views(config, scene, state.poses, device,
             hooks.image_budget.value_or(image_budget(config.image_cache_gb, device, gpu_memory_gb(config, hooks))),
             hooks.on_loading),

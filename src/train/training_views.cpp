@@ -4,6 +4,7 @@
 #include "core/check.h"
 #include "raster/torch/tensors.h"
 #include "raster/torch/torch_cuda.h"
+#include "train/loss/loss.h"
 
 namespace b3dgs {
 
@@ -20,20 +21,17 @@ CameraView reduced_camera(const CameraView& camera, int scale) {
 }
 
 std::int64_t ViewReducer::count_valid(const Image8& mask, int scale) {
-  if (counted_scale_ != scale) n_valid_.clear();
-  counted_scale_ = scale;
-  const auto [known, is_new] = n_valid_.emplace(&mask, 0);
+  const auto [known, is_new] = n_valid_.emplace(std::pair(&mask, scale), 0);
   if (!is_new) return known->second;
   ReduceImageArgs args;
   args.width = mask.width;
   args.height = mask.height;
   args.scale = scale;
   args.valid = mask.pixels.data();
-  for (std::int32_t y = 0; y < args.reduced_height(); ++y) {
-    for (std::int32_t x = 0; x < args.reduced_width(); ++x) {
-      known->second += is_reduced_valid(args, count_valid_in(args, x, y)) ? 1 : 0;
-    }
-  }
+  std::vector<std::uint8_t> reduced(static_cast<std::size_t>(args.n_reduced()));
+  args.reduced_valid = reduced.data();
+  for_rows<reduce_pixel>(/*on_gpu=*/false, args, args.n_reduced());
+  known->second = b3dgs::count_valid(reduced.data(), args.n_reduced());
   return known->second;
 }
 

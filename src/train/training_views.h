@@ -5,6 +5,7 @@
 
 #include <cstdint>
 #include <map>
+#include <utility>
 #include <vector>
 
 #include "config/train_config.h"
@@ -37,8 +38,7 @@ class ViewReducer {
 
   torch::Device device_;
   torch::Tensor truth_, truth_room_, valid_, valid_room_;
-  int counted_scale_ = 1;
-  std::map<const Image8*, std::int64_t> n_valid_;  // at counted_scale_
+  std::map<std::pair<const Image8*, int>, std::int64_t> n_valid_;  // of a mask at a scale
 };
 
 // The training views as a step uses them: the photograph on the device, the camera with its refined pose, and both at a

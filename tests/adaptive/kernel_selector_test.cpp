@@ -498,8 +498,7 @@ TEST(Restored, AtTheLargestIterationHasNoNextCheck) {
 
 /// The line for the user after a check.
 std::string message_of(KernelSelector& selector, int iteration, const std::vector<KernelMeasurement>& measured) {
-  const KernelDecision decision = selector.decide(at(iteration), measured, 0);
-  return describe_change(decision, selector.is_finished());
+  return selector.decide(at(iteration), measured, 0).message;
 }
 
 TEST(Message, SaysWhatChangedAndTheTimes) {

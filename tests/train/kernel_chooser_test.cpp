@@ -19,39 +19,26 @@ namespace b3dgs {
 namespace {
 
 /// Does the work, and returns the given times for the kernel in use and the other one.
-class InventedTimer final : public KernelTimer {
- public:
-  InventedTimer(double in_use_ms, double other_ms) : ms_{in_use_ms, other_ms} {}
-  void measure(const std::function<void()>& work) override {
-    work();
-    ++n_measured_;
-  }
-  std::vector<double> finish() override {
-    std::vector<double> times(std::exchange(n_measured_, 0), 0.0);
-    if (times.size() != 2) return times;
-    const bool is_swapped = n_views_++ % 2 == 1;  // the order alternates
-    return is_swapped ? std::vector<double>{ms_[1], ms_[0]} : std::vector<double>{ms_[0], ms_[1]};
-  }
-
- private:
-  double ms_[2];
-  std::size_t n_measured_ = 0;
-  int n_views_ = 0;
-};
+RunTimer invented_times(double in_use_ms, double other_ms) {
+  return [=, n_views = 0](const std::vector<std::function<void()>>& runs) mutable {
+    for (const std::function<void()>& run : runs) run();
+    if (runs.size() != 2) return std::vector<double>(runs.size());
+    const bool is_swapped = n_views++ % 2 == 1;  // the order alternates
+    return is_swapped ? std::vector<double>{other_ms, in_use_ms} : std::vector<double>{in_use_ms, other_ms};
+  };
+}
 
 /// All kernels compute the same, except for some that each compute something different.
-class WrongBlend final : public BlendPass {
- public:
-  explicit WrongBlend(std::set<std::string> wrong) : wrong_(std::move(wrong)) {}
-  void prepare(const CameraView&) override {}
-  void run(const std::string& kernel) override { image_ = wrong_.count(kernel) > 0 ? kernel : ""; }
-  void keep() override { kept_ = image_; }
-  std::string fault() const override { return image_ == kept_ ? "" : "its image differs"; }
-
- private:
-  std::set<std::string> wrong_;
-  std::string image_, kept_;
-};
+BlendPass wrong_blend(const std::set<std::string>& wrong, const std::vector<std::string>& all) {
+  const auto run = [=](const std::string& kernel) {
+    const auto place = std::find(all.begin(), all.end(), kernel) - all.begin();
+    return BlendPass::Result{torch::full({1}, wrong.count(kernel) > 0 ? 1.0 + static_cast<double>(place) : 0.0)};
+  };
+  return {[](const CameraView&) {}, run,
+          [](const BlendPass::Result& result, const BlendPass::Result& kept) {
+            return std::string(torch::equal(result[0], kept[0]) ? "" : "its image differs");
+          }};
+}
 
 /// Before a step; its duration is not known unless given.
 CheckMoment at(int iteration, double step_ms = 0) {
@@ -73,13 +60,12 @@ class KernelChooserTest : public testing::Test {
     return {rasterizer, render, {}, cameras};
   }
   KernelChooser chooser(double in_use_ms, double other_ms) {
-    return KernelChooser(config, torch::kCPU, {std::make_unique<InventedTimer>(in_use_ms, other_ms)});
+    return KernelChooser(config, torch::kCPU, invented_times(in_use_ms, other_ms));
   }
   /// Like chooser(), but some kernels compute something different.
   KernelChooser chooser_with_wrong(const std::set<std::string>& kernels, double in_use_ms, double other_ms) {
-    KernelCheckTools tools{std::make_unique<InventedTimer>(in_use_ms, other_ms)};
-    tools.make_forward = [=](const BlendInput&) { return std::make_unique<WrongBlend>(kernels); };
-    return KernelChooser(config, torch::kCPU, std::move(tools));
+    return KernelChooser(config, torch::kCPU, invented_times(in_use_ms, other_ms),
+                         [=, all = config.kernel_candidates](const BlendInput&) { return wrong_blend(kernels, all); });
   }
 
   const Scene scene = test::make_tiny_scene();
@@ -89,29 +75,25 @@ class KernelChooserTest : public testing::Test {
   std::vector<CameraView> cameras;
 };
 
-TEST(KernelTimer, GivesATimeForEachPieceOfWorkOnce) {
-  const std::unique_ptr<KernelTimer> timer = make_kernel_timer(torch::kCPU);
+TEST(RunTimer, GivesATimeForEachRun) {
   int n_done = 0;
-  for (int round = 1; round <= 2; ++round) {
-    for (int piece = 0; piece < 3; ++piece) timer->measure([&] { ++n_done; });
-    EXPECT_EQ(n_done, 3 * round);
-    const std::vector<double> ms = timer->finish();
-    ASSERT_EQ(ms.size(), 3u);
-    for (const double each : ms) EXPECT_GE(each, 0);
-    EXPECT_TRUE(timer->finish().empty());
-  }
+  const std::vector<double> ms = make_run_timer(torch::kCPU)({3, [&] { ++n_done; }});
+  EXPECT_EQ(n_done, 3);
+  ASSERT_EQ(ms.size(), 3u);
+  for (const double each : ms) EXPECT_GE(each, 0);
+  EXPECT_TRUE(make_run_timer(torch::kCPU)({}).empty());
 }
 
 TEST_F(KernelChooserTest, SwitchesToTheFasterKernel) {
   KernelChooser own = chooser(2.0, 1.0);
   EXPECT_EQ(own.apply({}).kernel, ForwardKernel::kSegmented);
   ASSERT_TRUE(own.is_due(at(1)));
-  const std::vector<KernelCheck> done = own.check(at(1), input());
+  const std::vector<KernelDecision> done = own.check(at(1), input());
   ASSERT_EQ(done.size(), 1u) << "the CPU has only one backward kernel";
-  EXPECT_STREQ(done[0].pass, "forward");
-  EXPECT_EQ(done[0].decision.views, 3) << "three are enough to find a factor of two";
-  EXPECT_EQ(done[0].decision.times_ms.at("segmented"), 2.0);
-  EXPECT_EQ(done[0].decision.times_ms.at("shared-memory"), 1.0);
+  EXPECT_EQ(done[0].pass, "forward");
+  EXPECT_EQ(done[0].views, 3) << "three are enough to find a factor of two";
+  EXPECT_EQ(done[0].times_ms.at("segmented"), 2.0);
+  EXPECT_EQ(done[0].times_ms.at("shared-memory"), 1.0);
   EXPECT_EQ(done[0].message, "iteration 1: segmented 2 ms, shared-memory 1 ms: using shared-memory, permanently");
   EXPECT_EQ(own.apply({}).kernel, ForwardKernel::kSharedMemory);
   EXPECT_EQ(own.forward_name(), "shared-memory");
@@ -131,15 +113,15 @@ TEST_F(KernelChooserTest, FreesMemoryOrDecidesNothing) {
 
   KernelChooser own = chooser(2.0, 1.0);
   n_failures = 1;
-  EXPECT_EQ(own.check(at(1), full).front().decision.times_ms.at("shared-memory"), 1.0);
+  EXPECT_EQ(own.check(at(1), full).front().times_ms.at("shared-memory"), 1.0);
   EXPECT_EQ(own.forward_name(), "shared-memory");
   EXPECT_EQ(n_freed, 1);
   n_failures = 1;
-  EXPECT_EQ(own.time_candidates(full).front().times.times_ms.size(), 2u);
+  EXPECT_EQ(own.time_candidates(full).front().times_ms.size(), 2u);
 
   KernelChooser other = chooser(2.0, 1.0);
   n_failures = 2;
-  EXPECT_TRUE(other.check(at(1), full).front().decision.times_ms.empty());
+  EXPECT_TRUE(other.check(at(1), full).front().times_ms.empty());
   EXPECT_EQ(other.forward_name(), "segmented");
   n_failures = 2;
   EXPECT_TRUE(other.time_candidates(full).empty());
@@ -168,19 +150,19 @@ TEST_F(KernelChooserTest, KeepsTheBalancedKernelWhileItIsFaster) {
 }
 
 TEST_F(KernelChooserTest, UsesAllViewsIfTimesAreInconclusive) {
-  EXPECT_EQ(chooser(1.015, 1.0).check(at(1), input()).front().decision.views, 5);
+  EXPECT_EQ(chooser(1.015, 1.0).check(at(1), input()).front().views, 5);
 }
 
 TEST_F(KernelChooserTest, UsesFewerViewsIfMoreWouldCostTooMuch) {
   // Only the budget can end this check early: with so small a lead more views would help.
-  const KernelDecision decision = chooser(1.015, 1.0).check(at(1, 1e-9), input()).front().decision;
+  const KernelDecision decision = chooser(1.015, 1.0).check(at(1, 1e-9), input()).front();
   EXPECT_EQ(decision.views, KernelSelector::kMinViews);
   EXPECT_GT(decision.cost_ms, 0);
 }
 
 TEST_F(KernelChooserTest, DisablesAFasterKernelWithAWrongImage) {
   KernelChooser own = chooser_with_wrong({"shared-memory"}, 2.0, 1.0);
-  const KernelDecision decision = own.check(at(1), input()).front().decision;
+  const KernelDecision decision = own.check(at(1), input()).front();
   EXPECT_EQ(decision.disabled, (std::vector<std::string>{"shared-memory"}));
   EXPECT_EQ(decision.times_ms.count("shared-memory"), 0u) << "a disabled kernel is not timed";
   EXPECT_NE(decision.reason.find("shared-memory is disabled: its image differs"), std::string::npos);
@@ -190,13 +172,13 @@ TEST_F(KernelChooserTest, DisablesAFasterKernelWithAWrongImage) {
 
 TEST_F(KernelChooserTest, ReplacesTheKernelInUseIfItsImageIsWrong) {
   KernelChooser own = chooser_with_wrong({"segmented"}, 1.0, 2.0);
-  EXPECT_EQ(own.check(at(1), input()).front().decision.disabled, (std::vector<std::string>{"segmented"}));
+  EXPECT_EQ(own.check(at(1), input()).front().disabled, (std::vector<std::string>{"segmented"}));
   EXPECT_EQ(own.forward_name(), "shared-memory");
 }
 
 TEST_F(KernelChooserTest, UsesTheReferenceIfAllImagesAreWrong) {
   KernelChooser own = chooser_with_wrong({"segmented", "shared-memory"}, 1.0, 2.0);
-  EXPECT_EQ(own.check(at(1), input()).front().decision.disabled.size(), 2u);
+  EXPECT_EQ(own.check(at(1), input()).front().disabled.size(), 2u);
   EXPECT_EQ(own.forward_name(), "naive");
 }
 
@@ -212,7 +194,7 @@ TEST_F(KernelChooserTest, DecidesNothingOnViewsThatCannotBeRendered) {
   GaussianTensors broken = gaussians;
   broken.log_scales = torch::full_like(gaussians.log_scales, std::numeric_limits<float>::quiet_NaN());
   KernelChooser own = chooser(2.0, 1.0);
-  const KernelDecision decision = own.check(at(1), input_of(broken)).front().decision;
+  const KernelDecision decision = own.check(at(1), input_of(broken)).front();
   EXPECT_EQ(decision.after, "segmented");
   EXPECT_TRUE(decision.times_ms.empty());
   own.check(at(1000, 1e6), input());
@@ -233,7 +215,7 @@ TEST_F(KernelChooserTest, DoesAsThePaperIfToldSo) {
   EXPECT_FALSE(own.is_due(at(1)));
   EXPECT_FALSE(own.is_due(at(999)));
   ASSERT_TRUE(own.is_due(at(1000, 1e-9))) << "regardless of its cost";
-  const KernelDecision decision = own.check(at(1000, 1e-9), input()).front().decision;
+  const KernelDecision decision = own.check(at(1000, 1e-9), input()).front();
   EXPECT_EQ(decision.views, 5) << "all views";
   EXPECT_EQ(decision.times_ms.at("combined"), 2.0);
   EXPECT_EQ(own.forward_name(), "shared-memory");
@@ -295,7 +277,7 @@ TEST(KernelChoice, ByTimeChangesNoByteOfATrainingOnACpu) {
   config.iterations = 4;
   const auto train_with = [&](double in_use_ms, double other_ms, const std::string& chosen) {
     TrainHooks hooks = test::slow_training();
-    hooks.make_kernel_timer = [=] { return std::make_unique<InventedTimer>(in_use_ms, other_ms); };
+    hooks.time_kernels = invented_times(in_use_ms, other_ms);
     const test::Trained run = test::train(config, scene, temp / chosen, {}, hooks);
     EXPECT_EQ(read_checkpoint_header(run.result.checkpoint)["kernel_selection"]["forward"]["kernel"], chosen);
     return run.ply;

@@ -449,7 +449,7 @@ TEST(Trainer, KnowsTheDurationOfAStepAfterALogLineAndAfterAResume) {
   config.kernel_check_interval = 11;  // right after the line of iteration 10
   const auto train_as_timed = [&](const char* folder, const fs::path& checkpoint) {
     TrainHooks hooks = test::slow_training();
-    hooks.make_kernel_timer = [] { return std::make_unique<test::EqualTimer>(); };  // the policy keeps checking
+    hooks.time_kernels = test::equal_times();  // the policy keeps checking
     return train(config, scene, temp / folder, checkpoint, hooks).result.checkpoint;
   };
   train_as_timed("whole", {});

@@ -4,7 +4,7 @@
 #include <iterator>
 #include <map>
 #include <set>
-#include <type_traits>
+#include <utility>
 
 #include "config/train_options.h"
 #include "core/check.h"
@@ -30,11 +30,10 @@ enum class Presence {
 
 enum class Values { kAny, kNotNegative, kFinite };
 
-/// A tensor of the state. `Tensor` is const if the state is.
-template <class Tensor>
+/// A tensor of the state.
 struct Row {
   std::string name;  // in the file
-  Tensor* tensor = nullptr;
+  torch::Tensor* tensor = nullptr;
   Presence presence = Presence::kAlways;
   std::vector<std::int64_t> shape;
   Values values = Values::kAny;
@@ -45,13 +44,11 @@ struct Row {
 };
 
 /// All tensors of a state, in file order.
-template <class State>
-auto rows_of(State& state) {
-  using Tensor = std::conditional_t<std::is_const_v<State>, const torch::Tensor, torch::Tensor>;
+std::vector<Row> rows_of(TrainState& state) {
   using Shape = std::vector<std::int64_t>;
   constexpr Presence kAlways = Presence::kAlways, kLeads = Presence::kLeads, kFollows = Presence::kFollows;
   constexpr Values kAny = Values::kAny, kNotNegative = Values::kNotNegative, kFinite = Values::kFinite;
-  std::vector<Row<Tensor>> rows;
+  std::vector<Row> rows;
   const auto add_groups = [&](const std::string& prefix, auto& groups, Values values) {
     const Shape shapes[]{{kGaussians, 3}, {kGaussians, 3},    {kGaussians, 4},
                          {kGaussians},    {kGaussians, 1, 3}, {kGaussians, kRest, 3}};
@@ -64,7 +61,7 @@ auto rows_of(State& state) {
   add_groups("adam_v.", state.adam.v, kNotNegative);
   const std::vector<std::string> columns = state.statistics.names();
   for (std::size_t i = 0; i < columns.size(); ++i) {
-    Row<Tensor> row{"statistics." + columns[i], state.statistics.all()[i], kAlways, {kGaussians}};
+    Row row{"statistics." + columns[i], state.statistics.all()[i], kAlways, {kGaussians}};
     if (columns[i] == "view_count" || columns[i] == "max_radii") row.type = torch::kInt32;
     if (columns[i] == "grad_norm_sum" || row.type == torch::kInt32) row.values = kNotNegative;
     rows.push_back(row);
@@ -75,7 +72,7 @@ auto rows_of(State& state) {
   const Shape pose{kViews, kCameraGradients}, exposures{kViews, 3, 4},
       grids{kViews, kGridLevels, kGridHeight, kGridWidth, kTransformSize},
       transforms = state.appearance.grids.defined() ? grids : exposures;
-  const Row<Tensor> optional[]{
+  const Row optional[]{
       {"gaussians.filters", &state.gaussians.filters, kLeads, {kGaussians}},
       {"poses.corrections", &state.poses.corrections, kLeads, pose, kFinite, kFloat, kOnHost},
       {"poses.adam_m", &state.poses.adam_m, kFollows, pose, kAny, kFloat, kOnHost},
@@ -90,62 +87,59 @@ auto rows_of(State& state) {
   return rows;
 }
 
+/// Those of a state that is only read.
+std::vector<Row> rows_of(const TrainState& state) {
+  std::vector<Row> rows = rows_of(const_cast<TrainState&>(state));
+  rows.erase(std::remove_if(rows.begin(), rows.end(), [](const Row& row) { return !row.tensor->defined(); }),
+             rows.end());
+  return rows;
+}
+
 /// Moves the tensors of a file into the state. @throws InputError unless they are those that a state has, in their
 /// order
 void take_tensors(std::vector<std::pair<std::string, torch::Tensor>>& tensors, TrainState& state,
                   const std::string& place) {
-  std::set<std::string> held, parts;
-  for (const auto& [name, tensor] : tensors) held.insert(name);
-  const std::vector<Row<torch::Tensor>> rows = rows_of(state);
-  for (const Row<torch::Tensor>& row : rows) {
-    if (row.presence == Presence::kLeads && held.count(row.name) > 0) parts.insert(row.part());
-  }
+  std::set<std::string> parts;
   std::size_t next = 0;
-  for (const Row<torch::Tensor>& row : rows) {
-    if (row.presence == Presence::kLeads && held.count(row.name) == 0) continue;
-    if (row.presence == Presence::kFollows && parts.count(row.part()) == 0) continue;
-    if (next == tensors.size() || tensors[next].first != row.name) {
+  for (const Row& row : rows_of(state)) {
+    if (next < tensors.size() && tensors[next].first == row.name) {
+      *row.tensor = std::move(tensors[next++].second);
+      parts.insert(row.part());
+    } else if (row.presence == Presence::kAlways ||
+               (row.presence == Presence::kFollows && parts.count(row.part()) > 0)) {
       input_error(place, ": tensor ", row.name, " is missing",
                   next < tensors.size() ? ", found " + tensors[next].first : std::string());
     }
-    *row.tensor = std::move(tensors[next++].second);
   }
   if (next != tensors.size()) input_error(place, ": unknown tensor ", tensors[next].first);
 }
 
-/// @throws InputError unless all tensors have the shapes and types that header and config imply
-void check_shapes(const TrainState& state, std::int64_t n, const TrainConfig& config, std::int64_t n_views,
-                  const std::string& place) {
+/// @throws InputError unless all tensors, which are on the CPU, have the shapes and types that header and config imply;
+/// or if a count or a sum of squares is negative
+void check_tensors(const TrainState& state, std::int64_t n, const TrainConfig& config, std::int64_t n_views,
+                   const std::string& place) {
   if (state.appearance.exposures.defined() && state.appearance.grids.defined()) {
     input_error(place, ": has both exposures and bilateral grids, expected one of them; the file is damaged");
   }
   const std::map<std::int64_t, std::int64_t> sizes{
       {kGaussians, n}, {kViews, n_views}, {kRest, sh_coefficient_count(config.sh_degree) - 1}};
-  for (const Row<const torch::Tensor>& row : rows_of(state)) {
-    if (!row.tensor->defined()) continue;
+  for (const Row& row : rows_of(state)) {
+    const torch::Tensor& tensor = *row.tensor;
     std::vector<std::int64_t> wanted = row.shape;
     for (std::int64_t& size : wanted) {
       if (size < 0) size = sizes.at(size);
     }
-    if (row.tensor->sizes() != torch::IntArrayRef(wanted) || row.tensor->scalar_type() != row.type) {
-      input_error(place, ": tensor ", row.name, " is ", row.tensor->sizes(), " ", row.tensor->scalar_type(),
-                  ", expected ", torch::IntArrayRef(wanted), " ", row.type);
+    if (tensor.sizes() != torch::IntArrayRef(wanted) || tensor.scalar_type() != row.type) {
+      input_error(place, ": tensor ", row.name, " is ", tensor.sizes(), " ", tensor.scalar_type(), ", expected ",
+                  torch::IntArrayRef(wanted), " ", row.type);
     }
-  }
-}
-
-/// @throws InputError if a count or a sum of squares is negative. Those that are not finite are accepted: training
-/// removes Gaussians that have them, so that a few of these do not make a checkpoint useless.
-void check_values(const TrainState& state, const std::string& place) {
-  for (const Row<const torch::Tensor>& row : rows_of(state)) {
-    if (!row.tensor->defined()) continue;
     if (row.values == Values::kNotNegative) {
-      const torch::Tensor values = row.tensor->flatten(), negative = torch::nonzero(values < 0);
+      const torch::Tensor values = tensor.flatten(), negative = torch::nonzero(values < 0);
       if (negative.numel() == 0) continue;
       const auto index = negative[0].item<std::int64_t>();
       input_error(place, ": tensor ", row.name, ": expected values of at least 0, found ", values[index].item<double>(),
                   " at index ", index, "; resume from another checkpoint");
-    } else if (row.values == Values::kFinite && !torch::isfinite(*row.tensor).all().item<bool>()) {
+    } else if (row.values == Values::kFinite && !torch::isfinite(tensor).all().item<bool>()) {
       input_error(place, ": tensor ", row.name, " has values that are not finite");
     }
   }
@@ -191,20 +185,19 @@ Json checkpoint_header(const TrainConfig& config, const TrainState& state, const
   return header;
 }
 
-std::vector<std::pair<std::string, torch::Tensor>> checkpoint_tensors(const TrainState& state) {
-  std::vector<std::pair<std::string, torch::Tensor>> tensors;
-  for (const Row<const torch::Tensor>& row : rows_of(state)) {
-    if (!row.tensor->defined()) continue;
+std::vector<CheckpointTensor> checkpoint_tensors(const TrainState& state) {
+  std::vector<CheckpointTensor> tensors;
+  for (const Row& row : rows_of(state)) {
     // The tensors of a checkpoint are written from one device.
-    tensors.emplace_back(row.name, row.is_on_host ? row.tensor->to(state.gaussians.means.device()) : *row.tensor);
+    tensors.push_back({{row.name, row.tensor->scalar_type(), row.tensor->sizes().vec()},
+                       row.is_on_host ? row.tensor->to(state.gaussians.means.device()) : *row.tensor});
   }
   return tensors;
 }
 
 std::int64_t checkpoint_bytes(const TrainState& state) {
   std::int64_t bytes = 0;
-  for (const Row<const torch::Tensor>& row : rows_of(state)) {
-    if (!row.tensor->defined()) continue;
+  for (const Row& row : rows_of(state)) {
     bytes += row.tensor->element_size() * row_elements(*row.tensor) *
              (row.shape.front() == kGaussians ? state.n_gaussians() : row.tensor->size(0));
   }
@@ -235,10 +228,9 @@ Checkpoint read_checkpoint(const std::filesystem::path& path, const Scene& scene
     input_error(place, ": appearance_last_steps has ", state.appearance.last_steps.size(), " values, expected ",
                 scene.train.size());
   }
-  check_shapes(state, header.n_gaussians, checkpoint.config, static_cast<std::int64_t>(scene.train.size()), place);
-  check_values(state, place);
-  for (const Row<torch::Tensor>& row : rows_of(state)) {
-    if (row.tensor->defined() && !row.is_on_host) *row.tensor = row.tensor->to(device);
+  check_tensors(state, header.n_gaussians, checkpoint.config, static_cast<std::int64_t>(scene.train.size()), place);
+  for (const Row& row : rows_of(std::as_const(state))) {
+    if (!row.is_on_host) *row.tensor = row.tensor->to(device);
   }
   return checkpoint;
 }
@@ -256,9 +248,7 @@ void remove_superseded_checkpoints(const ModelFolder& folder, const std::string&
       continue;  // damaged: it cannot be told which training wrote it
     }
   }
-  for (std::size_t i = static_cast<std::size_t>(keep); i < own.size(); ++i) {
-    remove_own_file(own[i]);
-  }
+  for (std::size_t i = static_cast<std::size_t>(keep); i < own.size(); ++i) remove_own_file(own[i]);
 }
 
 std::filesystem::path newest_valid_checkpoint(const ModelFolder& folder,

@@ -87,14 +87,10 @@ CoordinateFrame checkpoint_frame(const std::filesystem::path& checkpoint);
 /// or intrinsics. Images need not be loaded.
 void check_scene(const nlohmann::ordered_json& header, const Scene& scene, const std::string& place);
 
-/// Names of training views of which another file is in the list `key` of the fingerprint ("photographs", "masks",
-/// "depth_maps") than when a checkpoint with this header was written. A list that the header lacks, as those of early
-/// versions, differs nowhere. A mask or depth map may also have been added or be gone.
-std::vector<std::string> changed_files(const nlohmann::ordered_json& header, const nlohmann::ordered_json& fingerprint,
-                                       const std::string& key);
-
-/// Whether the scene had other points, if the header has that information.
-bool have_points_changed(const nlohmann::ordered_json& header, const nlohmann::ordered_json& fingerprint);
+/// Warnings, one line each, about photographs, masks, depth maps and points that have changed since a checkpoint with
+/// this header was written. What the header does not list, as in early versions, counts as unchanged. A mask or depth
+/// map may also have been added or be gone.
+std::vector<std::string> scene_changes(const nlohmann::ordered_json& header, const nlohmann::ordered_json& fingerprint);
 
 // Reads and writes the training state.
 
@@ -107,8 +103,19 @@ struct Checkpoint {
 nlohmann::ordered_json checkpoint_header(const TrainConfig& config, const TrainState& state,
                                          const nlohmann::ordered_json& fingerprint);
 
-/// Names and tensors of a state, in file order.
-std::vector<std::pair<std::string, torch::Tensor>> checkpoint_tensors(const TrainState& state);
+using TakePiece = std::function<void(const void* piece, std::size_t bytes)>;
+
+/// A tensor to be written: `values`, or one that is in memory only while `read` passes its bytes, in pieces. All of a
+/// file are of one kind; those that are read, are read on the calling thread, in order, unless the file cannot be
+/// written.
+struct CheckpointTensor {
+  TensorEntry entry;
+  torch::Tensor values;
+  std::function<void(const TakePiece& take)> read{};
+};
+
+/// The tensors of a state, in file order.
+std::vector<CheckpointTensor> checkpoint_tensors(const TrainState& state);
 
 /// Bytes of these tensors, with the rows of all ranks.
 std::int64_t checkpoint_bytes(const TrainState& state);

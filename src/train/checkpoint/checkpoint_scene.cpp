@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
+#include <iterator>
 #include <set>
 
 #include "core/check.h"
@@ -19,40 +20,35 @@ bool is_same_extent(const Json& before, const Json& after) {
   return std::abs(a - b) <= kTolerance * std::max(std::abs(a), std::abs(b));
 }
 
-/// `json` as it will be read back from a file: invalid UTF-8 is replaced when it is written.
-Json as_read_back(const Json& json) {
-  return Json::parse(json.dump(-1, ' ', false, Json::error_handler_t::replace));
-}
-
 Json describe_views(const Scene& scene) {
   Json views = Json::array();
   for (const View& view : scene.train) {
     views.push_back({{"name", view.name}, {"width", view.camera.width}, {"height", view.camera.height}});
   }
-  return as_read_back(views);
+  // As they will be read back from a file: invalid UTF-8 is replaced when it is written.
+  return Json::parse(views.dump(-1, ' ', false, Json::error_handler_t::replace));
 }
 
-/// Of pose and intrinsics, rounded to float: a later version may compute them in another order.
-std::uint32_t camera_crc(const Camera& camera) {
-  std::vector<double> values{camera.fx, camera.fy, camera.cx, camera.cy};
-  const Pose& pose = camera.cam_from_world;
-  values.insert(values.end(), pose.rotation.begin(), pose.rotation.end());
-  values.insert(values.end(), pose.translation.begin(), pose.translation.end());
-  if (!camera.is_pinhole()) {
-    values.push_back(static_cast<double>(camera.lens.kind));
-    values.insert(values.end(), std::begin(camera.lens.k), std::end(camera.lens.k));
-  }
-  std::uint32_t crc = 0;
-  for (const double value : values) {
-    const float rounded = static_cast<float>(value) + 0.0f;  // -0 is 0
-    crc = add_crc(crc, &rounded, sizeof rounded);
-  }
-  return crc;
-}
-
+/// Of pose and intrinsics of each training view, rounded to float: a later version may compute them in another order.
 Json camera_crcs(const Scene& scene) {
   Json crcs = Json::array();
-  for (const View& view : scene.train) crcs.push_back(camera_crc(view.camera));
+  for (const View& view : scene.train) {
+    const Camera& camera = view.camera;
+    const Pose& pose = camera.cam_from_world;
+    std::vector<double> values{camera.fx, camera.fy, camera.cx, camera.cy};
+    values.insert(values.end(), pose.rotation.begin(), pose.rotation.end());
+    values.insert(values.end(), pose.translation.begin(), pose.translation.end());
+    if (!camera.is_pinhole()) {
+      values.push_back(static_cast<double>(camera.lens.kind));
+      values.insert(values.end(), std::begin(camera.lens.k), std::end(camera.lens.k));
+    }
+    std::uint32_t crc = 0;
+    for (const double value : values) {
+      const float rounded = static_cast<float>(value) + 0.0f;  // -0 is 0
+      crc = add_crc(crc, &rounded, sizeof rounded);
+    }
+    crcs.push_back(crc);
+  }
   return crcs;
 }
 
@@ -71,21 +67,16 @@ std::string count_and_first(const std::vector<std::string>& names, const char* w
 
 // Which of the training views `before` are not among those of the scene, and the other way round; empty if none are.
 std::string describe_difference(const Json& before, const Json& after, const Scene& scene) {
-  const auto names_of = [](const Json& views) {
-    std::set<std::string> names;
-    for (const Json& view : views) names.insert(view.at("name").get<std::string>());
-    return names;
-  };
-  const std::set<std::string> old_names = names_of(before), new_names = names_of(after);
-  std::set<std::string> test_names;
+  std::set<std::string> old_names, new_names, test_names;
+  for (const Json& view : before) old_names.insert(view.at("name").get<std::string>());
+  for (const Json& view : after) new_names.insert(view.at("name").get<std::string>());
   for (const View& view : scene.test) test_names.insert(view.name);
   std::vector<std::string> missing, held_out, added;
   for (const std::string& name : old_names) {
     if (new_names.count(name) == 0) (test_names.count(name) == 0 ? missing : held_out).push_back(name);
   }
-  for (const std::string& name : new_names) {
-    if (old_names.count(name) == 0) added.push_back(name);
-  }
+  std::set_difference(new_names.begin(), new_names.end(), old_names.begin(), old_names.end(),
+                      std::back_inserter(added));
   return count_and_first(missing, "missing") + count_and_first(held_out, "held out for testing now") +
          count_and_first(added, "new");
 }
@@ -168,21 +159,29 @@ void check_scene(const Json& header, const Scene& scene, const std::string& plac
   }
 }
 
-std::vector<std::string> changed_files(const Json& header, const Json& fingerprint, const std::string& key) {
-  std::vector<std::string> names;
-  const bool may_be_added = key != "photographs";
-  const Json saved = header.value("scene", Json::object()).value(key, Json::array());
-  const Json now = fingerprint.value(key, Json::array()), &views = fingerprint.at("train_views");
-  for (std::size_t i = 0; i < std::min(saved.size(), now.size()); ++i) {
-    if (is_same_photograph(saved[i], now[i]) || (saved[i].is_null() && !may_be_added)) continue;
-    names.push_back(views[i].at("name").get<std::string>());
+std::vector<std::string> scene_changes(const Json& header, const Json& fingerprint) {
+  const Json scene = header.value("scene", Json::object()), &views = fingerprint.at("train_views");
+  std::vector<std::string> changes;
+  for (const auto& [kind, key] :
+       {std::pair{"", "photographs"}, {"masks of ", "masks"}, {"depth maps of ", "depth_maps"}}) {
+    const bool may_be_added = key != std::string("photographs");
+    const Json saved = scene.value(key, Json::array()), now = fingerprint.value(key, Json::array());
+    std::vector<std::string> names;
+    for (std::size_t i = 0; i < std::min(saved.size(), now.size()); ++i) {
+      if (is_same_photograph(saved[i], now[i]) || (saved[i].is_null() && !may_be_added)) continue;
+      names.push_back(views[i].at("name").get<std::string>());
+    }
+    if (names.empty()) continue;
+    changes.push_back(detail::concat(
+        kind, names.size(), " of ", views.size(), " photographs have changed since this checkpoint was written (",
+        names.size() > 1 ? "first: " : "", names.front(), "); training continues with the current files"));
   }
-  return names;
-}
-
-bool have_points_changed(const Json& header, const Json& fingerprint) {
-  const Json scene = header.value("scene", Json::object());
-  return scene.contains("points_crc32") && scene.at("points_crc32") != fingerprint.at("points_crc32");
+  if (scene.contains("points_crc32") && scene.at("points_crc32") != fingerprint.at("points_crc32")) {
+    changes.emplace_back(
+        "the points of the scene have changed since this checkpoint was written; training continues "
+        "with its Gaussians");
+  }
+  return changes;
 }
 
 }  // namespace b3dgs

@@ -8,17 +8,11 @@ namespace b3dgs {
 
 int reading_threads(ReadingLoad load) {
   constexpr int kMost = 24;  // decoding a JPEG of 1600 px takes 10 to 15 ms, the fastest steps take 1 ms
-  const int n_threads = thread_count();
-  switch (load) {
-    case ReadingLoad::kCpuTraining:
-      return 1;
-    // The thread that launches kernels loses time to others on its core, and cores have two hardware threads each.
-    case ReadingLoad::kGpuTraining:
-      return std::clamp(std::max(std::min(n_threads - 1, 7), n_threads / 2), 1, kMost);
-    case ReadingLoad::kNothing:
-      break;
-  }
-  return std::clamp(n_threads - 1, 1, kMost);
+  if (load == ReadingLoad::kCpuTraining) return 1;
+  int n_threads = thread_count() - 1;
+  // The thread that launches kernels loses time to others on its core, and cores have two hardware threads each.
+  if (load == ReadingLoad::kGpuTraining) n_threads = std::max(std::min(n_threads, 7), thread_count() / 2);
+  return std::clamp(n_threads, 1, kMost);
 }
 
 ImageReader::ImageReader(Setup setup) : setup_(std::move(setup)), slots_(n_buffers()), buffers_(setup_.buffers.size()) {
@@ -52,63 +46,58 @@ void ImageReader::expect(const std::vector<std::int32_t>& images) {
   }
   {
     const std::lock_guard<std::mutex> lock(mutex_);
-    for (const auto [slot, image] : slots_.assign(wanted)) {
-      Buffer& buffer = buffers_[static_cast<std::size_t>(slot)];
-      buffer.wanted = image;
-      if (!buffer.is_written) buffer.content = kNone;  // otherwise the thread that is writing sets it
-    }
+    slots_.assign(wanted);
     order_.clear();
     for (const std::int32_t image : wanted) {
       order_.push_back(slots_.slot_of(image));
-      const Buffer& buffer = buffers_[static_cast<std::size_t>(order_.back())];
-      if (!buffer.is_written && buffer.content != buffer.wanted) ++n_unread;
+      if (has_to_be_read(order_.back())) ++n_unread;
     }
   }
   // A thread for each image; to wake all of them at every step would hold up the training thread.
   for (std::size_t i = 0; i < std::min(n_unread, threads_.size()); ++i) work_.notify_one();
 }
 
-bool ImageReader::is_read(std::int32_t image) const {
+bool ImageReader::has_to_be_read(int buffer) const {
+  const Buffer& found = buffers_[static_cast<std::size_t>(buffer)];
+  return !found.is_written && found.content != slots_.view_in(buffer);
+}
+
+const ImageReader::Buffer* ImageReader::find_read(std::int32_t image) const {
   const int slot = slots_.slot_of(image);
-  if (slot < 0) return false;
-  const Buffer& buffer = buffers_[static_cast<std::size_t>(slot)];
-  return buffer.content == image && !buffer.is_written;
+  const Buffer* const buffer = slot < 0 ? nullptr : &buffers_[static_cast<std::size_t>(slot)];
+  return buffer != nullptr && buffer->content == image ? buffer : nullptr;
 }
 
 bool ImageReader::is_ready(std::int32_t image) const {
   const std::lock_guard<std::mutex> lock(mutex_);
-  return is_read(image) && !buffers_[static_cast<std::size_t>(slots_.slot_of(image))].error;
+  const Buffer* const buffer = find_read(image);
+  return buffer != nullptr && !buffer->error;
 }
 
 int ImageReader::wait(std::int32_t image) const {
   std::unique_lock<std::mutex> lock(mutex_);
   const int slot = slots_.slot_of(image);
-  B3DGS_CHECK(is_read(image) || std::find(order_.begin(), order_.end(), slot) != order_.end(), "image ", image,
-              " was not expected");
-  done_.wait(lock, [&] { return is_read(image); });
-  const Buffer& buffer = buffers_[static_cast<std::size_t>(slot)];
-  if (buffer.error) std::rethrow_exception(buffer.error);
+  B3DGS_CHECK(find_read(image) != nullptr || std::find(order_.begin(), order_.end(), slot) != order_.end(), "image ",
+              image, " was not expected");
+  done_.wait(lock, [&] { return find_read(image) != nullptr; });
+  if (find_read(image)->error) std::rethrow_exception(find_read(image)->error);
   return slot;
-}
-
-int ImageReader::next_to_read() const {
-  for (const int slot : order_) {
-    const Buffer& buffer = buffers_[static_cast<std::size_t>(slot)];
-    if (!buffer.is_written && buffer.content != buffer.wanted) return slot;
-  }
-  return -1;
 }
 
 void ImageReader::run_thread() {
   set_thread_count(1);  // decoding must not start further threads
   std::unique_lock<std::mutex> lock(mutex_);
   for (;;) {
-    int slot = -1;
-    work_.wait(lock, [&] { return is_stopping_ || (slot = next_to_read()) >= 0; });
+    auto next = order_.end();
+    work_.wait(lock, [&] {
+      next = std::find_if(order_.begin(), order_.end(), [&](int slot) { return has_to_be_read(slot); });
+      return is_stopping_ || next != order_.end();
+    });
     if (is_stopping_) return;
+    const int slot = *next;
+    const std::int32_t image = slots_.view_in(slot);
     Buffer& buffer = buffers_[static_cast<std::size_t>(slot)];
-    const std::int32_t image = buffer.wanted;
-    buffer.is_written = true;
+    buffer = {UploadSlots::kEmpty, /*is_written=*/true, nullptr};
     lock.unlock();
     std::exception_ptr error;
     try {
@@ -118,9 +107,7 @@ void ImageReader::run_thread() {
       error = std::current_exception();
     }
     lock.lock();
-    buffer.is_written = false;
-    buffer.content = image;
-    buffer.error = error;
+    buffer = {image, /*is_written=*/false, error};
     done_.notify_all();
   }
 }
@@ -148,31 +135,27 @@ void read_in_order(const std::vector<std::shared_ptr<const ViewImage>>& images, 
   // Images in memory stay there: they are never released while a scene is in use.
   std::vector<std::shared_ptr<const Image8>> held;
   std::vector<std::shared_ptr<const ViewImage>> on_disk;
-  std::vector<std::int32_t> number;  // among those on disk
+  std::vector<std::int32_t> left;  // of those on disk
   for (const auto& image : images) {
     held.push_back(image->held());
-    number.push_back(static_cast<std::int32_t>(on_disk.size()));
-    if (!held.back()) on_disk.push_back(image);
+    if (held.back()) continue;
+    on_disk.push_back(image);
+    left.push_back(static_cast<std::int32_t>(held.size()) - 1);
   }
   std::unique_ptr<ImageBuffers> buffers;
   std::unique_ptr<ImageReader> reader;
   if (!on_disk.empty()) {
     buffers = std::make_unique<ImageBuffers>(on_disk);
-    reader = std::make_unique<ImageReader>(ImageReader::Setup{on_disk, buffers->allocate(), n_threads, {}});
+    reader = std::make_unique<ImageReader>(ImageReader::Setup{images, buffers->allocate(), n_threads, {}});
   }
   for (std::size_t i = 0; i < images.size(); ++i) {
     if (held[i]) {
       body(i, held[i]->pixels.data());
       continue;
     }
-    std::vector<std::int32_t> next;
-    for (std::int32_t j = number[i];
-         j < static_cast<std::int32_t>(on_disk.size()) && next.size() < static_cast<std::size_t>(reader->n_buffers());
-         ++j) {
-      next.push_back(j);
-    }
-    reader->expect(next);
-    body(i, reader->bytes(reader->wait(number[i])));
+    reader->expect(left);
+    body(i, reader->bytes(reader->wait(left.front())));
+    left.erase(left.begin());
   }
 }
 

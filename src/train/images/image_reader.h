@@ -1,4 +1,4 @@
-// Which photograph is in which of a few slots, in GPU or host memory. Only bookkeeping: it moves no bytes.
+// Background threads that read photographs ahead, in the order of use, into a fixed number of buffers.
 #pragma once
 
 #include <algorithm>
@@ -16,14 +16,18 @@
 
 namespace b3dgs {
 
+/// Which photograph is in which of a few slots, in GPU or host memory. Only bookkeeping: it moves no bytes.
 class UploadSlots {
  public:
+  static constexpr std::int32_t kEmpty = -1;
   struct Upload {
     int slot;
     std::int32_t view;
   };
 
   explicit UploadSlots(int n_slots) : views_(static_cast<std::size_t>(n_slots), kEmpty) {}
+
+  std::int32_t view_in(int slot) const { return views_[static_cast<std::size_t>(slot)]; }
 
   /// Slot of a view; -1 = none.
   int slot_of(std::int32_t view) const {
@@ -35,14 +39,12 @@ class UploadSlots {
   /// Returns the uploads that are needed, in the order of `wanted`.
   std::vector<Upload> assign(const std::vector<std::int32_t>& wanted) {
     B3DGS_CHECK(wanted.size() <= views_.size(), wanted.size(), " views for ", views_.size(), " slots");
-    const auto is_wanted = [&](std::int32_t view) {
-      return std::find(wanted.begin(), wanted.end(), view) != wanted.end();
-    };
     std::vector<Upload> uploads;
     for (const std::int32_t view : wanted) {
       if (slot_of(view) >= 0) continue;
-      const auto slot =
-          std::find_if(views_.begin(), views_.end(), [&](std::int32_t other) { return !is_wanted(other); });
+      const auto slot = std::find_if(views_.begin(), views_.end(), [&](std::int32_t other) {
+        return std::find(wanted.begin(), wanted.end(), other) == wanted.end();
+      });
       *slot = view;
       uploads.push_back({static_cast<int>(slot - views_.begin()), view});
     }
@@ -50,11 +52,8 @@ class UploadSlots {
   }
 
  private:
-  static constexpr std::int32_t kEmpty = -1;
   std::vector<std::int32_t> views_;  // by slot
 };
-
-// Background threads that read photographs ahead, in the order of use, into a fixed number of buffers.
 
 /// What else the program does while photographs are read.
 enum class ReadingLoad { kNothing, kGpuTraining, kCpuTraining };
@@ -69,8 +68,7 @@ class ImageReader {
     std::vector<std::shared_ptr<const ViewImage>> images;
     std::vector<std::uint8_t*> buffers;  // at least one, each large enough for any image; they must outlive the reader
     int n_threads = 1;
-    std::function<void(int buffer)>
-        before_write;  // called by a reading thread before it writes to a buffer; may be empty
+    std::function<void(int buffer)> before_write;  // called by a reading thread; may be empty
   };
 
   explicit ImageReader(Setup setup);
@@ -94,17 +92,17 @@ class ImageReader {
   const std::uint8_t* bytes(int buffer) const { return setup_.buffers[static_cast<std::size_t>(buffer)]; }
 
  private:
-  static constexpr std::int32_t kNone = -1;
   struct Buffer {
-    std::int32_t wanted = kNone, content = kNone;  // images; equal once it is read
-    bool is_written = false;                       // a thread is writing to it
-    std::exception_ptr error;                      // of reading `content`
+    std::int32_t content = UploadSlots::kEmpty;  // the image that has been read
+    bool is_written = false;                     // a thread is writing to it
+    std::exception_ptr error;                    // of reading `content`
   };
 
   void stop();
   void run_thread();
-  int next_to_read() const;
-  bool is_read(std::int32_t image) const;
+  bool has_to_be_read(int buffer) const;
+  /// The buffer of an image that is read; else null.
+  const Buffer* find_read(std::int32_t image) const;
 
   const Setup setup_;
   UploadSlots slots_;  // which image belongs in which buffer

@@ -21,6 +21,7 @@ namespace b3dgs {
 namespace {
 
 using Indices = std::vector<std::int32_t>;
+using Images = std::vector<std::shared_ptr<const ViewImage>>;
 
 torch::Tensor bytes_at(const std::uint8_t* bytes, torch::IntArrayRef sizes, torch::Device device) {
   // from_blob takes a non-const pointer, but nothing writes to these tensors.
@@ -82,7 +83,7 @@ ImagePlaces places_of(const std::vector<View>& views) {
 
 /// Brings views that are not resident: reading threads, and on a GPU an uploader.
 struct ImageStore::Streamed {
-  explicit Streamed(const std::vector<std::shared_ptr<const ViewImage>>& images) : buffers(images) {}
+  explicit Streamed(const Images& images) : buffers(images) {}
 
   ImageBuffers buffers;
 #if B3DGS_TORCH_CUDA
@@ -125,43 +126,36 @@ ImageStore::ImageStore(const std::vector<View>& views, torch::Device device, std
       ++n_resident_;
     }
   } else {
-    Indices stays;
+    std::vector<std::size_t> resident;
+    Images resident_images;
     std::vector<View> others;
-    for (std::int32_t i = 0; i < size(); ++i) {
-      const std::int64_t n_bytes = images_[static_cast<std::size_t>(i)]->n_bytes();
-      if (used + n_bytes <= budget_bytes) {
-        used += n_bytes;
-        stays.push_back(i);
-      } else {
-        others.push_back(views[static_cast<std::size_t>(i)]);
+    for (std::size_t i = 0; i < views.size(); ++i) {
+      if (used + images_[i]->n_bytes() > budget_bytes) {
+        others.push_back(views[i]);
+        continue;
       }
+      used += images_[i]->n_bytes();
+      resident.push_back(i);
+      resident_images.push_back(images_[i]);
     }
-    load_resident(stays, progress);
+    // Photographs that are read from disk for this do not stay in host memory.
+    read_in_order(resident_images, reading_threads(ReadingLoad::kNothing), [&](std::size_t done, const auto* rgb) {
+      TrainView& view = views_[resident[done]];
+      view.truth = truth_at(rgb, view, torch::kCPU).to(device);
+      ++n_resident_;
+      if (progress) progress("loading images", done + 1, resident.size());
+    });
     hold_images(others, progress);
   }
-  if (n_resident_ == size()) return;
-  Indices streamed;
+  if (n_resident_ < size()) streamed_ = make_streamed(size());
+}
+
+std::unique_ptr<ImageStore::Streamed> ImageStore::make_streamed(std::int32_t from) const {
+  const Images all(images_.begin(), images_.end());
+  Images streamed_images;
   for (std::int32_t i = 0; i < size(); ++i) {
-    if (!is_resident(i)) streamed.push_back(i);
+    if (!is_resident(i) || i >= from) streamed_images.push_back(all[static_cast<std::size_t>(i)]);
   }
-  streamed_ = make_streamed(streamed);
-}
-
-/// Copies photographs to a GPU. Those read from disk for this do not stay in host memory.
-void ImageStore::load_resident(const Indices& stays, const ProgressFn& progress) {
-  std::vector<std::shared_ptr<const ViewImage>> images;
-  for (const std::int32_t i : stays) images.push_back(images_[static_cast<std::size_t>(i)]);
-  read_in_order(images, reading_threads(ReadingLoad::kNothing), [&](std::size_t done, const std::uint8_t* rgb) {
-    TrainView& view = views_[static_cast<std::size_t>(stays[done])];
-    view.truth = truth_at(rgb, view, torch::kCPU).to(device_);
-    ++n_resident_;
-    if (progress) progress("loading images", done + 1, stays.size());
-  });
-}
-
-std::unique_ptr<ImageStore::Streamed> ImageStore::make_streamed(const Indices& views) const {
-  std::vector<std::shared_ptr<const ViewImage>> all(images_.begin(), images_.end()), streamed_images;
-  for (const std::int32_t i : views) streamed_images.push_back(images_[static_cast<std::size_t>(i)]);
   auto streamed = std::make_unique<Streamed>(streamed_images);
   ImageReader::Setup setup;
   setup.images = all;
@@ -210,10 +204,6 @@ TrainView ImageStore::take(std::int32_t index, const Indices& upcoming) {
 #if B3DGS_TORCH_CUDA
   if (device_.is_cuda()) return take_on_gpu(index, streamed);
 #endif
-  return take_on_cpu(index, streamed);
-}
-
-TrainView ImageStore::take_on_cpu(std::int32_t index, const Indices& streamed) {
   TrainView view = stored_view(index);
   ImageReader& reader = *streamed_->reader;
   reader.expect(streamed);
@@ -261,23 +251,19 @@ TrainView ImageStore::take_on_gpu(std::int32_t index, const Indices& streamed) {
 
 std::int64_t ImageStore::release_resident(std::int64_t bytes) {
   if (!kTorchHasCuda || device_.is_cpu()) return 0;
-  Indices released, streamed;
+  Indices released;
   std::int64_t freed = 0;
-  for (std::int32_t i = size() - 1; i >= 0; --i) {
-    const bool is_to_go = is_resident(i) && freed < bytes;
-    if (is_to_go) {
-      released.push_back(i);
-      freed += images_[static_cast<std::size_t>(i)]->n_bytes();
-    }
-    if (is_to_go || !is_resident(i)) streamed.push_back(i);
+  for (std::int32_t i = size() - 1; i >= 0 && freed < bytes; --i) {
+    if (!is_resident(i)) continue;
+    released.push_back(i);
+    freed += images_[static_cast<std::size_t>(i)]->n_bytes();
   }
   if (released.empty()) return 0;
-  std::reverse(streamed.begin(), streamed.end());
   // Before photographs are given up, what will bring them back: its buffers take memory, too, which may be missing.
   release_unused_torch_memory();  // the upload slots are not allocated by LibTorch
   std::unique_ptr<Streamed> replacement;
   try {
-    replacement = make_streamed(streamed);
+    replacement = make_streamed(released.back());
   } catch (const OutOfMemoryError&) {
     return 0;  // the caller has other remedies, and says that memory is short if none helps
   } catch (const std::bad_alloc&) {

@@ -83,10 +83,8 @@ class ImageStore {
 
  private:
   struct Streamed;
-  void load_resident(const std::vector<std::int32_t>& stays, const ProgressFn& progress);
-  /// What brings `views`, ascending.
-  std::unique_ptr<Streamed> make_streamed(const std::vector<std::int32_t>& views) const;
-  TrainView take_on_cpu(std::int32_t index, const std::vector<std::int32_t>& streamed);
+  /// What brings the views that are not resident, and all from `from` on.
+  std::unique_ptr<Streamed> make_streamed(std::int32_t from) const;
   TrainView take_on_gpu(std::int32_t index, const std::vector<std::int32_t>& streamed);
   bool is_resident(std::int32_t index) const { return stored_view(index).truth.defined(); }
 

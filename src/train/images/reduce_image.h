@@ -14,7 +14,7 @@ namespace b3dgs {
 struct ReduceImageArgs {
   std::int32_t width = 0, height = 0;     // px, of the full image
   std::int32_t scale = 1;                 // at most 255
-  const std::uint8_t* rgb = nullptr;      // [H, W, 3]
+  const std::uint8_t* rgb = nullptr;      // [H, W, 3]; null: only the mask is reduced
   const std::uint8_t* valid = nullptr;    // [H, W] 0 = pixel is ignored; null = all count
   std::uint8_t* reduced = nullptr;        // [H / scale, W / scale, 3] out
   std::uint8_t* reduced_valid = nullptr;  // [H / scale, W / scale] out, 0 or 1; null if `valid` is null
@@ -24,40 +24,23 @@ struct ReduceImageArgs {
   B3DGS_HD std::int64_t n_reduced() const { return std::int64_t{reduced_width()} * reduced_height(); }
 };
 
-/// Valid pixels among those of reduced pixel (x, y).
-B3DGS_HD std::int32_t count_valid_in(const ReduceImageArgs& args, std::int32_t x, std::int32_t y) {
-  std::int32_t n = 0;
-  for (std::int32_t dy = 0; dy < args.scale; ++dy) {
-    const std::uint8_t* row = args.valid + (std::int64_t{y} * args.scale + dy) * args.width + x * args.scale;
-    for (std::int32_t dx = 0; dx < args.scale; ++dx) n += row[dx] != 0;
-  }
-  return n;
-}
-
-/// Whether a reduced pixel counts: at least half of its pixels do.
-B3DGS_HD bool is_reduced_valid(const ReduceImageArgs& args, std::int32_t n_valid) {
-  return 2 * n_valid >= args.scale * args.scale;
-}
-
 /// Writes reduced pixel `out`: the mean of its valid pixels, rounded to the nearest whole number, halves up; 0 if none
-/// is valid.
+/// is valid. It counts if at least half of its pixels do.
 B3DGS_HD void reduce_pixel(const ReduceImageArgs& args, std::int64_t out) {
   const std::int64_t x = out % args.reduced_width(), y = out / args.reduced_width();
-  std::uint32_t sum[3] = {0, 0, 0}, n = 0;
+  std::int32_t sum[3] = {0, 0, 0}, n = 0;
   for (std::int32_t dy = 0; dy < args.scale; ++dy) {
     const std::int64_t first = (y * args.scale + dy) * args.width + x * args.scale;
     for (std::int64_t p = first; p < first + args.scale; ++p) {
       if (args.valid != nullptr && args.valid[p] == 0) continue;
-      for (int c = 0; c < 3; ++c) sum[c] += args.rgb[3 * p + c];
+      for (int c = 0; args.rgb != nullptr && c < 3; ++c) sum[c] += args.rgb[3 * p + c];
       ++n;
     }
   }
-  for (int c = 0; c < 3; ++c) {
+  for (int c = 0; args.rgb != nullptr && c < 3; ++c) {
     args.reduced[3 * out + c] = static_cast<std::uint8_t>(n == 0 ? 0 : (sum[c] + n / 2) / n);
   }
-  if (args.reduced_valid != nullptr) {
-    args.reduced_valid[out] = is_reduced_valid(args, static_cast<std::int32_t>(n)) ? 1 : 0;
-  }
+  if (args.reduced_valid != nullptr) args.reduced_valid[out] = 2 * n >= args.scale * args.scale ? 1 : 0;
 }
 
 }  // namespace b3dgs

@@ -4,15 +4,13 @@
 #include "train/density/row_edit.h"
 
 namespace b3dgs {
-
 namespace {
 
 class GpuMemory final : public MemorySource {
  public:
   explicit GpuMemory(double limit_gb) : limit_bytes_(static_cast<std::int64_t>(std::min(1e9 * limit_gb, 9e18))) {
     extend_torch_memory_in_place();
-    allocate_tensor({1},
-                    torch::TensorOptions(torch::kCUDA));  // the allocator must be initialised before a limit can be set
+    allocate_tensor({1}, torch::kCUDA);  // initialises the allocator: only then a limit can be set
     limit_torch_memory(limit_bytes_);
   }
   std::optional<std::int64_t> limit() override {
@@ -38,7 +36,7 @@ std::shared_ptr<MemorySource> make_memory_source(torch::Device device, double li
   return std::make_shared<MemorySource>();
 }
 
-void MemoryRemedies::free_or_rethrow() {
+void free_memory_or_rethrow(std::vector<MemoryRemedy>& remedies) {
   std::string reason;
   try {
     throw;
@@ -47,9 +45,9 @@ void MemoryRemedies::free_or_rethrow() {
   } catch (const c10::OutOfMemoryError& error) {
     reason = error.what_without_backtrace();
   }
-  while (!remedies_.empty()) {
-    const MemoryRemedy next = std::move(remedies_.front());
-    remedies_.pop_front();
+  while (!remedies.empty()) {
+    const MemoryRemedy next = std::move(remedies.front());
+    remedies.erase(remedies.begin());
     if (next()) return;
   }
   throw OutOfMemoryError(reason);
@@ -58,21 +56,6 @@ void MemoryRemedies::free_or_rethrow() {
 bool keeps_too_much(const MemoryUse& use) {
   constexpr std::int64_t kAlways = 256 << 20;
   return use.reserved - use.in_use > std::max(kAlways, use.in_use / 4);
-}
-
-namespace {
-
-std::int64_t row_bytes(const torch::Tensor& tensor) {
-  return static_cast<std::int64_t>(tensor.itemsize()) * row_elements(tensor);
-}
-
-}  // namespace
-
-std::int64_t state_row_bytes(const TrainState& state) {
-  std::int64_t bytes = 0;
-  visit_rows(state.gaussians, state.adam, state.statistics,
-             [&](const torch::Tensor& tensor) { bytes += row_bytes(tensor); });
-  return bytes;
 }
 
 std::int64_t state_bytes(const TrainState& state) {
@@ -88,26 +71,28 @@ GaussianMemory gaussian_memory(const TrainState& state, const ViewMemory& view, 
   constexpr double kStep = 8 + 32;
   // A round's masks, thresholds and indices, before the row edit allocates.
   constexpr double kPlan = 64;
-  std::int64_t largest = 0;
-  visit_rows(state.gaussians, state.adam, state.statistics,
-             [&](const torch::Tensor& tensor) { largest = std::max(largest, row_bytes(tensor)); });
+  const auto row_bytes = [](const torch::Tensor& tensor) {
+    return static_cast<double>(static_cast<std::int64_t>(tensor.itemsize()) * row_elements(tensor));
+  };
   GaussianMemory memory;
-  memory.state = static_cast<double>(state_row_bytes(state));
+  double largest = 0;
+  visit_rows(state.gaussians, state.adam, state.statistics, [&](const torch::Tensor& tensor) {
+    memory.state += row_bytes(tensor);
+    largest = std::max(largest, row_bytes(tensor));
+  });
   memory.step = kStep;
   if (n_kept_views > 0) {
     // Of each view, kept splats and their indices (raster/args.h), with a quarter to spare; a copy of the
     // statistics.
     constexpr double kSpare = 1.25, kIndex = 4, kRecord = 48;
     memory.step += kSpare * n_kept_views * (kIndex + kRecord * ratios.splats());
-    for (const torch::Tensor* column : state.statistics.all()) {
-      memory.step += kSpare * static_cast<double>(row_bytes(*column));
-    }
+    for (const torch::Tensor* column : state.statistics.all()) memory.step += kSpare * row_bytes(*column);
   }
   // Between two rounds, and after the last one, Gaussians grow and become more opaque: pairs increase although the
   // count does not.
   constexpr double kPairGrowth = 1.25;
   memory.view = view.bytes(1, kPairGrowth * ratios.pairs());
-  memory.round = kPlan + static_cast<double>(largest);
+  memory.round = kPlan + largest;
   return memory;
 }
 
@@ -115,11 +100,6 @@ std::int64_t largest_count(std::int64_t limit, std::int64_t other, const Gaussia
   constexpr double kUsable = 1 - 1.0 / 16;
   const double left = kUsable * static_cast<double>(limit) - static_cast<double>(other);
   return static_cast<std::int64_t>(std::clamp(left / gaussian.all(), 1.0, 9e18));
-}
-
-std::int64_t smaller_limit(std::int64_t a, std::int64_t b) {
-  if (a == 0 || b == 0) return std::max(a, b);
-  return std::min(a, b);
 }
 
 }  // namespace b3dgs

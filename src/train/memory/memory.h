@@ -6,11 +6,9 @@
 
 #include <algorithm>
 #include <cstdint>
-#include <deque>
 #include <functional>
 #include <memory>
 #include <optional>
-#include <utility>
 #include <vector>
 
 #include "config/view_ratios.h"
@@ -45,42 +43,31 @@ bool keeps_too_much(const MemoryUse& use);
 /// Tries to free memory; returns false if there was nothing to free.
 using MemoryRemedy = std::function<bool()>;
 
-/// What is done, one after the other, while work that can be repeated runs out of memory.
-class MemoryRemedies {
- public:
-  explicit MemoryRemedies(std::vector<MemoryRemedy> remedies) : remedies_(remedies.begin(), remedies.end()) {}
-  /// For a catch block: frees memory with the next remedy that can. @throws OutOfMemoryError if none is left; the
-  /// current exception if it is none of memory
-  void free_or_rethrow();
-
- private:
-  std::deque<MemoryRemedy> remedies_;  // not tried yet
-};
+/// For a catch block: frees memory with the first remedy that can, and drops those that were tried.
+/// @throws OutOfMemoryError if none is left; the current exception if it is none of memory
+void free_memory_or_rethrow(std::vector<MemoryRemedy>& remedies);
 
 /// Calls `work`, and while it runs out of memory, again after each remedy that could free some. `work` must be
 /// repeatable. @throws OutOfMemoryError if it still fails after the last remedy
 template <class Work>
 auto with_remedies(std::vector<MemoryRemedy> remedies, Work&& work) -> decltype(work()) {
-  MemoryRemedies left(std::move(remedies));
   for (;;) {
     try {
       return work();
     } catch (...) {
-      left.free_or_rethrow();
+      free_memory_or_rethrow(remedies);
     }
   }
 }
 
 // How many Gaussians fit into memory, from the bytes that each one needs. Pure functions.
 
-/// Bytes of one Gaussian's parameters, moments and statistics.
-std::int64_t state_row_bytes(const TrainState& state);
-/// Bytes of all Gaussians, including spare capacity.
+/// Bytes of all Gaussians' parameters, moments and statistics, including spare capacity.
 std::int64_t state_bytes(const TrainState& state);
 
 /// Memory per Gaussian, bytes.
 struct GaussianMemory {
-  double state = 0;
+  double state = 0;  // parameters, moments and statistics
   double step = 0;   // gradients with respect to projected centres, deferred updates
   double view = 0;   // the rasterizer's buffers for a view, including pairs
   double round = 0;  // a round of density control: its masks and indices, and a copy of the largest tensor
@@ -94,8 +81,5 @@ GaussianMemory gaussian_memory(const TrainState& state, const ViewMemory& view, 
 /// The largest number of Gaussians that fits, with a reserve of 1/16 of the limit; at least 1. `limit`:
 /// MemorySource::limit(). `other`: bytes in use, independent of the number of Gaussians.
 std::int64_t largest_count(std::int64_t limit, std::int64_t other, const GaussianMemory& gaussian);
-
-/// The smaller of two limits on the number of Gaussians; 0 = no limit.
-std::int64_t smaller_limit(std::int64_t a, std::int64_t b);
 
 }  // namespace b3dgs

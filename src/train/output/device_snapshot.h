@@ -1,6 +1,7 @@
 // Copies arrays from the device to the host in pieces while training continues.
 #pragma once
 
+#include <algorithm>
 #include <cstddef>
 #include <functional>
 #include <memory>
@@ -11,35 +12,74 @@
 
 namespace b3dgs::cuda {
 
-/// Copies of arrays of bytes in device memory, taken after all work queued on a stream so far. Destroying the object
-/// returns their memory to the system, not to a caching allocator; no reads may be in progress.
-class DeviceSnapshot {
- public:
-  /// Queues the copies on `stream`; asynchronous. Null if less than twice their size is free: training may need the
-  /// same amount for itself.
-  static std::unique_ptr<DeviceSnapshot> make(const std::vector<std::string_view>& arrays, cudaStream_t stream);
-  /// The copies, in the order of the arrays.
-  const std::vector<std::string_view>& arrays() const { return arrays_; }
-
- private:
-  DeviceSnapshot() = default;
-
-  MemoryOnDevice memory_;
-  std::vector<std::string_view> arrays_;
+/// Copies of arrays of bytes in device memory. Destroying it returns their memory to the system, not to a caching
+/// allocator; no reads may be in progress.
+struct DeviceSnapshot {
+  MemoryOnDevice memory;
+  std::vector<std::string_view> arrays;
 };
+
+/// Copies the arrays after all work queued on `stream` so far; asynchronous. Null if less than twice their size is
+/// free: training may need the same amount for itself.
+inline std::unique_ptr<DeviceSnapshot> make_device_snapshot(const std::vector<std::string_view>& arrays,
+                                                            cudaStream_t stream) {
+  constexpr std::size_t kAlignment = 256;  // bytes
+  const auto aligned = [](std::size_t bytes) { return (bytes + kAlignment - 1) / kAlignment * kAlignment; };
+  std::size_t wanted = 0, free = 0, total = 0;
+  for (const std::string_view array : arrays) wanted += aligned(array.size());
+  B3DGS_CUDA_CHECK(cudaMemGetInfo(&free, &total));
+  if (wanted == 0 || free / 2 < wanted) return nullptr;
+  auto snapshot = std::make_unique<DeviceSnapshot>();
+  try {
+    snapshot->memory = make_memory_on_device(wanted);
+  } catch (const OutOfMemoryError&) {  // others have taken it since
+    return nullptr;
+  }
+  std::uint8_t* to = snapshot->memory.get();
+  for (const std::string_view array : arrays) {
+    if (!array.empty()) {
+      B3DGS_CUDA_CHECK(cudaMemcpyAsync(to, array.data(), array.size(), cudaMemcpyDeviceToDevice, stream));
+    }
+    snapshot->arrays.emplace_back(reinterpret_cast<const char*>(to), array.size());
+    to += aligned(array.size());
+  }
+  return snapshot;
+}
 
 /// Copies to the host through two pinned buffers, on a stream of its own. For one thread at a time.
 class DeviceReader {
  public:
   static constexpr std::size_t kPieceBytes = std::size_t{4} << 20;
 
-  DeviceReader();
+  DeviceReader() : reached_(make_event()), stream_(make_stream()) {
+    for (Piece& piece : pieces_) {
+      piece = {make_pinned_memory(kPieceBytes), make_event(cudaEventDisableTiming | cudaEventBlockingSync)};
+    }
+  }
 
   /// Reads from now on see the result of all work queued on `stream` so far. Asynchronous.
-  void follow(cudaStream_t stream);
+  void follow(cudaStream_t stream) {
+    B3DGS_CUDA_CHECK(cudaEventRecord(reached_.get(), stream));
+    B3DGS_CUDA_CHECK(cudaStreamWaitEvent(stream_.get(), reached_.get(), 0));
+  }
 
   /// Calls take(piece, bytes) for one piece after the other, while the next one is being copied.
-  void read(const void* device, std::size_t bytes, const std::function<void(const void*, std::size_t)>& take);
+  void read(const void* device, std::size_t bytes, const std::function<void(const void*, std::size_t)>& take) {
+    const std::size_t n_pieces = (bytes + kPieceBytes - 1) / kPieceBytes;
+    const auto size_of = [&](std::size_t piece) { return std::min(kPieceBytes, bytes - piece * kPieceBytes); };
+    const auto copy = [&](std::size_t piece) {
+      B3DGS_CUDA_CHECK(cudaMemcpyAsync(pieces_[piece % 2].bytes.get(),
+                                       static_cast<const char*>(device) + piece * kPieceBytes, size_of(piece),
+                                       cudaMemcpyDeviceToHost, stream_.get()));
+      B3DGS_CUDA_CHECK(cudaEventRecord(pieces_[piece % 2].copied.get(), stream_.get()));
+    };
+    if (n_pieces > 0) copy(0);
+    for (std::size_t piece = 0; piece < n_pieces; ++piece) {
+      if (piece + 1 < n_pieces) copy(piece + 1);
+      B3DGS_CUDA_CHECK(cudaEventSynchronize(pieces_[piece % 2].copied.get()));
+      take(pieces_[piece % 2].bytes.get(), size_of(piece));
+    }
+  }
 
  private:
   struct Piece {

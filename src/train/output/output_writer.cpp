@@ -14,7 +14,6 @@ namespace b3dgs {
 namespace {
 
 using Bytes = OutputWriter::Bytes;
-using TakePiece = std::function<void(const void*, std::size_t)>;
 /// Reads an array piece by piece.
 using ReadPieces = std::function<void(const char* array, std::size_t bytes, const TakePiece& take)>;
 
@@ -65,18 +64,15 @@ struct OutputWriter::Content {
 void OutputWriter::add(WrittenFile file, std::function<void()> work) {
   if (queue_ == nullptr) queue_ = std::make_unique<TaskQueue>(/*threads=*/1, std::numeric_limits<std::size_t>::max());
   queue_->push([this, file = std::move(file), work = std::move(work)]() mutable {
-    std::exception_ptr fault;
     try {
       work();
     } catch (const IoError& error) {
       file.error = error.what();
-    } catch (...) {
-      file.error = file.path.string() + ": could not be written";
-      fault = std::current_exception();
+    } catch (const std::exception& error) {
+      file.error = file.path.string() + ": could not be written: " + error.what();
     }
     work = {};  // frees its memory before it counts as done
     const std::lock_guard lock(mutex_);
-    if (fault && !fault_) fault_ = fault;
     done_.push_back(std::move(file));
   });
 }
@@ -109,7 +105,7 @@ void OutputWriter::write_from_device(const WrittenFile& file, const Content& con
     reader_->read(array, bytes, take);
   };
   std::shared_ptr<cuda::DeviceSnapshot> snapshot;
-  if (may_copy) snapshot = cuda::DeviceSnapshot::make(arrays, stream);
+  if (may_copy) snapshot = cuda::make_device_snapshot(arrays, stream);
   if (snapshot == nullptr) {
     wait();  // until the background thread no longer uses the reader
     reader_->follow(stream);
@@ -118,7 +114,7 @@ void OutputWriter::write_from_device(const WrittenFile& file, const Content& con
   }
   reader_->follow(stream);
   add(file, [content, snapshot, read]() mutable {
-    content.fill(snapshot->arrays(), read);
+    content.fill(snapshot->arrays, read);
     snapshot.reset();  // frees GPU memory before waiting for the disk
     content.commit();
   });
@@ -126,42 +122,26 @@ void OutputWriter::write_from_device(const WrittenFile& file, const Content& con
 #endif
 
 void OutputWriter::write_checkpoint(const WrittenFile& file, const nlohmann::ordered_json& header,
-                                    const std::vector<std::pair<std::string, torch::Tensor>>& named, bool may_copy) {
+                                    const std::vector<CheckpointTensor>& tensors, bool may_copy) {
   std::vector<TensorEntry> entries;
-  std::vector<torch::Tensor> tensors;
-  for (const auto& [name, tensor] : named) {
-    entries.push_back({name, tensor.scalar_type(), tensor.sizes().vec()});
-    tensors.push_back(tensor);
+  std::vector<torch::Tensor> here;
+  std::vector<std::function<void(const TakePiece&)>> to_come;
+  for (const CheckpointTensor& tensor : tensors) {
+    entries.push_back(tensor.entry);
+    if (tensor.read) to_come.push_back(tensor.read);
+    if (!tensor.read) here.push_back(tensor.values);
   }
   const auto open = [&]() -> Content {
     const auto out = std::make_shared<CheckpointFileWriter>(file.path, header, entries);
-    const auto fill = [out](const std::vector<Bytes>& arrays, const ReadPieces& read) {
-      for (const Bytes& array : arrays) {
-        read(array.data(), array.size(), [&](const void* piece, std::size_t bytes) { out->append(piece, bytes); });
-      }
+    const auto fill = [out, to_come](const std::vector<Bytes>& arrays, const ReadPieces& read) {
+      const TakePiece append = [&](const void* piece, std::size_t bytes) { out->append(piece, bytes); };
+      for (const Bytes& array : arrays) read(array.data(), array.size(), append);
+      for (const auto& read_tensor : to_come) read_tensor(append);
       out->finish();
     };
     return {fill, [out] { out->commit(); }};
   };
-  write(file, open, tensors, may_copy);
-}
-
-void OutputWriter::write_checkpoint(const WrittenFile& file, const nlohmann::ordered_json& header,
-                                    const std::vector<TensorPieces>& tensors) {
-  std::vector<TensorEntry> entries;
-  entries.reserve(tensors.size());
-  for (const TensorPieces& tensor : tensors) entries.push_back(tensor.entry);
-  const auto open = [&]() -> Content {
-    const auto out = std::make_shared<CheckpointFileWriter>(file.path, header, entries);
-    const auto fill = [&tensors, out](const std::vector<Bytes>&, const ReadPieces&) {
-      for (const TensorPieces& tensor : tensors) {
-        tensor.read([&](const void* piece, std::size_t bytes) { out->append(piece, bytes); });
-      }
-      out->finish();
-    };
-    return {fill, [out] { out->commit(); }};
-  };
-  write(file, open, {}, /*may_copy=*/false);
+  write(file, open, here, may_copy);
 }
 
 void OutputWriter::write_ply(const WrittenFile& file, const GaussianTensors& gaussians, const CoordinateFrame& frame,
@@ -183,7 +163,6 @@ void OutputWriter::write_ply(const WrittenFile& file, const GaussianTensors& gau
 
 std::vector<WrittenFile> OutputWriter::take() {
   const std::lock_guard lock(mutex_);
-  if (fault_) std::rethrow_exception(std::exchange(fault_, nullptr));
   return std::exchange(done_, {});
 }
 

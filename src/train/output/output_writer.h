@@ -6,7 +6,6 @@
 // and the background thread only waits for the disk. There is never a second copy of the model in host memory.
 #pragma once
 
-#include <exception>
 #include <filesystem>
 #include <functional>
 #include <memory>
@@ -46,18 +45,10 @@ class OutputWriter {
   OutputWriter(const OutputWriter&) = delete;
   OutputWriter& operator=(const OutputWriter&) = delete;
 
-  /// The tensors may change as soon as these return. `may_copy`: the tensors may be copied within GPU memory. Files are
+  /// The tensors may change as soon as these return. `may_copy`: they may be copied within GPU memory. Files are
   /// written in the order of the calls.
   void write_checkpoint(const WrittenFile& file, const nlohmann::ordered_json& header,
-                        const std::vector<std::pair<std::string, torch::Tensor>>& tensors, bool may_copy);
-  /// The same with tensors that are in memory one at a time: read(take) passes the bytes of one, in pieces. Each is
-  /// read on the calling thread, in order, unless the file cannot be written.
-  struct TensorPieces {
-    TensorEntry entry;
-    std::function<void(const std::function<void(const void*, std::size_t)>& take)> read;
-  };
-  void write_checkpoint(const WrittenFile& file, const nlohmann::ordered_json& header,
-                        const std::vector<TensorPieces>& tensors);
+                        const std::vector<CheckpointTensor>& tensors, bool may_copy);
   /// `frame` is that of the Gaussians.
   void write_ply(const WrittenFile& file, const GaussianTensors& gaussians, const CoordinateFrame& frame,
                  bool may_copy);
@@ -67,7 +58,7 @@ class OutputWriter {
     if (queue_ != nullptr) queue_->finish();
   }
 
-  /// Files that have been written, or could not be, since the last call. Rethrows errors other than IoError.
+  /// Files that have been written, or could not be, since the last call.
   std::vector<WrittenFile> take();
 
  private:
@@ -83,8 +74,7 @@ class OutputWriter {
   const torch::Device device_;
   std::shared_ptr<cuda::DeviceReader> reader_;
   std::mutex mutex_;
-  std::vector<WrittenFile> done_;  // this and the next one are guarded by mutex_
-  std::exception_ptr fault_;
+  std::vector<WrittenFile> done_;     // guarded by mutex_
   std::unique_ptr<TaskQueue> queue_;  // with a thread, since the first file
 };
 

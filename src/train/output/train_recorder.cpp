@@ -5,32 +5,21 @@
 
 #include <algorithm>
 #include <cerrno>
-#include <cstdio>
 #include <cstring>
 #include <fstream>
 
 #include "core/files/atomic_file.h"
 #include "core/files/own_files.h"
+#include "core/text.h"
 #include "train/checkpoint/checkpoint.h"
 
 namespace b3dgs {
 
-void TrainRecorder::resume_from(const std::filesystem::path& checkpoint, double elapsed_s) {
-  resumed_s_ = elapsed_s;
-  outputs_.checkpoint = checkpoint;
-}
-
 void TrainRecorder::report_progress(const char* activity) const {
+  const TrainState& state = source_.state;
   if (!source_.listeners.on_progress) return;
-  TrainProgress progress;
-  progress.iteration = source_.state.iteration;
-  progress.iterations = source_.config.iterations;
-  progress.loss = source_.state.loss_average;
-  progress.n_gaussians = source_.state.n_gaussians();
-  progress.held_at = source_.state.held_at;
-  progress.elapsed_s = source_.time.train_s();
-  progress.activity = activity;
-  source_.listeners.on_progress(progress);
+  source_.listeners.on_progress({state.iteration, source_.config.iterations, state.loss_average, state.n_gaussians(),
+                                 state.held_at, source_.time.train_s(), activity});
 }
 
 void TrainRecorder::say(const std::string& message) const {
@@ -93,14 +82,12 @@ void TrainRecorder::add_evaluation(const Evaluation& evaluation, const Evaluatio
   outputs_.evaluations.emplace_back(iteration, evaluation);
   if (source_.listeners.on_evaluation) source_.listeners.on_evaluation(iteration, evaluation);
   try_to_write([&] { source_.folder.write_results(source_.folder.results_key(iteration), evaluation, source); });
-  char text[160];
-  std::snprintf(text, sizeof text, "iteration %d: PSNR %.2f dB, SSIM %.4f on %s%zu test views", iteration,
-                evaluation.mean.psnr, evaluation.mean.ssim, evaluation.fits_left_half ? "the right half of " : "",
-                evaluation.views.size());
-  std::string message = text + describe_unmeasured(evaluation);
-  if (evaluation.mean.corrected_psnr) {
-    std::snprintf(text, sizeof text, "; colour-corrected PSNR %.2f dB", *evaluation.mean.corrected_psnr);
-    message += text;
+  std::string message = print_to_string("iteration %d: PSNR %.2f dB, SSIM %.4f on %s%zu test views", iteration,
+                                        evaluation.mean.psnr, evaluation.mean.ssim,
+                                        evaluation.fits_left_half ? "the right half of " : "", evaluation.views.size());
+  message += describe_unmeasured(evaluation);
+  if (const auto corrected = evaluation.mean.corrected_psnr) {
+    message += print_to_string("; colour-corrected PSNR %.2f dB", *corrected);
   }
   say(message);
 }
@@ -142,26 +129,14 @@ void TrainRecorder::write_ply(const GaussianTensors& gaussians) {
   wait_at_end();
 }
 
-void TrainRecorder::write_exposures(const Exposures& exposures) {
-  const ModelFolder& folder = source_.folder;
-  try_to_write([&] {
-    b3dgs::write_exposures(folder.exposures(source_.state.iteration), exposures);
-    b3dgs::write_exposures(folder.exposures(), exposures);
-  });
-}
-
-void TrainRecorder::write_checkpoint(const TrainState& whole, const nlohmann::ordered_json& scene_fingerprint) {
-  checkpoint_s_ = source_.time.train_s();
-  writer_.write_checkpoint(new_file(WrittenFile::Kind::kCheckpoint),
-                           checkpoint_header(source_.config, whole, scene_fingerprint), checkpoint_tensors(whole),
-                           has_room_for_copy(checkpoint_bytes(whole)));
-  wait_at_end();
-}
-
 void TrainRecorder::write_checkpoint(const nlohmann::ordered_json& header,
-                                     const std::vector<OutputWriter::TensorPieces>& tensors) {
+                                     const std::vector<CheckpointTensor>& tensors) {
   checkpoint_s_ = source_.time.train_s();
-  writer_.write_checkpoint(new_file(WrittenFile::Kind::kCheckpoint), header, tensors);
+  std::int64_t bytes = 0;
+  for (const CheckpointTensor& tensor : tensors) {
+    if (tensor.values.defined()) bytes += static_cast<std::int64_t>(tensor.values.nbytes());
+  }
+  writer_.write_checkpoint(new_file(WrittenFile::Kind::kCheckpoint), header, tensors, has_room_for_copy(bytes));
   wait_at_end();
 }
 
@@ -202,13 +177,13 @@ void TrainRecorder::handle(const WrittenFile& file) {
   }
 }
 
-std::optional<WrittenFile> TrainRecorder::take_failed_checkpoint() {
+void TrainRecorder::require_checkpoint() {
   const auto found = std::find_if(failed_.begin(), failed_.end(),
                                   [](const WrittenFile& file) { return file.kind == WrittenFile::Kind::kCheckpoint; });
-  if (found == failed_.end()) return std::nullopt;
-  WrittenFile file = std::move(*found);
+  if (found == failed_.end()) return;
+  const std::string error = found->error;
   failed_.erase(found);
-  return file;
+  throw IoError(error + last_checkpoint());
 }
 
 void TrainRecorder::finish_files() {
@@ -220,17 +195,17 @@ void TrainRecorder::finish_files() {
 std::string TrainRecorder::remedy() const {
   const ModelFolder& folder = source_.folder;
   const std::filesystem::path ply = folder.ply(source_.state.iteration);
-  const bool has_ply = outputs_.ply == ply, has_checkpoint = !outputs_.checkpoint.empty();
+  const bool has_checkpoint = !outputs_.checkpoint.empty();
   std::string text;
-  if (has_ply) {
+  if (outputs_.ply == ply) {
     text = detail::concat("; the PLY of iteration ", source_.state.iteration, " is complete: ", ply.string(),
                           "; only the checkpoint is missing, without which this model cannot be trained longer");
     if (!has_checkpoint) return text;
   }
+  std::string command = source_.listeners.resume_command;
+  if (command.empty() && has_checkpoint) command = "--resume auto";
   text += last_checkpoint() + "; ";
-  const std::string& command = source_.listeners.resume_command;
   if (!command.empty()) return text + "continue with " + command;
-  if (has_checkpoint) return text + "continue with --resume auto";
   // A new training in this folder would need --overwrite, and replace what it holds.
   return text + "start the training again" + (folder.holds_model() ? " in another folder (-m)" : "");
 }

@@ -1,9 +1,10 @@
-// Records a training: lines of train.jsonl, evaluations, PLYs and checkpoints, and messages to the user. It reads the
-// training's state and never changes it.
+// Records a training: lines of train.jsonl, evaluations, PLYs and checkpoints; and what it tells its caller: progress
+// and messages while it runs, its outputs and times at the end. It reads the training's state and never changes it.
 #pragma once
 
 #include <cstdint>
 #include <filesystem>
+#include <functional>
 #include <memory>
 #include <nlohmann/json.hpp>
 #include <optional>
@@ -14,15 +15,54 @@
 #include "config/train_config.h"
 #include "core/check.h"
 #include "model/model_folder.h"
-#include "train/appearance/appearance_model.h"
 #include "train/checkpoint/train_state.h"
 #include "train/memory/memory.h"
 #include "train/output/output_writer.h"
-#include "train/output/train_events.h"
 #include "train/quality/metrics.h"
 #include "train/timing/timers.h"
 
 namespace b3dgs {
+
+struct TrainProgress {
+  int iteration = 0, iterations = 0;
+  double loss = 0;  // running average, 0.4 x new + 0.6 x old as the original 3DGS prints it
+  std::int64_t n_gaussians = 0;
+  std::int64_t held_at = 0;  // the count is held here for lack of GPU memory; 0 = not held
+  double elapsed_s = 0;      // of training in this session, without evaluation and saving
+  // "training", "checking kernels", "densifying", "timing kernels", "evaluating", "saving", "checkpoint",
+  // "counting floaters"
+  std::string activity;
+};
+
+/// Callbacks; any may be empty.
+struct TrainListeners {
+  std::function<void(const TrainProgress&)> on_progress;  // after each step and before each longer activity
+  std::function<void(const std::string&)> on_message;     // one line for the user
+  std::function<void(const std::string&)> on_warning;     // one line: something is wrong, but training continues
+  std::function<void(int iteration, const Evaluation&)> on_evaluation;  // of the test views
+  // If set, every step is timed stage by stage, and reported some time after the device has finished it.
+  std::function<void(const StageTimes&)> on_stage_times;
+  std::string resume_command;  // named by errors that a training can be resumed after; empty: the option --resume
+};
+
+/// Files and evaluations of this session.
+struct TrainOutputs {
+  std::filesystem::path ply, checkpoint;  // last ones written
+  std::int64_t n_saved = 0;  // Gaussians in the last PLY; density control of the last iteration comes after it
+  std::vector<std::filesystem::path> not_written;       // the system refused, e.g. because the disk is full
+  std::vector<std::pair<int, Evaluation>> evaluations;  // of the test views, by iteration
+};
+
+struct TrainResult : TrainOutputs {
+  int first_iteration = 0;   // last one done before this session
+  int iteration = 0;         // last one done
+  bool interrupted = false;  // by stop_signal
+  std::int64_t n_gaussians = 0;
+  std::int64_t peak_memory_bytes = 0;  // of this process on the GPU, without the CUDA context; 0 = not measured
+  double train_s = 0;                  // uploads, kernel checks, steps, density control; without reading of files
+  double output_s = 0;                 // evaluation, statistics, saving, checkpoints
+  std::int64_t n_removed = 0;          // invalid Gaussians that were removed, over all sessions
+};
 
 /// train.jsonl: one JSON object per line, for reports and plots.
 class TrainLog {
@@ -62,7 +102,10 @@ class TrainRecorder {
   TrainRecorder(const Source& source, torch::Device device) : source_(source), writer_(device) {}
 
   /// The training continues from this checkpoint, after `elapsed_s` seconds of training.
-  void resume_from(const std::filesystem::path& checkpoint, double elapsed_s);
+  void resume_from(const std::filesystem::path& checkpoint, double elapsed_s) {
+    outputs_.checkpoint = checkpoint;
+    resumed_s_ = elapsed_s;
+  }
 
   // Messages and progress.
   void report_progress(const char* activity) const;
@@ -101,14 +144,10 @@ class TrainRecorder {
   // between set_ending(true) and set_ending(false). Then a file is on disk when its call returns.
   void set_ending(bool is_ending) { is_ending_ = is_ending; }
   void write_ply(const GaussianTensors& gaussians);
-  /// Beside the PLY of this iteration, and in the model folder. A file that cannot be written causes a warning.
-  void write_exposures(const Exposures& exposures);
   /// The last PLY is that of this iteration, written by an earlier session.
   void use_existing_ply() { outputs_.ply = source_.folder.ply(source_.state.iteration); }
-  /// `whole` is the state without deferred updates, with the elapsed time.
-  void write_checkpoint(const TrainState& whole, const nlohmann::ordered_json& scene_fingerprint);
-  /// The same for a state whose rows come in pieces; `header` is checkpoint_header().
-  void write_checkpoint(const nlohmann::ordered_json& header, const std::vector<OutputWriter::TensorPieces>& tensors);
+  /// Of checkpoint_header() and checkpoint_tensors(): the state without deferred updates, with the elapsed time.
+  void write_checkpoint(const nlohmann::ordered_json& header, const std::vector<CheckpointTensor>& tensors);
   /// --checkpoint_minutes have passed since the last checkpoint, and no file is being written.
   bool is_checkpoint_due() const;
   bool is_writing() const { return writer_.is_busy(); }
@@ -120,8 +159,8 @@ class TrainRecorder {
   void finish_files();
   /// Files of the last iteration that could not be written.
   const std::vector<WrittenFile>& failed_files() const { return failed_; }
-  /// The same if it is a checkpoint; whoever takes it deals with it.
-  std::optional<WrittenFile> take_failed_checkpoint();
+  /// @throws IoError if one of them is a checkpoint, which then does not count as one of them any more
+  void require_checkpoint();
   const TrainOutputs& outputs() const { return outputs_; }
   /// "; last checkpoint: PATH", to be appended to an error.
   std::string last_checkpoint() const;

@@ -10,12 +10,6 @@
 #include "train/loss/loss.h"
 
 namespace b3dgs {
-namespace {
-
-constexpr double kMaxPsnr = 100;  // dB, for identical images: JSON has no infinity
-
-}  // namespace
-
 std::optional<ImageQuality> image_quality(const torch::Tensor& rendered, const Image8& truth, const Image8* valid) {
   const Image8 image = to_image8(rendered);
   B3DGS_CHECK(image.width == truth.width && image.height == truth.height && image.channels == 3 && truth.channels == 3,
@@ -43,6 +37,7 @@ std::optional<ImageQuality> image_quality(const torch::Tensor& rendered, const I
   args.truth = truth.pixels.data();
   args.valid = mask;
   args.n_valid = n_valid;
+  constexpr double kMaxPsnr = 100;  // dB, for identical images: JSON has no infinity
   const double mean_square = static_cast<double>(square_sum) / (255.0 * 255.0 * 3.0 * static_cast<double>(n_valid));
   return ImageQuality{square_sum == 0 ? kMaxPsnr : -10 * std::log10(mean_square), cpu::compute_loss(args).ssim};
 }
@@ -69,15 +64,12 @@ namespace {
 
 /// [1, 3, H, W] float in [0, 1].
 torch::Tensor to_planes(const Image8& image, const Image8* valid, torch::Device device) {
-  torch::Tensor pixels =
-      torch::from_blob(const_cast<std::uint8_t*>(image.pixels.data()), {image.height, image.width, 3}, torch::kUInt8)
-          .to(torch::kFloat32)
-          .div_(255);
-  if (valid != nullptr) {
-    pixels.mul_(
-        torch::from_blob(const_cast<std::uint8_t*>(valid->pixels.data()), {image.height, image.width, 1}, torch::kUInt8)
-            .ne(0));
-  }
+  const auto bytes_of = [](const Image8& of) {
+    return torch::from_blob(const_cast<std::uint8_t*>(of.pixels.data()), {of.height, of.width, of.channels},
+                            torch::kUInt8);
+  };
+  torch::Tensor pixels = bytes_of(image).to(torch::kFloat32).div_(255);
+  if (valid != nullptr) pixels.mul_(bytes_of(*valid).ne(0));
   return pixels.permute({2, 0, 1}).unsqueeze(0).contiguous().to(device);
 }
 
@@ -113,31 +105,6 @@ double LpipsNetwork::distance(const torch::Tensor& rendered, const Image8& truth
   }
 }
 
-namespace {
-
-constexpr double kRidge = 1e-6;
-
-using Matrix4 = std::array<std::array<double, 4>, 4>;
-
-/// Replaces each of `sides` by the solution of matrix x = side. `matrix` is symmetric and positive definite.
-void solve(Matrix4 matrix, ColorTransform& sides) {
-  for (std::size_t i = 0; i < 4; ++i) {  // Gaussian elimination; without pivoting, as the matrix is positive definite
-    for (std::size_t row = i + 1; row < 4; ++row) {
-      const double factor = matrix[row][i] / matrix[i][i];
-      for (std::size_t k = i; k < 4; ++k) matrix[row][k] -= factor * matrix[i][k];
-      for (auto& side : sides) side[row] -= factor * side[i];
-    }
-  }
-  for (auto& side : sides) {
-    for (std::size_t i = 4; i-- > 0;) {
-      for (std::size_t k = i + 1; k < 4; ++k) side[i] -= matrix[i][k] * side[k];
-      side[i] /= matrix[i][i];
-    }
-  }
-}
-
-}  // namespace
-
 ColorTransform fit_colors(const torch::Tensor& rendered, const Image8& truth, const Image8* valid) {
   const torch::Tensor host = rendered.to(torch::kCPU).contiguous();
   B3DGS_CHECK(host.dim() == 3 && host.size(0) == truth.height && host.size(1) == truth.width && host.size(2) == 3 &&
@@ -146,7 +113,7 @@ ColorTransform fit_colors(const torch::Tensor& rendered, const Image8& truth, co
   const float* colors = host.data_ptr<float>();
   const std::size_t n_pixels = truth.pixels.size() / 3;
   // Normal equations of what is to be added to kSameColors.
-  Matrix4 products{};
+  std::array<std::array<double, 4>, 4> products{};
   ColorTransform sides{};
   double n_valid = 0;
   for (std::size_t p = 0; p < n_pixels; ++p) {
@@ -162,16 +129,13 @@ ColorTransform fit_colors(const torch::Tensor& rendered, const Image8& truth, co
     n_valid += 1;
   }
   if (n_valid == 0) return kSameColors;
-  for (std::size_t i = 0; i < 4; ++i) {
-    for (double& product : products[i]) product /= n_valid;
-    for (auto& side : sides) side[i] /= n_valid;
-    products[i][i] += kRidge;
-  }
-  solve(products, sides);
+  constexpr double kRidge = 1e-6;
+  const torch::Tensor matrix = torch::from_blob(products.data(), {4, 4}, torch::kFloat64) / n_valid;
+  const torch::Tensor added =
+      torch::linalg_solve(matrix + kRidge * torch::eye(4, torch::kFloat64),
+                          torch::from_blob(sides.data(), {3, 4}, torch::kFloat64).t() / n_valid);
   ColorTransform transform = kSameColors;
-  for (std::size_t c = 0; c < 3; ++c) {
-    for (std::size_t i = 0; i < 4; ++i) transform[c][i] += sides[c][i];
-  }
+  torch::from_blob(transform.data(), {3, 4}, torch::kFloat64).add_(added.t());
   return transform;
 }
 

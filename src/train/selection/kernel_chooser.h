@@ -5,13 +5,10 @@
 #pragma once
 
 #include <functional>
-#include <memory>
-#include <set>
 #include <string>
 #include <vector>
 
 #include "adaptive/kernel_selector.h"
-#include "adaptive/kernel_timer.h"
 #include "config/train_config.h"
 #include "raster/torch/rasterizer.h"
 #include "train/memory/memory.h"
@@ -43,45 +40,23 @@ struct BlendInput {
   std::vector<MemoryRemedy> remedies{};  // with_remedies()
 };
 
-class BlendPass {
- public:
-  virtual ~BlendPass() = default;
-  /// Everything before blending, and a first blend. @throws NumericError
-  virtual void prepare(const CameraView& view) = 0;
-  virtual void run(const std::string& kernel) = 0;
-  /// Keeps the result of the last run().
-  virtual void keep() = 0;
-  /// How the result of the last run() disagrees with the kept one, or "".
-  virtual std::string fault() const = 0;
+/// `run` returns the result, valid until the next run; `fault` how a result disagrees with another, or "".
+struct BlendPass {
+  using Result = std::vector<torch::Tensor>;
+
+  std::function<void(const CameraView& view)> prepare;  // everything before, and a first blend. @throws NumericError
+  std::function<Result(const std::string& kernel)> run;
+  std::function<std::string(const Result& result, const Result& kept)> fault;
 };
 
 /// `input` must outlive the pass.
-std::unique_ptr<BlendPass> make_forward_blend(const BlendInput& input);
-std::unique_ptr<BlendPass> make_backward_blend(const BlendInput& input);
+BlendPass forward_blend(const BlendInput& input);
+BlendPass backward_blend(const BlendInput& input);
 
-/// One check of one pass, for the log and the user.
-struct KernelCheck {
-  const char* pass = "";  // "forward" or "backward"
-  KernelDecision decision;
-  double warm_up_ms = 0;  // before the first check of a pass; not part of the cost
-  std::string message;    // a line for the user if something changed, else empty
-};
-
-/// Times of the candidates for one pass, for the log only.
-struct CandidateTiming {
-  const char* pass = "";  // "forward" or "backward"
-  KernelTimes times;
-};
-
-std::unique_ptr<KernelTimer> make_kernel_timer(torch::Device device);
-
-/// How kernels are timed and run; tests replace the device's own.
-struct KernelCheckTools {
-  using MakeBlend = std::function<std::unique_ptr<BlendPass>(const BlendInput&)>;
-
-  std::unique_ptr<KernelTimer> timer;  // the device's own if null
-  MakeBlend make_forward = make_forward_blend, make_backward = make_backward_blend;
-};
+/// Makes the runs one after the other, waits for the device, and returns the time that each took there, ms. On a GPU
+/// the runs queue up, so that their times do not include launch latency.
+using RunTimer = std::function<std::vector<double>(const std::vector<std::function<void()>>& runs)>;
+RunTimer make_run_timer(torch::Device device);
 
 class KernelChooser {
  public:
@@ -90,28 +65,32 @@ class KernelChooser {
   /// Views that a check times, unless fewer are conclusive.
   static constexpr std::size_t kViews = 5;
 
-  /// The CPU has only one backward kernel, so only the forward kernel is selected there.
-  KernelChooser(const TrainConfig& config, torch::Device device, KernelCheckTools tools = {});
+  using MakeBlend = std::function<BlendPass(const BlendInput&)>;
+
+  /// The CPU has only one backward kernel, so only the forward kernel is selected there. Tests replace how kernels are
+  /// timed (empty: the device's own) and run.
+  KernelChooser(const TrainConfig& config, torch::Device device, RunTimer time_runs = {},
+                MakeBlend make_forward = forward_blend);
 
   /// `settings` with the kernels in use.
   RenderSettings apply(RenderSettings settings) const;
 
   /// Names of the kernels in use; the backward name is empty on the CPU.
-  const std::string& forward_name() const { return forward_.kernel(); }
+  const std::string& forward_name() const { return passes_.front().selector.kernel(); }
   std::string backward_name() const;
 
   /// Whether check() should be called now.
-  bool is_due(const CheckMoment& now) const { return forward_.is_due(now) || backward_.is_due(now); }
+  bool is_due(const CheckMoment& now) const;
 
   /// Times the candidates and decides, for each pass that is due. Stops early when the selector's budget is used up or
   /// the times are conclusive, but uses at least KernelSelector::kMinViews views. If a view cannot be rendered, or
   /// memory is short after all remedies, nothing is decided: the step that trains on it reports the error.
-  std::vector<KernelCheck> check(const CheckMoment& now, const BlendInput& input);
+  std::vector<KernelDecision> check(const CheckMoment& now, const BlendInput& input);
 
   /// Times the candidates on all views without deciding anything, even if the kernel is fixed: the forward kernels, and
   /// the backward ones if the backward kernel is adaptive. Returns no times if a view cannot be rendered or memory
   /// is short, and none of kernels that disagree with the reference.
-  std::vector<CandidateTiming> time_candidates(const BlendInput& input);
+  std::vector<KernelTimes> time_candidates(const BlendInput& input) const;
 
   /// Saves and restores the state, for checkpoints. A pass that is missing in `json` is left unchanged.
   /// @throws InputError naming `place`
@@ -119,36 +98,30 @@ class KernelChooser {
   void restore(const nlohmann::ordered_json& json, const std::string& place);
 
  private:
+  struct Pass {
+    const char* name = "";
+    KernelSelector selector;
+    std::vector<std::string> timed;  // by time_candidates(); empty = the pass is not
+    MakeBlend make_blend;
+    bool is_warm = false;
+  };
   /// Whether the times on so many views are enough.
-  using IsEnough = std::function<bool(int n_views, const std::vector<KernelMeasurement>&)>;
+  using IsEnough = std::function<bool(std::size_t n_views, const std::vector<KernelMeasurement>&)>;
 
   /// Runs and compares the candidates once before the first check of a pass: on a GPU a kernel's first launch loads its
   /// code, and the first view allocates memory. That happens once per process; counted as the cost of a check it would
   /// delay the next one. Returns the time taken, ms, including work queued before.
-  double warm_up(const char* pass, const KernelSelector& selector, BlendPass& blend, const BlendInput& input);
-  void wait_for_device();
-  /// Calls work(), which times kernels. Does nothing if it fails: a view cannot be rendered, or memory is short.
-  void try_to_measure(const BlendInput& input, const std::function<void()>& work);
-  KernelCheck check_pass(const char* pass, const CheckMoment& now, KernelSelector& selector, BlendPass& blend,
-                         const BlendInput& input);
+  double warm_up(Pass& pass, const BlendPass& blend, const BlendInput& input) const;
+  KernelDecision check_pass(Pass& pass, const CheckMoment& now, const BlendInput& input) const;
   /// Times kernels on the views. A kernel that disagrees with `reference` gets a fault and no times.
   std::vector<KernelMeasurement> measure(const std::vector<std::string>& kernels, const std::string& reference,
-                                         BlendPass& blend, const std::vector<CameraView>& views,
-                                         const IsEnough& is_enough);
-  KernelTimer& timer();
+                                         const BlendPass& blend, const std::vector<CameraView>& views,
+                                         const IsEnough& is_enough) const;
 
   torch::Device device_;
-  KernelCheckTools tools_;  // the timer is created on first use
-  KernelSelector forward_, backward_;
-  std::set<std::string> warm_passes_;
-  std::vector<std::string> timed_forward_, timed_backward_;  // by time_candidates(); empty = not timed
+  RunTimer time_runs_;
+  std::vector<Pass> passes_;  // forward, backward
 };
-
-/// Fields of the log's "kernel_check" line.
-nlohmann::ordered_json to_json(const KernelCheck& check);
-
-/// Fields of the log's "kernel_times" line.
-nlohmann::ordered_json to_json(const CandidateTiming& timing);
 
 /// Fields of the log's "load_statistics" line.
 nlohmann::ordered_json load_json(const std::string& view, const ViewLoad& load);

@@ -64,6 +64,13 @@ double StageTimes::host_ms() const {
   return std::max(0.0, rest);
 }
 
+void StageTimes::add(const StageTimes& others, double share) {
+  for (std::size_t i = 0; i < kStageCount; ++i) {
+    if (others.ms[i]) ms[i] = ms[i].value_or(0) + share * *others.ms[i];
+  }
+  wall_ms += share * others.wall_ms;
+}
+
 nlohmann::ordered_json stage_json(const StageTimes& times) {
   nlohmann::ordered_json json = nlohmann::ordered_json::object();
   for (std::size_t i = 0; i < kStageCount; ++i) {
@@ -103,19 +110,15 @@ void StageTimer::finish(int n_iterations) {
 }
 
 StageTimes StageTimer::read(const Record& record) {
-  StageTimes times;
-  times.kind = record.kind;
-  times.wall_ms = record.to->ms_since(*record.from);
+  StageTimes whole;
+  whole.wall_ms = record.to->ms_since(*record.from);
   for (const Span& span : record.spans) {
-    std::optional<double>& ms = times.ms[static_cast<std::size_t>(span.stage)];
+    std::optional<double>& ms = whole.ms[static_cast<std::size_t>(span.stage)];
     ms = ms.value_or(0) + span.to->ms_since(*span.from);
   }
-  if (record.n_iterations > 1) {
-    times.wall_ms /= record.n_iterations;
-    for (std::optional<double>& ms : times.ms) {
-      if (ms) *ms /= record.n_iterations;
-    }
-  }
+  StageTimes times;
+  times.kind = record.kind;
+  times.add(whole, 1.0 / record.n_iterations);
   return times;
 }
 
@@ -136,29 +139,19 @@ std::vector<StageTimes> StageTimer::wait() {
 void StageAverage::add(const StageTimes& times) {
   if (times.kind == StageTimes::Kind::kDensityRound) {
     rounds_ms_ += times.wall_ms;
-    ++n_rounds_;
     return;
   }
-  for (std::size_t i = 0; i < kStageCount; ++i) {
-    if (times.ms[i]) step_sums_[i] = step_sums_[i].value_or(0) + *times.ms[i];
-  }
-  wall_sum_ += times.wall_ms;
+  steps_.add(times, 1);
   ++n_timed_;
 }
 
 std::optional<StageTimes> StageAverage::take(int n_steps) {
   if (n_timed_ == 0) return std::nullopt;
-  StageTimes mean;
-  for (std::size_t i = 0; i < kStageCount; ++i) {
-    if (step_sums_[i]) mean.ms[i] = *step_sums_[i] / n_timed_;
-  }
-  mean.wall_ms = wall_sum_ / n_timed_;
-  if (n_rounds_ > 0) {
-    const double share = rounds_ms_ / std::max(1, n_steps);
-    std::optional<double>& densify = mean.ms[static_cast<std::size_t>(Stage::kDensify)];
-    densify = densify.value_or(0) + share;
-    mean.wall_ms += share;
-  }
+  StageTimes mean, rounds;
+  mean.add(steps_, 1.0 / n_timed_);
+  rounds.wall_ms = rounds_ms_;
+  if (rounds_ms_ > 0) rounds.ms[static_cast<std::size_t>(Stage::kDensify)] = rounds_ms_;
+  mean.add(rounds, 1.0 / std::max(1, n_steps));
   *this = {};
   return mean;
 }

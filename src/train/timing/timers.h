@@ -34,9 +34,6 @@ using StageClock = std::function<std::unique_ptr<StageMark>()>;
 /// CUDA events on LibTorch's current stream for a GPU, std::chrono::steady_clock for the CPU.
 StageClock make_stage_clock(torch::Device device);
 
-// Times the stages of a step on the device without slowing it down: marks are queued with the work, and read while a
-// later step is running. Outside of a timed step, begin() and end() cost one branch.
-
 struct StageTimes {
   enum class Kind { kStep, kDensityRound };
 
@@ -44,6 +41,8 @@ struct StageTimes {
   std::array<std::optional<double>, kStageCount> ms{};  // of the stages that took place
   double wall_ms = 0;                                   // from start to end
 
+  /// Adds `share` times what others took.
+  void add(const StageTimes& others, double share);
   /// Wall time that belongs to no stage: the device waited for the host.
   double host_ms() const;
 };
@@ -51,6 +50,8 @@ struct StageTimes {
 /// {"project": 0.1, ..., "host": 0.05}: the stages that took place, by name (raster/stages.h).
 nlohmann::ordered_json stage_json(const StageTimes& times);
 
+/// Times the stages of a step on the device without slowing it down: marks are queued with the work, and read while a
+/// later step is running. Outside of a timed step, begin() and end() cost one branch.
 class StageTimer final : public StageRecorder {
  public:
   explicit StageTimer(StageClock clock) : clock_(std::move(clock)) {}
@@ -103,58 +104,47 @@ class StageAverage {
   std::optional<StageTimes> take(int n_steps);
 
  private:
-  std::array<std::optional<double>, kStageCount> step_sums_{};
-  double wall_sum_ = 0, rounds_ms_ = 0;
-  int n_timed_ = 0, n_rounds_ = 0;
+  StageTimes steps_;  // sum
+  double rounds_ms_ = 0;
+  int n_timed_ = 0;
 };
 
-// Splits the time of a session into training and output (evaluating and saving). Work on a GPU ends some time after the
-// call that queued it, so the device is waited for wherever one kind of work follows the other.
-
+/// Splits the time of a session into training and output (evaluating and saving). Work on a GPU ends some time after
+/// the call that queued it, so the device is waited for wherever one kind of work follows the other.
 class TimeAccount {
  public:
   /// `clock_s` returns seconds; `wait_for_device` returns when the device has finished all queued work.
   TimeAccount(std::function<double()> clock_s, std::function<void()> wait_for_device)
       : clock_s_(std::move(clock_s)), wait_for_device_(std::move(wait_for_device)) {}
 
-  /// Counts the time of its scope as training. Does not wait for the device: work that is queued there is counted when
-  /// a later piece of training waits for it.
-  class TrainTime {
-   public:
-    explicit TrainTime(TimeAccount& account) : account_(account), start_s_(account.clock_s_()) {}
-    ~TrainTime() {
-      account_.train_s_ += account_.clock_s_() - start_s_;
-      account_.is_idle_ = false;
-    }
-    TrainTime(const TrainTime&) = delete;
-    TrainTime& operator=(const TrainTime&) = delete;
-
-   private:
-    TimeAccount& account_;
-    double start_s_;
-  };
-
-  /// Counts the duration of `work` as training.
+  /// What comes between the two counts as training. Does not wait for the device: work that is queued there is counted
+  /// when a later piece of training waits for it.
+  void begin_training() { start_s_ = clock_s_(); }
+  void end_training() {
+    train_s_ += clock_s_() - start_s_;
+    is_idle_ = false;
+  }
   template <class Work>
   void train(Work&& work) {
-    const TrainTime counted(*this);
+    begin_training();
     work();
+    end_training();
   }
 
   /// Counts the duration of `work` as output, from when the device has finished training until it has finished `work`.
   template <class Work>
   void output(Work&& work) {
     finish_training();
-    count(output_s_, [&] {
-      work();
-      wait_for_device_();
-    });
+    const double start_s = clock_s_();
+    work();
+    wait_for_device_();
+    output_s_ += clock_s_() - start_s;
   }
 
   /// Waits until the device has finished training, and counts that as training.
   void finish_training() {
     if (is_idle_) return;
-    count(train_s_, wait_for_device_);
+    train(wait_for_device_);
     is_idle_ = true;
   }
 
@@ -162,16 +152,10 @@ class TimeAccount {
   double output_s() const { return output_s_; }
 
  private:
-  template <class Work>
-  void count(double& sum_s, Work&& work) {
-    const double start_s = clock_s_();
-    work();
-    sum_s += clock_s_() - start_s;
-  }
-
   std::function<double()> clock_s_;
   std::function<void()> wait_for_device_;
   double train_s_ = 0, output_s_ = 0;
+  double start_s_ = 0;   // of the training that is being counted
   bool is_idle_ = true;  // the device
 };
 

@@ -101,3 +101,15 @@ inline Scene make_tiny_scene(const TinySceneOptions& options = {}, GaussianTenso
 }
 
 }  // namespace b3dgs::test
+
+namespace b3dgs {
+
+inline Evaluation evaluate_views(Rasterizer& rasterizer, const GaussianTensors& gaussians,
+                                 const std::vector<View>& views, const RenderSettings& settings,
+                                 const RenderedFn& on_rendered = {}, const LpipsNetwork* lpips = nullptr,
+                                 const ColorEvaluation& colors = {}) {
+  const RenderFn render = [&](const CameraView& view) { return rasterizer.forward(gaussians, view, settings); };
+  return evaluate_views(render, gaussians.means.device(), views, on_rendered, lpips, colors);
+}
+
+}  // namespace b3dgs

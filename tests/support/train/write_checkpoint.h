@@ -21,7 +21,11 @@ inline void write_checkpoint_file(const std::filesystem::path& path, const Check
 
 inline void write_checkpoint(const std::filesystem::path& path, const TrainConfig& config, const TrainState& state,
                              const Scene& scene) {
-  write_checkpoint_file(path, {checkpoint_header(config, state, scene_fingerprint(scene)), checkpoint_tensors(state)});
+  CheckpointFile content{checkpoint_header(config, state, scene_fingerprint(scene)), {}};
+  for (const CheckpointTensor& tensor : checkpoint_tensors(state)) {
+    content.tensors.emplace_back(tensor.entry.name, tensor.values);
+  }
+  write_checkpoint_file(path, content);
 }
 
 }  // namespace b3dgs

@@ -25,21 +25,20 @@ TrainConfig measured_config() {
   return config;
 }
 
-TEST(KernelTimerOnGpu, GivesOneTimeForEachPieceOfWorkInOrder) {
+TEST(RunTimerOnGpu, GivesTheTimeOfEachRunInOrder) {
   B3DGS_NEEDS_GPU();
   constexpr std::int64_t kBytes = 256 << 20;
   const torch::Device device(torch::kCUDA, 0);
   const torch::Tensor memory = torch::empty({kBytes}, torch::TensorOptions(torch::kUInt8).device(device));
-  const std::unique_ptr<KernelTimer> timer = make_kernel_timer(device);
-  const auto fill = [&](std::int64_t bytes) { timer->measure([&] { memory.slice(0, 0, bytes).zero_(); }); };
-  fill(kBytes);
-  timer->finish();  // warm-up: first uses are slow
-  EXPECT_TRUE(timer->finish().empty());
+  const RunTimer time_runs = make_run_timer(device);
+  const auto large = [&] { memory.zero_(); };
+  const auto small = [&] { memory.slice(0, 0, 16).zero_(); };
+  time_runs({large});  // warm-up: first uses are slow
+  EXPECT_TRUE(time_runs({}).empty());
   for (int round = 0; round < 3; ++round) {
-    for (const std::int64_t bytes : {kBytes, std::int64_t{16}, kBytes}) fill(bytes);
-    const std::vector<double> ms = timer->finish();
+    const std::vector<double> ms = time_runs({large, small, large});
     ASSERT_EQ(ms.size(), 3u);
-    EXPECT_GT(ms[0], ms[1]) << "the first piece has 16 million times the work";
+    EXPECT_GT(ms[0], ms[1]) << "the first run has 16 million times the work";
     EXPECT_GT(ms[2], ms[1]);
     EXPECT_GT(ms[1], 0);
   }
@@ -60,16 +59,16 @@ TEST(KernelChooserOnGpu, EveryKernelAgreesWithTheReferenceAndIsTimed) {
   const auto render = [&](const CameraView& view, const RenderSettings& settings) {
     return rasterizer.forward(gaussians, view, settings);
   };
-  const std::vector<KernelCheck> done = chooser.check({1, 0}, {rasterizer, render, {}, cameras});
+  const std::vector<KernelDecision> done = chooser.check({1, 0}, {rasterizer, render, {}, cameras});
   ASSERT_EQ(done.size(), 2u);
-  EXPECT_STREQ(done[0].pass, "forward");
-  EXPECT_STREQ(done[1].pass, "backward");
-  EXPECT_EQ(done[0].decision.times_ms.size(), kForwardKernels.size());
-  EXPECT_EQ(done[1].decision.times_ms.size(), kBackwardKernels.size());
-  for (const KernelCheck& check : done) {
-    EXPECT_TRUE(check.decision.disabled.empty()) << check.decision.reason;
-    EXPECT_GE(check.decision.views, KernelSelector::kMinViews);
-    for (const auto& [kernel, ms] : check.decision.times_ms) EXPECT_GT(ms, 0) << kernel;
+  EXPECT_EQ(done[0].pass, "forward");
+  EXPECT_EQ(done[1].pass, "backward");
+  EXPECT_EQ(done[0].times_ms.size(), kForwardKernels.size());
+  EXPECT_EQ(done[1].times_ms.size(), kBackwardKernels.size());
+  for (const KernelDecision& check : done) {
+    EXPECT_TRUE(check.disabled.empty()) << check.reason;
+    EXPECT_GE(check.views, KernelSelector::kMinViews);
+    for (const auto& [kernel, ms] : check.times_ms) EXPECT_GT(ms, 0) << kernel;
   }
 }
 

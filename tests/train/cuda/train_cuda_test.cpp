@@ -73,21 +73,21 @@ TEST(DeviceSnapshot, KeepsTheOldValuesWhileTheArraysChange) {
     return std::string_view(reinterpret_cast<const char*>(array.data()), n);
   };
   const auto snapshot =
-      cuda::DeviceSnapshot::make({bytes_of(large, sizes[0]), {}, bytes_of(small, sizes[1])}, stream.get());
+      cuda::make_device_snapshot({bytes_of(large, sizes[0]), {}, bytes_of(small, sizes[1])}, stream.get());
   ASSERT_NE(snapshot, nullptr);
   reader.follow(stream.get());
   B3DGS_CUDA_CHECK(cudaMemsetAsync(large.data(), 0, sizes[0], stream.get()));
-  ASSERT_EQ(snapshot->arrays().size(), 3u);
+  ASSERT_EQ(snapshot->arrays.size(), 3u);
   for (const std::size_t i : {std::size_t{0}, std::size_t{2}}) {
     std::vector<std::uint8_t> read;
-    const std::string_view copy = snapshot->arrays()[i];
+    const std::string_view copy = snapshot->arrays[i];
     reader.read(copy.data(), copy.size(), [&](const void* piece, std::size_t bytes) {
       const auto* const from = static_cast<const std::uint8_t*>(piece);
       read.insert(read.end(), from, from + bytes);
     });
     EXPECT_TRUE(test::same(read, images[i / 2])) << i;
   }
-  EXPECT_EQ(cuda::DeviceSnapshot::make({bytes_of(large, std::size_t{1} << 50)}, stream.get()), nullptr) << "no room";
+  EXPECT_EQ(cuda::make_device_snapshot({bytes_of(large, std::size_t{1} << 50)}, stream.get()), nullptr) << "no room";
 }
 
 class ImageUploaderTest : public testing::Test {
