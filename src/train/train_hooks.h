@@ -12,7 +12,7 @@
 #include "scene/scene.h"
 #include "train/memory/memory.h"
 #include "train/output/train_events.h"
-#include "train/poses/camera_correction.h"
+#include "train/poses/pose_refiner.h"
 
 namespace b3dgs {
 
