@@ -79,7 +79,7 @@ void append_trained(SplatCloud& cloud, double median_sigma, Random& random) {
 void append_untrained(SplatCloud& cloud, double sigma, Random& random) {
   cloud.log_scales.insert(cloud.log_scales.end(), 3, static_cast<float>(std::log(sigma)));
   cloud.quats.insert(cloud.quats.end(), {1, 0, 0, 0});
-  cloud.logit_opacities.push_back(logit(kInitialOpacity));
+  cloud.logit_opacities.push_back(logit(0.1));
   for (int k = 0; k < 3; ++k) cloud.sh0.push_back(sh0_from_color(random.uniform()));
   cloud.shN.resize(cloud.shN.size() + 3 * (sh_coefficient_count(cloud.sh_degree) - 1));
 }

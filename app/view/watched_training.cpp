@@ -5,7 +5,7 @@
 #include "core/check.h"
 #include "train/device.h"
 #include "train/evaluate.h"
-#include "train/poses/camera_correction.h"
+#include "train/poses/pose_refiner.h"
 
 namespace b3dgs {
 namespace {

@@ -5,9 +5,10 @@
 namespace b3dgs {
 
 Objective::Objective(const TrainConfig& config, const Scene& scene, torch::Device device, const ProgressFn& progress)
-    : config_(config),
-      loss_(device),
-      appearance_(make_appearance_model(config, static_cast<std::int64_t>(scene.train.size()), device)) {
+    : config_(config), loss_(device) {
+  if (config.exposure || config.bilateral_grid) {
+    appearance_.emplace(config, static_cast<std::int64_t>(scene.train.size()), device);
+  }
   if (uses_depths(config)) depth_priors_.emplace(config.depths, scene, device, progress);
 }
 

@@ -4,7 +4,6 @@
 
 #include <torch/types.h>
 
-#include <memory>
 #include <optional>
 #include <string>
 #include <vector>
@@ -37,7 +36,7 @@ class Objective {
   const torch::Tensor& errors() const { return error_image_.error(); }
 
   /// How photographs differ because of their cameras, which is learned with the Gaussians; null = not at all.
-  AppearanceModel* appearance() { return appearance_.get(); }
+  AppearanceModel* appearance() { return appearance_ ? &*appearance_ : nullptr; }
   /// Memory on a GPU for each pixel of the largest view, with that of the render.
   std::int64_t bytes_per_pixel() const;
   bool has_depths() const { return depth_priors_.has_value(); }
@@ -48,7 +47,7 @@ class Objective {
   const TrainConfig& config_;
   ImageLoss loss_;
   ErrorImage error_image_;
-  const std::unique_ptr<AppearanceModel> appearance_;
+  std::optional<AppearanceModel> appearance_;
   std::optional<DepthPriors> depth_priors_;  // with --depths
 };
 

@@ -11,7 +11,7 @@
 #include "scene/scene.h"
 #include "train/memory/memory.h"
 #include "train/output/train_recorder.h"
-#include "train/poses/camera_correction.h"
+#include "train/poses/pose_refiner.h"
 #include "train/selection/kernel_chooser.h"
 
 namespace b3dgs {

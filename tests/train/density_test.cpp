@@ -16,8 +16,14 @@ namespace b3dgs {
 namespace {
 
 constexpr float kSmall = 0.01f, kLarge = 0.5f, kHuge = 20.0f;  // world units
-const DensityRule kRule{/*grad_threshold=*/1.0, /*split_scale=*/0.1, /*prune_opacity=*/0.005,
-                        /*prune_scale=*/0,      /*prune_radius=*/0,  /*max_gaussians=*/0};
+
+/// Thresholds of one round; 0 = none.
+struct Rule {
+  double grad_threshold = 1, split_scale = 0.1, prune_scale = 0, prune_radius = 0;
+  std::int64_t max_gaussians = 0;
+  int seed = 1;
+};
+const Rule kRule;
 
 struct Row {
   float scale, opacity, gradient;
@@ -73,8 +79,18 @@ std::vector<std::int64_t> sources(const DensityRound& round) {
 
 using Rows = std::vector<std::int64_t>;
 
-DensityRound densify(const Model& model, const DensityRule& rule) {
-  return densify(model.gaussians, model.statistics, rule, /*seed=*/1, /*iteration=*/600);
+DensityRound densify(const Model& model, const Rule& rule) {
+  constexpr int kIteration = 600;
+  TrainConfig config;
+  const double extent = rule.prune_scale > 0 ? 10 * rule.prune_scale : 1e6;
+  config.densify_grad_threshold = rule.grad_threshold;
+  config.percent_dense = rule.split_scale / extent;
+  config.prune_opacity = 0.005;
+  config.prune_screen_size = rule.prune_radius;
+  if (rule.prune_scale > 0 || rule.prune_radius > 0) config.opacity_reset_interval = kIteration - 1;
+  config.seed = rule.seed;
+  return make_default_strategy(config, extent)
+      ->plan_round(model.gaussians, model.statistics, kIteration, rule.max_gaussians);
 }
 
 TEST(DefaultStrategy, DoesNotChangeAModelWithSmallGradients) {
@@ -107,8 +123,8 @@ TEST(DefaultStrategy, SplitsLargeOnesInTwoSmallerOnes) {
 
 TEST(DefaultStrategy, ThresholdsAreInclusiveForGradientsAndExclusiveForScales) {
   Model model = make_model({{kSmall, 0.5f, 1.0f}, {kSmall, 0.5f, 0.999f}, {kSmall, 0.5f, 1.0f}});
-  const DensityRule rule = kRule;
-  model.gaussians.log_scales[2].fill_(std::log(rule.split_scale));  // exactly the limit: a clone
+  const Rule rule = kRule;
+  model.gaussians.log_scales[2].fill_(std::log(rule.split_scale / 1e6 * 1e6));  // exactly the limit: a clone
   EXPECT_EQ(sources(densify(model, rule)), (Rows{0, 1, 2, 0, 2}));
 }
 
@@ -116,7 +132,7 @@ TEST(DefaultStrategy, AveragesGradientsOverTheViewsThatSawTheGaussian) {
   Model model = make_model({{kSmall, 0.5f, 0.9f, 10}, {kSmall, 0.5f, 1.1f, 10}, {kSmall, 0.5f, 0.0f, 0}});
   EXPECT_EQ(sources(densify(model, kRule)), (Rows{0, 1, 2, 1}));
   // Never seen: no mean, so neither cloned nor split, even if the threshold is 0.
-  DensityRule any = kRule;
+  Rule any = kRule;
   any.grad_threshold = 0;
   EXPECT_EQ(sources(densify(model, any)), (Rows{0, 1, 2, 0, 1}));
 }
@@ -133,13 +149,13 @@ TEST(DefaultStrategy, PrunesLargeOnesOnlyWhenAsked) {
   // 1.6 times the limit: split, its samples are just small enough.
   const Model model = make_model({{kHuge, 0.5f, 0.1f}, {kLarge, 0.5f, 0.1f}, {7.9f, 0.5f, 1.5f}, {8.1f, 0.5f, 1.5f}});
   EXPECT_EQ(sources(densify(model, kRule)), (Rows{0, 1, 2, 3, 2, 3}));
-  DensityRule rule = kRule;
+  Rule rule = kRule;
   rule.prune_scale = 5;
   EXPECT_EQ(sources(densify(model, rule)), (Rows{1, 2, 2}));
 }
 
 TEST(DefaultStrategy, PrunesByScreenSizeOnlyWhatWasSeenThatLarge) {
-  DensityRule rule = kRule;
+  Rule rule = kRule;
   rule.prune_radius = 20;
   const Model model =
       make_model({{kSmall, 0.5f, 0.1f, 1, 21}, {kSmall, 0.5f, 0.1f, 1, 20}, {kSmall, 0.5f, 1.5f, 1, 21}});
@@ -149,7 +165,7 @@ TEST(DefaultStrategy, PrunesByScreenSizeOnlyWhatWasSeenThatLarge) {
 TEST(DefaultStrategy, AddsTheCandidatesWithTheLargestGradientsIfThereIsALimit) {
   const Model model = make_model(
       {{kSmall, 0.5f, 2.0f}, {kLarge, 0.5f, 5.0f}, {kSmall, 0.5f, 2.0f}, {kSmall, 0.5f, 3.0f}, {kSmall, 0.5f, 0.1f}});
-  DensityRule rule = kRule;
+  Rule rule = kRule;
   rule.max_gaussians = 8;  // room for 3 of 4 candidates; of the equal ones the first
   EXPECT_EQ(sources(densify(model, rule)), (Rows{0, 2, 3, 4, 0, 3, 1, 1}));
   rule.max_gaussians = 6;
@@ -203,7 +219,9 @@ TEST(DefaultStrategy, IsTheSameForAnyNumberOfThreadsAndFollowsTheSeed) {
   const DensityRound three = densify(model, kRule);
   set_thread_count(0);
   EXPECT_TRUE(test::same(one.edit.new_means, three.edit.new_means));
-  const DensityRound other = densify(model.gaussians, model.statistics, kRule, 2, 600);
+  Rule with_seed = kRule;
+  with_seed.seed = 2;
+  const DensityRound other = densify(model, with_seed);
   EXPECT_FALSE(torch::equal(one.edit.new_means, other.edit.new_means));
 }
 
@@ -257,7 +275,7 @@ TEST(RowEdit, GivesNewRowsTheirOpacities) {
   edit.n_kept = 4;
   edit.new_means = edit.new_log_scales = torch::zeros({1, 3});
   EXPECT_TRUE(test::fails_with<LogicError>(
-      {"1 rows", "2 new opacities"}, [&] { apply_row_edit(edit, model.gaussians, model.adam, model.statistics); }));
+      {"4 of 5 rows", "2 new values"}, [&] { apply_row_edit(edit, model.gaussians, model.adam, model.statistics); }));
   edit.new_logit_opacities = torch::Tensor();
   apply_row_edit(edit, model.gaussians, model.adam, model.statistics);
   EXPECT_EQ(model.gaussians.logit_opacities[4].item<float>(), before[0].item<float>()) << "that of the source";
@@ -275,9 +293,10 @@ TEST(DensityStatistics, CountViewsAndSumNormsInUnitsOfHalfTheImage) {
   ViewStatistics view;
   view.means2d_grad = torch::tensor({{0.03f, 0.08f}, {0.0f, 0.0f}, {0.5f, 0.0f}});
   view.radii = torch::tensor({4, 0, 9}, torch::kInt32);
-  add_view(view, 200, 100, statistics);
+  const std::unique_ptr<DensityStrategy> strategy = make_default_strategy({}, 1);
+  strategy->after_view({1, view, 200, 100}, statistics);
   view.radii = torch::tensor({2, 0, 11}, torch::kInt32);
-  add_view(view, 200, 100, statistics);
+  strategy->after_view({1, view, 200, 100}, statistics);
   // (0.03 * 100, 0.08 * 50) = (3, 4)
   EXPECT_TRUE(test::within(statistics.grad_norm_sum, torch::tensor({10.0f, 0.0f, 100.0f}), 1e-5));
   EXPECT_TRUE(test::same(statistics.view_count, torch::tensor({2, 0, 2}, torch::kInt32)));
@@ -286,7 +305,7 @@ TEST(DensityStatistics, CountViewsAndSumNormsInUnitsOfHalfTheImage) {
 
 TEST(OpacityReset, LowersOpacitiesAndZeroesOnlyTheirMoments) {
   Model model = make_model({{kSmall, 0.5f, 0}, {kSmall, 0.006f, 0}});
-  reset_opacities(model.gaussians, model.adam);
+  make_density_strategy({}, 1)->lower_opacities(model.gaussians, model.adam);
   EXPECT_TRUE(test::within(torch::sigmoid(model.gaussians.logit_opacities), torch::tensor({0.01f, 0.006f}), 1e-6));
   EXPECT_EQ(model.adam.m.logit_opacities.abs().max().item<float>(), 0);
   EXPECT_EQ(model.adam.v.logit_opacities.abs().max().item<float>(), 0);
@@ -295,9 +314,10 @@ TEST(OpacityReset, LowersOpacitiesAndZeroesOnlyTheirMoments) {
 
 TEST(DensityPlan, ActsAtTheIterationsOfTheOriginal) {
   const TrainConfig config;
+  const std::unique_ptr<DensityStrategy> strategy = make_density_strategy(config, 1);
   std::vector<int> rounds, resets;
   for (int iteration = 1; iteration <= config.iterations; ++iteration) {
-    const DensityPlan plan = density_plan(config, iteration);
+    const DensityPlan plan = strategy->plan(iteration);
     if (plan.densify) rounds.push_back(iteration);
     if (plan.lower_opacities) resets.push_back(iteration);
     EXPECT_EQ(plan.statistics, iteration < 15000);
@@ -310,22 +330,23 @@ TEST(DensityPlan, ActsAtTheIterationsOfTheOriginal) {
 
 TEST(DensityPlan, WithAWhiteBackgroundResetsOpacitiesOnceMoreAtTheStart) {
   TrainConfig config;
-  EXPECT_FALSE(density_plan(config, 500).lower_opacities);
+  EXPECT_FALSE(make_density_strategy(config, 1)->plan(500).lower_opacities);
   config.white_background = true;
-  EXPECT_TRUE(density_plan(config, 500).lower_opacities);
+  EXPECT_TRUE(make_density_strategy(config, 1)->plan(500).lower_opacities);
 }
 
 TEST(DensityPlan, KnowsWhenOpacitiesHaveNotRecovered) {
   TrainConfig config;  // resets at 3000, 6000, 9000 and 12,000
-  EXPECT_FALSE(is_after_opacity_reset(config, 1));
-  EXPECT_FALSE(is_after_opacity_reset(config, 3000)) << "the reset comes after that iteration";
-  EXPECT_TRUE(is_after_opacity_reset(config, 3001));
-  EXPECT_TRUE(is_after_opacity_reset(config, 3500));
-  EXPECT_FALSE(is_after_opacity_reset(config, 3501));
-  EXPECT_FALSE(is_after_opacity_reset(config, 15001)) << "density control has ended before";
+  const auto is_recovering = [&](int iteration) { return make_density_strategy(config, 1)->is_recovering(iteration); };
+  EXPECT_FALSE(is_recovering(1));
+  EXPECT_FALSE(is_recovering(3000)) << "the reset comes after that iteration";
+  EXPECT_TRUE(is_recovering(3001));
+  EXPECT_TRUE(is_recovering(3500));
+  EXPECT_FALSE(is_recovering(3501));
+  EXPECT_FALSE(is_recovering(15001)) << "density control has ended before";
   config.opacity_reset_interval = 100;
-  EXPECT_TRUE(is_after_opacity_reset(config, 150));
-  EXPECT_FALSE(is_after_opacity_reset(config, 151)) << "otherwise there would never be a kernel check";
+  EXPECT_TRUE(is_recovering(150));
+  EXPECT_FALSE(is_recovering(151)) << "otherwise there would never be a kernel check";
 }
 
 TEST(DensityStrategy, DefaultFollowsItsScheduleAndTheLimit) {
@@ -355,14 +376,17 @@ TEST(DensityStrategy, OfAnUnknownNameIsAnError) {
       test::fails_with<LogicError>({"unknown density strategy: none"}, [&] { make_density_strategy(config, 1); }));
 }
 
-TEST(DensityRule, PrunesForSizeAfterTheFirstReset) {
+TEST(DefaultStrategy, PrunesForSizeAfterTheFirstReset) {
   TrainConfig config;
   config.prune_screen_size = 20;
-  EXPECT_EQ(density_rule(config, 5, 3000).prune_scale, 0);
-  EXPECT_EQ(density_rule(config, 5, 3000).prune_radius, 0);
-  EXPECT_EQ(density_rule(config, 5, 3100).prune_scale, 0.5);
-  EXPECT_EQ(density_rule(config, 5, 3100).prune_radius, 20);
-  EXPECT_DOUBLE_EQ(density_rule(config, 5, 3100).split_scale, 0.05);
+  const std::unique_ptr<DensityStrategy> strategy = make_default_strategy(config, /*extent=*/5);
+  const Model model =
+      make_model({{0.49f, 0.5f, 0}, {0.51f, 0.5f, 0}, {kSmall, 0.5f, 0, 1, 20}, {kSmall, 0.5f, 0, 1, 21}});
+  const auto rows_at = [&](int iteration) {
+    return sources(strategy->plan_round(model.gaussians, model.statistics, iteration, 0));
+  };
+  EXPECT_EQ(rows_at(3000), (Rows{0, 1, 2, 3}));
+  EXPECT_EQ(rows_at(3100), (Rows{0, 2}));
 }
 
 }  // namespace

@@ -141,7 +141,8 @@ TEST(StagesOfTraining, AreAllThereInEveryStepIfAskedFor) {
   const test::TempDir temp;
   const TrainConfig config = test::eventful_config();
   int n_steps = 0, n_rounds = 0, n_planned = 0;
-  for (int i = 1; i <= config.iterations; ++i) n_planned += density_plan(config, i).densify;
+  const std::unique_ptr<DensityStrategy> strategy = make_density_strategy(config, 1);
+  for (int i = 1; i <= config.iterations; ++i) n_planned += strategy->plan(i).densify;
   TrainHooks hooks;
   hooks.on_stage_times = [&](const StageTimes& times) {
     if (times.kind == StageTimes::Kind::kDensityRound) {

@@ -33,7 +33,8 @@ TEST(Trainer, TellsTheSizeOfTheSavedModel) {
   const test::TempDir temp;
   TrainConfig config = eventful_config();
   config.iterations = 10;
-  ASSERT_TRUE(density_plan(config, config.iterations).densify) << "the PLY is written before this round";
+  ASSERT_TRUE(make_density_strategy(config, 1)->plan(config.iterations).densify)
+      << "the PLY is written before this round";
   const TrainResult result = train(config, scene, temp / "model").result;
   EXPECT_EQ(result.n_saved, read_splat_ply(result.ply).size());
   EXPECT_NE(result.n_gaussians, result.n_saved);
@@ -43,7 +44,8 @@ TEST(Trainer, ResumedEqualsUninterruptedBitForBit) {
   const Scene scene = test::make_tiny_scene();
   const test::TempDir temp;
   TrainConfig config = eventful_config();
-  ASSERT_TRUE(density_plan(config, 10).densify && density_plan(config, 12).lower_opacities);
+  const std::unique_ptr<DensityStrategy> strategy = make_density_strategy(config, 1);
+  ASSERT_TRUE(strategy->plan(10).densify && strategy->plan(12).lower_opacities);
   const Trained whole = train(config, scene, temp / "whole");
   EXPECT_GT(whole.result.n_gaussians, 150) << "no density control happened";
   // before all, at a round of density control, at an opacity reset, at the end

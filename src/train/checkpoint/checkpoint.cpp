@@ -9,7 +9,7 @@
 #include "config/train_options.h"
 #include "core/check.h"
 #include "core/files/own_files.h"
-#include "train/appearance/bilateral_grid.h"
+#include "train/appearance/appearance_kernels.h"
 #include "train/density/density_strategy.h"
 #include "train/gaussians/gaussian_model.h"
 

@@ -9,7 +9,7 @@
 #include "train/appearance/appearance_model.h"
 #include "train/density/row_edit.h"
 #include "train/optimizer/adam.h"
-#include "train/poses/camera_correction.h"
+#include "train/poses/pose_refiner.h"
 
 namespace b3dgs {
 

@@ -14,6 +14,20 @@ static_assert(kMakers.size() == kDensityStrategies.size(), "a strategy for each 
 
 }  // namespace
 
+GaussianArrays arrays_without_colors(const GaussianTensors& gaussians) {
+  for (const torch::Tensor* tensor :
+       {&gaussians.means, &gaussians.log_scales, &gaussians.quats, &gaussians.logit_opacities}) {
+    B3DGS_CHECK(tensor->is_contiguous(), "density control needs contiguous tensors");
+  }
+  GaussianArrays arrays;
+  arrays.n_gaussians = gaussians.size();
+  arrays.means = gaussians.means.data_ptr<float>();
+  arrays.log_scales = gaussians.log_scales.data_ptr<float>();
+  arrays.quats = gaussians.quats.data_ptr<float>();
+  arrays.logit_opacities = gaussians.logit_opacities.data_ptr<float>();
+  return arrays;
+}
+
 DensityStatistics DensityStrategy::make_statistics(std::int64_t n_gaussians, torch::Device device) const {
   return make_density_statistics(n_gaussians, device);
 }

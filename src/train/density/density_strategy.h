@@ -1,17 +1,13 @@
 // Density control behind one interface: which Gaussians are added and removed while a model is trained.
 //
-// In each iteration the trainer asks plan() what there is to do, and then calls, in this order:
-//   after_view()       after the backward pass: statistics of the view
-//   after_step()       after the optimizer moved the Gaussians and after_view(): noise on the means, for strategies
-//                      that add it
-//   plan_round()       after the iteration's log line, evaluation and PLY: which rows stay and which are new
-//   lower_opacities()  after the round: an opacity reset
-// The strategy decides; the trainer applies the RowEdit to parameters, Adam moments and statistics, keeps the model
-// within memory, and repeats a round that ran out of it.
+// In each iteration the trainer asks plan() what there is to do, and then calls, in this order: after_view() after the
+// backward pass, after_step() after the optimizer, plan_round() after log line, evaluation and PLY, lower_opacities().
+// The strategy decides; the trainer applies the RowEdit, keeps the model within memory, and repeats a round that ran
+// out of it.
 //
 // A strategy has no state of its own. What it remembers of a Gaussian is a column of DensityStatistics, which row edits
-// and checkpoints carry along; random numbers follow from (seed, purpose, iteration, row), see core/random.h. So a
-// resumed training continues bit for bit.
+// and checkpoints carry along; random numbers follow from (seed, purpose, iteration, row). So a resumed training
+// continues bit for bit.
 #pragma once
 
 #include <cstdint>
@@ -51,8 +47,13 @@ struct DensityRound {
   std::int64_t n_over_limit = 0;  // candidates that were not added because of the limit
 };
 
+/// Arrays of the parameters that rounds and noise read: all but colours, which several ranks do not exchange.
+GaussianArrays arrays_without_colors(const GaussianTensors& gaussians);
+
 class DensityStrategy {
  public:
+  /// `extent`: the scene extent, world units.
+  DensityStrategy(const TrainConfig& config, double extent) : config_(config), extent_(extent) {}
   virtual ~DensityStrategy() = default;
 
   /// Zero statistics of `n_gaussians`; with further columns if the strategy needs more than the common ones.
@@ -64,9 +65,9 @@ class DensityStrategy {
   /// change, from where on a step is not rolled back.
   virtual void after_view(const DensityView& /*seen*/, DensityStatistics& /*statistics*/) const {}
 
-  /// May change parameters in place; called for each iteration of the step, with the same restrictions. `model_rows`:
-  /// [N] int32, the row of the model that each of `gaussians` is; undefined if they are the model. What happens to a
-  /// Gaussian must not depend on which others are there.
+  /// May change parameters in place (noise on the means); called for each iteration of the step, with the same
+  /// restrictions. `model_rows`: [N] int32, the row of the model that each of `gaussians` is; undefined if they are the
+  /// model. What happens to a Gaussian must not depend on which others are there.
   virtual void after_step(int /*iteration*/, GaussianTensors& /*gaussians*/,
                           const torch::Tensor& /*model_rows*/ = {}) const {}
 
@@ -84,10 +85,13 @@ class DensityStrategy {
   /// Whether opacities were lowered so much, so recently, that what kernels take now says little about later steps:
   /// kernel checks wait.
   virtual bool is_recovering(int /*iteration*/) const { return false; }
+
+ protected:
+  const TrainConfig config_;
+  const double extent_;
 };
 
-/// The strategy that config.strategy names. `extent`: the scene extent, world units. @throws LogicError if there is
-/// none
+/// The strategy that config.strategy names. @throws LogicError if there is none
 std::unique_ptr<DensityStrategy> make_density_strategy(const TrainConfig& config, double extent);
 
 }  // namespace b3dgs

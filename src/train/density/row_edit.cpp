@@ -10,7 +10,6 @@
 #include "core/check.h"
 #include "core/parallel.h"
 #include "raster/torch/torch_cuda.h"
-#include "train/density/density_kernels.h"
 
 namespace b3dgs {
 
@@ -23,24 +22,8 @@ DensityStatistics make_density_statistics(std::int64_t n_gaussians, torch::Devic
   return statistics;
 }
 
-void add_view(const ViewStatistics& view, std::int32_t width, std::int32_t height, DensityStatistics& statistics) {
-  // No temporary tensor: a step may run out of memory before its first change to the model, but not here.
-  AddViewArgs args;
-  args.n_gaussians = view.radii.numel();
-  args.means2d_grad = view.means2d_grad.data_ptr<float>();
-  args.radii = view.radii.data_ptr<std::int32_t>();
-  args.half_width = 0.5f * static_cast<float>(width);
-  args.half_height = 0.5f * static_cast<float>(height);
-  args.grad_norm_sum = statistics.grad_norm_sum.data_ptr<float>();
-  args.view_count = statistics.view_count.data_ptr<std::int32_t>();
-  args.max_radii = statistics.max_radii.data_ptr<std::int32_t>();
-  for_rows<add_view_row>(view.radii.is_cuda(), args, args.n_gaussians);
-}
-
 std::int64_t row_elements(const torch::Tensor& tensor) {
-  std::int64_t n = 1;
-  for (std::int64_t axis = 1; axis < tensor.dim(); ++axis) n *= tensor.size(axis);
-  return n;
+  return c10::multiply_integers(tensor.sizes().slice(1));
 }
 
 namespace {
@@ -64,24 +47,9 @@ torch::Tensor with_rows(const torch::Tensor& tensor, std::int64_t n_rows) {
   return tensor.as_strided(sizes_with_rows(tensor, n_rows), tensor.strides());
 }
 
-void check_edit(const RowEdit& edit) {
-  const std::int64_t n_rows = edit.sources.size(0), n_new = n_rows - edit.n_kept;
-  B3DGS_CHECK(n_new >= 0 && edit.new_means.size(0) == n_new && edit.new_log_scales.size(0) == n_new, "the edit keeps ",
-              edit.n_kept, " of ", n_rows, " rows, but has ", edit.new_means.size(0), " new means and ",
-              edit.new_log_scales.size(0), " new scales");
-  B3DGS_CHECK(!edit.new_logit_opacities.defined() || edit.new_logit_opacities.size(0) == n_new, "the edit adds ", n_new,
-              " rows, but has ", edit.new_logit_opacities.size(0), " new opacities");
-}
-
 /// Rows moved at a time.
 std::int64_t piece_rows(const torch::Tensor& tensor, std::int64_t piece_elements) {
   return std::max<std::int64_t>(1, piece_elements / std::max<std::int64_t>(1, row_elements(tensor)));
-}
-
-/// Elements of scratch for one tensor: its new rows, which are read before their sources move, and one piece.
-std::int64_t scratch_elements(const RowEdit& edit, const torch::Tensor& tensor, std::int64_t piece_elements) {
-  const std::int64_t n_new = edit.sources.size(0) - edit.n_kept;
-  return (n_new + std::min(edit.n_kept, piece_rows(tensor, piece_elements))) * row_elements(tensor);
 }
 
 /// Applies the edit to the tensor within its own storage, `piece` rows at a time.
@@ -105,11 +73,7 @@ void edit_tensor(const RowEdit& edit, std::int64_t piece, const torch::Tensor& s
     result.slice(0, begin, end).copy_(gather(n_new, begin, end));
   }
   torch::Tensor added = result.slice(0, edit.n_kept);
-  if (copies_new) {
-    added.copy_(new_rows);
-  } else {
-    added.zero_();
-  }
+  copies_new ? added.copy_(new_rows) : added.zero_();
   tensor = result;
 }
 
@@ -129,12 +93,16 @@ std::int64_t RowEditor::capacity(const torch::Tensor& tensor) const {
 
 void RowEditor::reserve(const RowEdit& edit, std::int64_t n_room, GaussianTensors& gaussians, AdamState& adam,
                         DensityStatistics& statistics) {
-  check_edit(edit);
-  const std::int64_t n_rows = edit.sources.size(0);
+  const std::int64_t n_rows = edit.sources.size(0), n_new = n_rows - edit.n_kept;
+  for (const torch::Tensor* added : {&edit.new_means, &edit.new_log_scales, &edit.new_logit_opacities}) {
+    B3DGS_CHECK(!added->defined() || added->size(0) == n_new, "the edit keeps ", edit.n_kept, " of ", n_rows,
+                " rows, but has ", added->size(0), " new values");
+  }
   B3DGS_CHECK(n_room >= n_rows, "reserving ", n_room, " rows for an edit of ", n_rows);
-  std::int64_t n_scratch = 0;
+  std::int64_t n_scratch = 0;  // of one tensor: its new rows, which are read before their sources move, and one piece
   visit_rows(gaussians, adam, statistics, [&](torch::Tensor& tensor) {
-    n_scratch = std::max(n_scratch, scratch_elements(edit, tensor, piece_elements_));
+    const std::int64_t n_moved = std::min(edit.n_kept, piece_rows(tensor, piece_elements_));
+    n_scratch = std::max(n_scratch, (n_new + n_moved) * row_elements(tensor));
     if (capacity(tensor) >= n_rows) return;
     const torch::Tensor larger = allocate_(sizes_with_rows(tensor, n_room), tensor.options());
     larger.slice(0, 0, tensor.size(0)).copy_(tensor);
@@ -170,21 +138,13 @@ void apply_row_edit(const RowEdit& edit, GaussianTensors& gaussians, AdamState& 
   editor.apply(edit, gaussians, adam, statistics);
 }
 
-namespace {
-
-/// [N] bool, whether all values of a row are finite.
-torch::Tensor finite_rows(const torch::Tensor& values) {
-  const std::int64_t n = values.size(0);
-  return torch::isfinite(values.reshape({n, n > 0 ? values.numel() / n : 1})).all(1);
-}
-
-}  // namespace
-
 GaussianWidths gaussian_widths(const GaussianTensors& gaussians, const AdamState& adam) {
   GaussianWidths widths;
   widths.is_finite = torch::ones({gaussians.size()}, gaussians.means.options().dtype(torch::kBool));
   for (const GaussianTensors* group : {&gaussians, &adam.m, &adam.v}) {
-    for (const torch::Tensor* tensor : group->all()) widths.is_finite.logical_and_(finite_rows(*tensor));
+    for (const torch::Tensor* tensor : group->all()) {
+      widths.is_finite.logical_and_(torch::isfinite(tensor->reshape({gaussians.size(), row_elements(*tensor)})).all(1));
+    }
   }
   widths.largest = gaussians.log_scales.amax(1);
   return widths;
@@ -198,12 +158,7 @@ RowEdit edit_without_invalid(std::int64_t named, double extent, const GaussianWi
   stays.slice(0, named, named + 1).fill_(false);
   const double own = widths.largest[named].item<double>();
   if (std::isfinite(own) && own > std::log(kAbsurd * extent)) stays.logical_and_(widths.largest < own);
-  RowEdit edit;
-  edit.sources = rows_of(stays);
-  edit.n_kept = edit.sources.size(0);
-  edit.new_means = torch::empty({0, 3}, widths.largest.options());
-  edit.new_log_scales = torch::empty({0, 3}, widths.largest.options());
-  return edit;
+  return keep_rows(rows_of(stays), widths.largest.options());
 }
 
 std::int64_t remove_invalid_gaussians(std::int64_t named, double extent, GaussianTensors& gaussians, AdamState& adam,

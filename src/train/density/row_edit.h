@@ -19,8 +19,8 @@ struct DensityStatistics {
     torch::Tensor values;  // [N] float
   };
 
-  // [N] float, sum over views of the norm of dL/d(projected centre) in normalised device coordinates: dL/dpx times half
-  // the image size.
+  // [N] float, sum over views of the norm of dL/d(projected centre) in normalised device coordinates, the unit of the
+  // original 3DGS threshold: dL/dpx times half the image size.
   torch::Tensor grad_norm_sum;
   torch::Tensor view_count;  // [N] int32, views that saw the Gaussian
   torch::Tensor max_radii;   // [N] int32, px, largest radius in any of them
@@ -33,9 +33,8 @@ struct DensityStatistics {
     return columns;
   }
   std::vector<const torch::Tensor*> all() const {
-    std::vector<const torch::Tensor*> columns{&grad_norm_sum, &view_count, &max_radii};
-    for (const Column& column : extra) columns.push_back(&column.values);
-    return columns;
+    const std::vector<torch::Tensor*> columns = const_cast<DensityStatistics*>(this)->all();
+    return {columns.begin(), columns.end()};
   }
   std::vector<std::string> names() const {
     std::vector<std::string> names{"grad_norm_sum", "view_count", "max_radii"};
@@ -46,10 +45,6 @@ struct DensityStatistics {
 
 /// Zeros, without extra columns.
 DensityStatistics make_density_statistics(std::int64_t n_gaussians, torch::Device device);
-
-/// Adds one view of width x height px. A gradient in 1/px times half the width (height) is one in normalised device
-/// coordinates, the unit of the original 3DGS threshold. Allocates nothing.
-void add_view(const ViewStatistics& view, std::int32_t width, std::int32_t height, DensityStatistics& statistics);
 
 /// Calls visit(tensor) for each tensor with a row per Gaussian.
 template <class Gaussians, class Adam, class Statistics, class Visit>
@@ -74,9 +69,20 @@ struct RowEdit {
   torch::Tensor new_logit_opacities;  // [M - n_kept] of the new rows; undefined: the source's
 };
 
+/// The edit that keeps these rows [n] int64, ascending, and adds none. `floats`: type and device of parameters.
+inline RowEdit keep_rows(const torch::Tensor& rows, const torch::TensorOptions& floats) {
+  return {rows, rows.size(0), torch::empty({0, 3}, floats), torch::empty({0, 3}, floats), {}};
+}
+
 /// The rows where `mask` [N] is true, ascending.
 inline torch::Tensor rows_of(const torch::Tensor& mask) {
   return mask.nonzero().flatten();
+}
+
+/// The n of `rows` with the largest `keys`; of equal keys, the first.
+inline torch::Tensor largest_rows(const torch::Tensor& rows, const torch::Tensor& keys, std::int64_t n) {
+  const torch::Tensor order = std::get<1>(torch::sort(keys, /*stable=*/true, /*dim=*/0, /*descending=*/true));
+  return rows.index_select(0, order.slice(0, 0, n));
 }
 
 /// An uninitialised tensor. @throws OutOfMemoryError
@@ -87,10 +93,8 @@ torch::Tensor allocate_tensor(torch::IntArrayRef sizes, const torch::TensorOptio
 /// one of its tensors and that tensor's new rows.
 class RowEditor {
  public:
-  /// Rows are moved in pieces of about this many elements: enough to keep a GPU busy.
-  static constexpr std::int64_t kPieceElements = 16 << 20;
-
-  explicit RowEditor(AllocateTensor allocate = allocate_tensor, std::int64_t piece_elements = kPieceElements)
+  /// Rows are moved in pieces of about `piece_elements`: enough to keep a GPU busy.
+  explicit RowEditor(AllocateTensor allocate = allocate_tensor, std::int64_t piece_elements = 16 << 20)
       : allocate_(std::move(allocate)), piece_elements_(piece_elements) {}
 
   /// Allocates everything that apply() needs: tensors with capacity for fewer rows than the edit's are reallocated with
@@ -99,8 +103,8 @@ class RowEditor {
                DensityStatistics& statistics);
 
   /// Kept rows keep parameters, moments and statistics. New rows take the parameters of their source, but the edit's
-  /// means, scales and opacities; their statistics are 0, and so are their moments unless it copies them.
-  /// `gaussians.filters` become undefined. Call reserve() with this edit first; this allocates nothing.
+  /// means, scales and opacities; their statistics and moments are 0. `gaussians.filters` become undefined. Call
+  /// reserve() with this edit first; this allocates nothing.
   void apply(const RowEdit& edit, GaussianTensors& gaussians, AdamState& adam, DensityStatistics& statistics);
 
  private:

@@ -1,9 +1,7 @@
 // The gradient of the depth loss, without torch: the same arithmetic on CPU and GPU.
-//
 //   loss = weight * mean over valid pixels of |rendered - (scale * map + offset)|
-//
-// rendered is the rasterizer's inverse depth, the sum of w / z (RenderSettings::inverse_depth). The map is as large as
-// a view of full size; a pixel of a view reduced to 1 / reduction is compared with the mean of the pixels it covers.
+// rendered is RenderSettings::inverse_depth. The map is as large as a view of full size; a pixel of a view reduced to
+// 1 / reduction is compared with the mean of the pixels it covers.
 #pragma once
 
 #include <cstdint>

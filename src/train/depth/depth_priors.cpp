@@ -40,20 +40,16 @@ std::optional<DepthAlignment> align_depth(const std::vector<double>& values,
   return DepthAlignment{scale, middle_inverse - scale * middle};
 }
 
-int remove_unlikely_alignments(std::vector<std::optional<DepthAlignment>>& alignments) {
+void remove_unlikely_alignments(std::vector<std::optional<DepthAlignment>>& alignments) {
   std::vector<double> scales;
   for (const std::optional<DepthAlignment>& own : alignments) {
     if (own) scales.push_back(own->scale);
   }
-  if (scales.empty()) return 0;
+  if (scales.empty()) return;
   const double middle = median(scales);
-  int n_removed = 0;
   for (std::optional<DepthAlignment>& own : alignments) {
-    if (!own || (own->scale >= kMinScaleRatio * middle && own->scale <= kMaxScaleRatio * middle)) continue;
-    own.reset();
-    ++n_removed;
+    if (own && (own->scale < kMinScaleRatio * middle || own->scale > kMaxScaleRatio * middle)) own.reset();
   }
-  return n_removed;
 }
 
 namespace {
@@ -75,9 +71,8 @@ double sample(const Depth16& map, double x, double y) {
             above = std::min(static_cast<int>(row), std::max(0, map.height - 2));
   const int right = std::min(left + 1, map.width - 1), below = std::min(above + 1, map.height - 1);
   const double u = column - left, v = row - above;
-  const auto at = [&](int i, int j) {
-    return static_cast<double>(
-        map.pixels[static_cast<std::size_t>(j) * static_cast<std::size_t>(map.width) + static_cast<std::size_t>(i)]);
+  const auto at = [&](std::int64_t i, std::int64_t j) {
+    return static_cast<double>(map.pixels[static_cast<std::size_t>(j * map.width + i)]);
   };
   return (1 - v) * ((1 - u) * at(left, above) + u * at(right, above)) +
          v * ((1 - u) * at(left, below) + u * at(right, below));
@@ -91,9 +86,8 @@ std::optional<DepthAlignment> align_view(const View& view, const Depth16& map, c
     const float* const position = points.positions.data() + 3 * static_cast<std::size_t>(point);
     const auto place = camera.project(position);
     if (!place) continue;
-    const std::size_t pixel = static_cast<std::size_t>(place->y) * static_cast<std::size_t>(camera.width) +
-                              static_cast<std::size_t>(place->x);
-    if (view.valid && view.valid->pixels[pixel] == 0) continue;
+    const auto pixel = static_cast<std::int64_t>(place->y) * camera.width + static_cast<std::int64_t>(place->x);
+    if (view.valid && view.valid->pixels[static_cast<std::size_t>(pixel)] == 0) continue;
     values.push_back(sample(map, place->x, place->y));
     inverse_depths.push_back(1 / place->depth);
   }
@@ -112,6 +106,7 @@ std::vector<fs::path> depth_map_files(const std::string& folder, const Scene& sc
 DepthPriors::DepthPriors(const std::string& folder, const Scene& scene, torch::Device device,
                          const ProgressFn& progress)
     : device_(device), priors_(scene.train.size()) {
+  const std::string root = find_folder(folder, scene).string();
   const std::vector<fs::path> files = depth_map_files(folder, scene);
   const std::size_t n_views = scene.train.size();
   for (std::size_t i = 0; i < n_views; ++i) {
@@ -147,14 +142,12 @@ DepthPriors::DepthPriors(const std::string& folder, const Scene& scene, torch::D
     (prior.file.empty() ? missing : !all[i] ? not_aligned : unlikely).push_back(scene.train[i].name);
   }
   if (missing.size() == n_views) {
-    input_error(find_folder(folder, scene).string(),
-                ": no depth map found (expected 16-bit PNGs named like the photographs, such as ",
+    input_error(root, ": no depth map found (expected 16-bit PNGs named like the photographs, such as ",
                 fs::path(missing.front()).replace_extension(".png").string(), ")");
   }
   if (missing.size() + not_aligned.size() + unlikely.size() == n_views) {
-    input_error(find_folder(folder, scene).string(),
-                ": no depth map can be aligned with the scene's points: each view needs at least ", kMinAlignmentPoints,
-                " points in its tracks (points3D), at different depths");
+    input_error(root, ": no depth map can be aligned with the scene's points: each view needs at least ",
+                kMinAlignmentPoints, " points in its tracks (points3D), at different depths");
   }
   const auto warn = [&](const std::vector<std::string>& names, const std::string& what) {
     if (names.empty()) return;

@@ -15,10 +15,8 @@
 
 namespace b3dgs {
 
-// Scale and offset that turn the values of an inverse depth map, which a network estimates up to both, into inverse
-// depths of the scene, from its sparse points.
-
-/// 1 / z = scale * value + offset, in 1 / world units.
+/// Turns the values of an inverse depth map, which a network estimates up to scale and offset, into inverse depths of
+/// the scene: 1 / z = scale * value + offset, in 1 / world units.
 struct DepthAlignment {
   double scale = 0, offset = 0;
 };
@@ -28,12 +26,12 @@ inline constexpr std::size_t kMinAlignmentPoints = 11;
 inline constexpr double kMinScaleRatio = 0.2, kMaxScaleRatio = 5;
 
 /// From the map's value at each point that the view sees, and the point's 1 / z: the scale is the ratio of the mean
-/// absolute deviations from the median, and the offset maps median to median. Nothing for fewer than
-/// kMinAlignmentPoints, or if the values or the inverse depths are all equal.
+/// absolute deviations from the median, the offset maps median to median. Nothing for fewer than kMinAlignmentPoints,
+/// or if all values or all inverse depths are equal.
 std::optional<DepthAlignment> align_depth(const std::vector<double>& values, const std::vector<double>& inverse_depths);
 
-/// Removes alignments whose scale is too far from the median of all. Returns how many were removed.
-int remove_unlikely_alignments(std::vector<std::optional<DepthAlignment>>& alignments);
+/// Removes alignments whose scale is too far from the median of all.
+void remove_unlikely_alignments(std::vector<std::optional<DepthAlignment>>& alignments);
 
 /// The file of each training view's map, whether it exists or not: FOLDER/NAME.png, where NAME is the photograph's name
 /// without its extension. A relative folder is one in the scene folder or, if there is none, in the current folder.

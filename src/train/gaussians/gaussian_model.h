@@ -12,13 +12,10 @@
 
 namespace b3dgs {
 
-inline constexpr double kInitialOpacity = 0.1;
-
 /// One Gaussian per point, as in the original 3DGS: isotropic scale = root mean square distance to the 3 nearest
 /// neighbours times `scale`, identity rotation, `opacity`, colour as SH degree 0. shN is zero, for degrees up to
 /// `sh_degree`.
-SplatCloud splats_from_points(const PointCloud& points, int sh_degree, double opacity = kInitialOpacity,
-                              double scale = 1);
+SplatCloud splats_from_points(const PointCloud& points, int sh_degree, double opacity = 0.1, double scale = 1);
 
 /// Float tensors on `device` with SH coefficients up to `sh_degree`: missing ones are zero, higher ones are dropped.
 GaussianTensors to_tensors(const SplatCloud& cloud, int sh_degree, torch::Device device);
@@ -27,17 +24,14 @@ GaussianTensors to_tensors(const SplatCloud& cloud, int sh_degree, torch::Device
 /// Gaussian, as GaussianTensors::filters.
 void include_filters(const std::vector<float>& filters, SplatCloud& cloud);
 
-// The initial Gaussians of a training.
-
-/// The Gaussians of --init_ply unchanged, or one per point of --init_ply, or else one per point of the scene, with the
-/// opacity and scale that the options give; in the frame of the scene.
+/// The initial Gaussians of a training: those of --init_ply unchanged, or one per point of --init_ply, or else one per
+/// point of the scene, with the opacity and scale that the options give; in the frame of the scene.
 /// @throws InputError if there are no points or Gaussians
 SplatCloud initial_splats(const TrainConfig& config, const Scene& scene);
 
-// Counts Gaussians that may be floaters: training views constrain them so little that they may look wrong in others.
-
-/// A Gaussian contributes to a view if its blend weight is at least 1/255 in one of the pixels; masks are ignored. One
-/// Gaussian can be in several of these counts.
+/// Gaussians that may be floaters: training views constrain them so little that they may look wrong in others. One
+/// contributes to a view if its blend weight is at least 1/255 in one of the pixels; masks are ignored. It can be in
+/// several of these counts.
 struct FloaterCount {
   std::int64_t unseen = 0;    // contribute to no view
   std::int64_t one_view = 0;  // contribute to exactly one

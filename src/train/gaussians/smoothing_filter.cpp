@@ -1,6 +1,7 @@
 #include "train/gaussians/smoothing_filter.h"
 
 #include <algorithm>
+#include <utility>
 
 #include "core/parallel.h"
 #include "raster/torch/tensors.h"
@@ -18,30 +19,25 @@ SmoothingFilter::SmoothingFilter(const std::vector<CameraView>& views, float nea
                       static_cast<float>(view.height)};
   });
   views_ = views_.to(device);
-  largest_ = torch::zeros({1}, torch::TensorOptions(torch::kFloat32).device(device));
 }
 
 void SmoothingFilter::compute(GaussianTensors& gaussians, const FindLargest& find_largest) {
   constexpr std::int64_t kSparePart = 8;
-  place_tensor(gaussians.filters, storage_, {gaussians.size()}, gaussians.means.options(), kSparePart);
+  const bool on_gpu = gaussians.means.is_cuda();
+  torch::Tensor filters = std::exchange(gaussians.filters, {});  // undefined if this fails
+  place_tensor(filters, storage_, {gaussians.size()}, gaussians.means.options(), kSparePart);
   SmoothingFilterArgs args;
-  args.n_gaussians = gaussians.size();
   args.means = gaussians.means.data_ptr<float>();
   args.n_views = n_views_;
   args.views = reinterpret_cast<const FilterView*>(views_.data_ptr<std::uint8_t>());
   args.near_plane = near_plane_;
-  args.filters = gaussians.filters.data_ptr<float>();
-  args.largest = largest_.data_ptr<float>();
-  const bool is_on_gpu = gaussians.means.is_cuda();
-  if (kTorchHasCuda && is_on_gpu) {
-    cuda::find_finest_pixels(args, torch_stream());
-  } else {
-    for_rows<write_finest_pixel>(args, args.n_gaussians);
-    *args.largest = args.n_gaussians > 0 ? *std::max_element(args.filters, args.filters + args.n_gaussians) : 0;
-  }
-  if (find_largest) find_largest(largest_);
-  args.largest = largest_.data_ptr<float>();
-  for_rows<write_filter_size>(is_on_gpu, args, args.n_gaussians);
+  args.filters = filters.data_ptr<float>();
+  for_rows<write_finest_pixel>(on_gpu, args, gaussians.size());
+  torch::Tensor largest = gaussians.size() > 0 ? filters.amax().view({1}) : torch::zeros({1}, filters.options());
+  if (find_largest) find_largest(largest);
+  args.largest = largest.data_ptr<float>();
+  for_rows<write_filter_size>(on_gpu, args, gaussians.size());
+  gaussians.filters = filters;
 }
 
 }  // namespace b3dgs

@@ -27,7 +27,7 @@ class SmoothingFilter {
   float near_plane_;
   std::int32_t n_views_;
   torch::Tensor views_;  // [bytes] uint8, FilterView each
-  torch::Tensor largest_, storage_;
+  torch::Tensor storage_;
 };
 
 }  // namespace b3dgs

@@ -19,13 +19,12 @@ struct FilterView {
 
 /// All arrays are on one device.
 struct SmoothingFilterArgs {
-  std::int64_t n_gaussians = 0;
   const float* means = nullptr;  // [N, 3] world
   std::int32_t n_views = 0;
   const FilterView* views = nullptr;
-  float near_plane = kNearPlane;  // world units
-  float* filters = nullptr;       // [N] out, world units
-  float* largest = nullptr;       // [1] finest_pixel() of all Gaussians
+  float near_plane = kNearPlane;   // world units
+  float* filters = nullptr;        // [N] out, world units
+  const float* largest = nullptr;  // [1] of finest pixels
 };
 
 // A view contains a Gaussian if the mean is beyond the near plane and projects into the image, extended by this
@@ -34,8 +33,9 @@ inline constexpr float kFilterMargin = 0.15f;
 // The filter's variance, as a fraction of the square of the finest pixel size.
 inline constexpr float kFilterVariance = 0.2f;
 
-/// Smallest size of a pixel at Gaussian i's depth, over the views that contain it, world units; 0 if none does.
-B3DGS_HD float finest_pixel(const SmoothingFilterArgs& args, std::int64_t i) {
+/// Writes the smallest size of a pixel at Gaussian i's depth, over the views that contain it, world units; 0 if none
+/// does.
+B3DGS_HD void write_finest_pixel(const SmoothingFilterArgs& args, std::int64_t i) {
   const Vec3f mean = load3(args.means, i);
   float finest = 0;
   for (std::int32_t v = 0; v < args.n_views; ++v) {
@@ -50,11 +50,7 @@ B3DGS_HD float finest_pixel(const SmoothingFilterArgs& args, std::int64_t i) {
     const float pixel = point.z / (view.transform.fx > view.transform.fy ? view.transform.fx : view.transform.fy);
     if (finest == 0 || pixel < finest) finest = pixel;
   }
-  return finest;
-}
-
-B3DGS_HD void write_finest_pixel(const SmoothingFilterArgs& args, std::int64_t i) {
-  args.filters[i] = finest_pixel(args, i);
+  args.filters[i] = finest;
 }
 
 /// Turns the finest pixel into the filter. Where no view contains the Gaussian, the largest of all takes its place.
@@ -63,10 +59,4 @@ B3DGS_HD void write_filter_size(const SmoothingFilterArgs& args, std::int64_t i)
   args.filters[i] = std::sqrt(kFilterVariance) * (finest > 0 ? finest : largest);
 }
 
-namespace cuda {
-
-/// write_finest_pixel() of all Gaussians, and the largest of them. Asynchronous.
-void find_finest_pixels(const SmoothingFilterArgs& args, cudaStream_t stream);
-
-}  // namespace cuda
 }  // namespace b3dgs

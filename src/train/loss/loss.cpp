@@ -2,6 +2,8 @@
 
 #include "train/loss/loss.h"
 
+#include <algorithm>
+
 #include "core/check.h"
 #include "core/parallel.h"
 #include "raster/torch/tensors.h"
@@ -9,9 +11,7 @@
 namespace b3dgs {
 
 std::int64_t count_valid(const std::uint8_t* valid, std::int64_t n_pixels) {
-  std::int64_t count = 0;
-  for (std::int64_t i = 0; i < n_pixels; ++i) count += valid[i] != 0;
-  return count;
+  return n_pixels - std::count(valid, valid + n_pixels, std::uint8_t{0});
 }
 
 namespace {
@@ -89,12 +89,11 @@ void ErrorImage::compute(const torch::Tensor& rendered, const torch::Tensor& tru
   check_images(rendered.device(), rendered, truth, valid);
   place_tensor(error_, room_, rendered.sizes().slice(0, 2), rendered.options());
   ErrorImageArgs args;
-  args.n_pixels = error_.numel();
   args.rendered = rendered.data_ptr<float>();
   args.truth = truth.data_ptr<std::uint8_t>();
   args.valid = data_or_null<std::uint8_t>(valid);
   args.error = error_.data_ptr<float>();
-  for_rows<write_pixel_error>(rendered.is_cuda(), args, args.n_pixels);
+  for_rows<write_pixel_error>(rendered.is_cuda(), args, error_.numel());
 }
 
 }  // namespace b3dgs

@@ -128,21 +128,18 @@ struct BlockLoss {
 
 constexpr int kMaps = 4;  // rendered, truth, the sum of their squares, their product
 
-/// SSIM of one channel of a pixel from the filtered maps. If `partials` (the pixel's element in planes of n_pixels) is
-/// not null, it receives the derivatives with respect to the three maps that depend on the rendered image, times
-/// `scale`.
+/// SSIM of one channel of a pixel from the filtered maps. `partials` (the pixel's element in planes of n_pixels)
+/// receives the derivatives with respect to the three maps that depend on the rendered image, times `scale`.
 __device__ __forceinline__ float ssim_of(const float (&maps)[kMaps], float scale, float* partials,
                                          std::int64_t n_pixels) {
   const float mu1 = maps[0], mu2 = maps[1], means_squared = mu1 * mu1 + mu2 * mu2, covariance = maps[3] - mu1 * mu2;
   const float a = 2 * mu1 * mu2 + kSsimC1, b = 2 * covariance + kSsimC2;
   const float c = means_squared + kSsimC1, d = maps[2] - means_squared + kSsimC2;
   const float inverse = 1 / (c * d), value = a * b * inverse, inverse_d = c * inverse;
-  if (partials != nullptr) {
-    // Variance and covariance depend on the mean too: this is the total derivative with respect to the mean.
-    partials[0] = scale * 2 * ((mu2 * (b - a) - value * d * mu1) * inverse + value * mu1 * inverse_d);
-    partials[n_pixels] = -scale * value * inverse_d;
-    partials[2 * n_pixels] = scale * 2 * a * inverse;
-  }
+  // Variance and covariance depend on the mean too: this is the total derivative with respect to the mean.
+  partials[0] = scale * 2 * ((mu2 * (b - a) - value * d * mu1) * inverse + value * mu1 * inverse_d);
+  partials[n_pixels] = -scale * value * inverse_d;
+  partials[2 * n_pixels] = scale * 2 * a * inverse;
   return value;
 }
 
@@ -187,8 +184,7 @@ __global__ void __launch_bounds__(kThreads, kBlocks)
     const std::int64_t p = static_cast<std::int64_t>(y) * args.width + x;
     const bool valid = args.valid == nullptr || args.valid[p] != 0;
     const float of_pixel[kMaps] = {maps[0].of[j], maps[1].of[j], maps[2].of[j], maps[3].of[j]};
-    const float ssim = ssim_of(of_pixel, valid ? 1.0f : 0.0f,
-                               partials == nullptr ? nullptr : partials + 3 * tile.channel * n_pixels + p, n_pixels);
+    const float ssim = ssim_of(of_pixel, valid ? 1.0f : 0.0f, partials + 3 * tile.channel * n_pixels + p, n_pixels);
     if (!valid) continue;
     const int r = first_row + j + kRadius, c = column + kRadius;
     own.l1 += fabsf(rendered[r][c] - truth[r][c]);
@@ -210,13 +206,6 @@ __device__ void sum_loss(const LossArgs& args, const BlockLoss* sums, int n_bloc
   const double values = 3.0 * static_cast<double>(args.n_valid);
   const double mean_l1 = values > 0 ? l1 / values : 0, mean_ssim = values > 0 ? ssim / values : 0;
   *out = values > 0 ? weighted_loss(args.weights, mean_l1, mean_ssim) : LossValue{};
-}
-
-/// Only the value, if no gradient is wanted.
-__global__ void __launch_bounds__(kThreads)
-    loss_sum_kernel(const LossArgs args, const BlockLoss* sums, int n_blocks, LossValue* value) {
-  __shared__ double scratch[kThreads / 32];
-  sum_loss(args, sums, n_blocks, scratch, value);
 }
 
 /// Gradient with respect to the rendered image: the partials are filtered again, and the slope of L1 is added. The
@@ -280,13 +269,9 @@ void compute_loss(const LossArgs& args, LossValue* value, cudaStream_t stream) {
   const unsigned n_blocks = n_blocks_of(args.width, args.height);
   auto* const sums = reinterpret_cast<BlockLoss*>(args.workspace);
   float* const partials = args.workspace + 2 * std::int64_t{n_blocks};
-  loss_map_kernel<<<n_blocks, kThreads, 0, stream>>>(args, args.grad != nullptr ? partials : nullptr, sums);
+  loss_map_kernel<<<n_blocks, kThreads, 0, stream>>>(args, partials, sums);
   B3DGS_CUDA_CHECK_LAUNCH();
-  if (args.grad == nullptr) {
-    loss_sum_kernel<<<1, kThreads, 0, stream>>>(args, sums, static_cast<int>(n_blocks), value);
-  } else {
-    loss_grad_kernel<<<n_blocks + 1, kThreads, 0, stream>>>(args, partials, sums, value);
-  }
+  loss_grad_kernel<<<n_blocks + 1, kThreads, 0, stream>>>(args, partials, sums, value);
   B3DGS_CUDA_CHECK_LAUNCH();
 }
 

@@ -1,12 +1,8 @@
-// The loss of a rendered view against its photograph, value and gradient in one pass: L1 and D-SSIM, weighted as in
-// loss_args.h.
+// The loss of a rendered view against its photograph, value and gradient in one pass: L1 and D-SSIM (loss_args.h).
 //
-// SSIM (Wang et al. 2004) has an 11 x 11 Gaussian window (sigma 1.5 px), C1 = 0.01^2, C2 = 0.03^2 and zero padding. L1
-// and SSIM are means over pixels and channels. The rendered image is not clamped: a colour above 1 needs a gradient
-// that lowers it.
-//
-// Invalid pixels are 0 in both images where an SSIM window covers them. Both means are over the valid pixels only, and
-// the gradient at invalid pixels is 0.
+// L1 and SSIM are means over the valid pixels and their channels. SSIM has zero padding, and invalid pixels are 0 in
+// both images where a window covers them; the gradient there is 0. The rendered image is not clamped: a colour above 1
+// needs a gradient that lowers it.
 #pragma once
 
 #include <torch/types.h>
@@ -71,14 +67,11 @@ class ImageLoss {
   torch::Tensor alpha_grad_, alpha_grad_room_, alpha_value_;  // undefined without add_alpha()
 };
 
-// By how much a rendered view differs from its photograph, pixel by pixel: which Gaussians are blended into large
-// errors (Rasterizer::score()).
-
-/// Reuses its memory from view to view.
+/// By how much a rendered view differs from its photograph, pixel by pixel: which Gaussians are blended into large
+/// errors (Rasterizer::score()). Reuses its memory from view to view.
 class ErrorImage {
  public:
-  /// Mean over the channels of |rendered - truth|, within [0, 1], squared; 0 at invalid pixels. Tensors
-  /// as in ImageLoss::compute(). Asynchronous on a GPU.
+  /// write_pixel_error(); tensors as in ImageLoss::compute(). Asynchronous on a GPU.
   void compute(const torch::Tensor& rendered, const torch::Tensor& truth, const torch::Tensor& valid);
 
   /// [H, W] of the last compute(), valid until the next one.

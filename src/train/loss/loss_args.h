@@ -48,7 +48,6 @@ B3DGS_HD LossScales loss_scales(const LossArgs& args) {
 
 /// All arrays are on one device and contiguous.
 struct ErrorImageArgs {
-  std::int64_t n_pixels = 0;
   const float* rendered = nullptr;      // [H, W, 3]
   const std::uint8_t* truth = nullptr;  // [H, W, 3]
   const std::uint8_t* valid = nullptr;  // [H, W] 0 = invalid; null = all are valid
@@ -70,7 +69,6 @@ B3DGS_HD void write_pixel_error(const ErrorImageArgs& args, std::int64_t pixel) 
 }
 
 // Window and constants of SSIM (Wang et al. 2004): 11 x 11 Gaussian, sigma 1.5 px, values in [0, 1].
-
 inline constexpr int kSsimRadius = 5;  // px
 inline constexpr float kSsimC1 = 0.01f * 0.01f;
 inline constexpr float kSsimC2 = 0.03f * 0.03f;

@@ -1,10 +1,10 @@
 // The loss on the CPU, in bands of rows.
 //
-// The SSIM window is separable. Its taps are 3 floats apart in an interleaved RGB row, so channels need not be split
-// into planes. Pass 1 goes down a band: each row is filtered horizontally into a ring of 11 rows, which are then summed
-// vertically. That gives the SSIM of each pixel and its derivatives with respect to the three window means that depend
-// on the rendered image; the derivatives are filtered horizontally and stored. Pass 2 filters them vertically, which
-// gives the gradient, because the window is symmetric. Bands overlap by 10 rows in pass 1 and share nothing else.
+// The taps of the separable SSIM window are 3 floats apart in an interleaved RGB row. Pass 1 goes down a band: each row
+// is filtered horizontally into a ring of 11 rows, which are then summed vertically. That gives the SSIM of each pixel
+// and its derivatives with respect to the three window means that depend on the rendered image, which are filtered
+// horizontally and stored. Pass 2 filters them vertically, which gives the gradient, because the window is symmetric.
+// Bands overlap by 10 rows in pass 1 and share nothing else.
 
 #include "train/loss/loss.h"
 
@@ -58,38 +58,15 @@ namespace hn = hwy::HWY_NAMESPACE;
 using FloatTag = hn::CappedTag<float, kMaxLanes>;
 using FloatVec = hn::Vec<FloatTag>;
 
-/// The padded rows of one thread.
-class Scratch {
- public:
-  explicit Scratch(const RowLayout& layout)
-      : layout_(layout), floats_(hwy::AllocateAligned<float>(static_cast<std::size_t>(kRows * layout.stride()))) {
-    std::fill_n(floats_.get(), kRows * layout.stride(), 0.0f);
-  }
-
-  float* zeros() { return row(0); }
-  float* weight() { return row(1); }                       // 1 = valid pixel, 0 = invalid or past the row's end
-  float* x() { return row(2); }                            // rendered
-  float* y() { return row(3); }                            // truth
-  float* squares() { return row(4); }                      // x^2 + y^2
-  float* product() { return row(5); }                      // x y
-  float* derivative(int which) { return row(6 + which); }  // 3
-  /// Horizontally filtered x, y, squares or product (0-3) of an image row.
-  float* ring(int which, std::int64_t image_row) {
-    return row(9 + kTaps * which + static_cast<int>(image_row % kTaps));
-  }
-
- private:
-  static constexpr std::int64_t kRows = 9 + 4 * kTaps;
-  float* row(int index) { return floats_.get() + index * layout_.stride() + kPadding; }
-
-  RowLayout layout_;
-  hwy::AlignedFreeUniquePtr<float[]> floats_;
-};
-
+/// Bands of one thread.
 class BandLoss {
  public:
-  explicit BandLoss(const LossArgs& args) : args_(args), layout_(args.width), scratch_(layout_) {
-    std::fill_n(scratch_.weight(), layout_.n, 1.0f);
+  explicit BandLoss(const LossArgs& args)
+      : args_(args),
+        layout_(args.width),
+        scratch_(hwy::AllocateAligned<float>(static_cast<std::size_t>(kScratchRows * layout_.stride()))) {
+    std::fill_n(scratch_.get(), kScratchRows * layout_.stride(), 0.0f);
+    std::fill_n(weight(), layout_.n, 1.0f);
   }
 
   /// Writes SSIM and L1 of rows [begin, end) to sums[row] and, if a gradient is wanted, derivatives to the workspace.
@@ -99,10 +76,10 @@ class BandLoss {
         load_row(row);
         const double l1 = multiply_row();
         if (row >= begin && row < end) sums[row].l1 = l1;
-        filter_row(scratch_.x(), scratch_.ring(0, row));
-        filter_row(scratch_.y(), scratch_.ring(1, row));
-        filter_row(scratch_.squares(), scratch_.ring(2, row));
-        filter_row(scratch_.product(), scratch_.ring(3, row));
+        filter_row(x(), ring(0, row));
+        filter_row(y(), ring(1, row));
+        filter_row(squares(), ring(2, row));
+        filter_row(product(), ring(3, row));
       }
       const std::int64_t center = row - kRadius;
       if (center >= begin) sums[center].ssim = ssim_row(center);
@@ -117,24 +94,21 @@ class BandLoss {
     const auto zero = hn::Zero(d);
     for (std::int64_t row = begin; row < end; ++row) {
       load_row(row);
-      std::array<std::array<const float*, kTaps>, 3> rows;
+      std::array<WindowRows, 3> rows;
       for (int which = 0; which < 3; ++which) {
-        for (int tap = 0; tap < kTaps; ++tap) {
-          const std::int64_t from = row + tap - kRadius;
-          rows[which][tap] = from >= 0 && from < args_.height ? workspace_row(which, from) : scratch_.zeros();
-        }
+        rows[which] = window_rows(row, [&](std::int64_t from) { return workspace_row(which, from); });
       }
-      float* out = scratch_.squares();
+      float* out = squares();
       for (std::int64_t i = 0; i < layout_.rounded; i += static_cast<std::int64_t>(hn::Lanes(d))) {
-        const auto x = hn::Load(d, scratch_.x() + i);
-        const auto y = hn::Load(d, scratch_.y() + i);
+        const auto x = hn::Load(d, this->x() + i);
+        const auto y = hn::Load(d, this->y() + i);
         const auto by_mean = sum_rows(rows[0], i);
         const auto by_squares = sum_rows(rows[1], i);
         const auto by_product = sum_rows(rows[2], i);
         const auto ssim = hn::MulAdd(hn::Add(x, x), by_squares, hn::MulAdd(y, by_product, by_mean));
         const auto difference = hn::Sub(x, y);
         const auto sign = hn::IfThenElse(hn::Eq(difference, zero), zero, hn::CopySign(l1_scale, difference));
-        const auto weight = hn::Load(d, scratch_.weight() + i);
+        const auto weight = hn::Load(d, this->weight() + i);
         hn::Store(hn::Mul(weight, hn::MulAdd(ssim_scale, ssim, sign)), d, out + i);
       }
       std::memcpy(args_.grad + row * layout_.n, out, static_cast<std::size_t>(layout_.n) * sizeof(float));
@@ -142,6 +116,33 @@ class BandLoss {
   }
 
  private:
+  // Rows of the scratch.
+  float* zeros() { return scratch_row(0); }
+  float* weight() { return scratch_row(1); }                       // 1 = valid pixel, 0 = invalid or past the row's end
+  float* x() { return scratch_row(2); }                            // rendered
+  float* y() { return scratch_row(3); }                            // truth
+  float* squares() { return scratch_row(4); }                      // x^2 + y^2
+  float* product() { return scratch_row(5); }                      // x y
+  float* derivative(int which) { return scratch_row(6 + which); }  // 3
+  /// Horizontally filtered x, y, squares or product (0-3) of an image row.
+  float* ring(int which, std::int64_t image_row) {
+    return scratch_row(9 + kTaps * which + static_cast<int>(image_row % kTaps));
+  }
+  static constexpr std::int64_t kScratchRows = 9 + 4 * kTaps;
+  float* scratch_row(int index) { return scratch_.get() + index * layout_.stride() + kPadding; }
+
+  /// What row_at() gives for each row of the window around an image row; zeros outside the image.
+  using WindowRows = std::array<const float*, kTaps>;
+  template <class RowAt>
+  WindowRows window_rows(std::int64_t center, RowAt&& row_at) {
+    WindowRows rows;
+    for (int tap = 0; tap < kTaps; ++tap) {
+      const std::int64_t row = center + tap - kRadius;
+      rows[tap] = row >= 0 && row < args_.height ? row_at(row) : zeros();
+    }
+    return rows;
+  }
+
   /// A row of horizontally filtered derivatives.
   float* workspace_row(int which, std::int64_t row) const {
     return args_.workspace + (which * static_cast<std::int64_t>(args_.height) + row) * layout_.rounded;
@@ -149,21 +150,20 @@ class BandLoss {
 
   /// Loads x, y and, with a mask, the weights of an image row.
   void load_row(std::int64_t row) {
-    float *x = scratch_.x(), *y = scratch_.y();
+    float *x = this->x(), *y = this->y();
     std::memcpy(x, args_.rendered + row * layout_.n, static_cast<std::size_t>(layout_.n) * sizeof(float));
     const std::uint8_t* truth = args_.truth + row * layout_.n;
     for (std::int64_t i = 0; i < layout_.n; ++i) y[i] = static_cast<float>(truth[i]) / 255.0f;
     if (!args_.valid) return;
-    const std::uint8_t* valid = args_.valid + row * args_.width;
-    float* weight = scratch_.weight();
-    for (std::int64_t i = 0; i < args_.width; ++i) {
-      const bool counts = valid[i] != 0;
-      for (std::int64_t j = 3 * i; j < 3 * i + 3; ++j) {
-        weight[j] = counts ? 1.0f : 0.0f;
-        x[j] = counts ? x[j] : 0.0f;
-        y[j] = counts ? y[j] : 0.0f;
-      }
+    load_weight(row);
+    for (std::int64_t i = 0; i < layout_.n; ++i) {
+      if (weight()[i] == 0) x[i] = y[i] = 0;
     }
+  }
+
+  void load_weight(std::int64_t row) {
+    const std::uint8_t* valid = args_.valid + row * args_.width;
+    for (std::int64_t i = 0; i < layout_.n; ++i) weight()[i] = valid[i / 3] != 0 ? 1.0f : 0.0f;
   }
 
   /// Computes squares and product; returns the sum of |x - y|.
@@ -171,10 +171,10 @@ class BandLoss {
     const FloatTag d;
     auto sum = hn::Zero(d);
     for (std::int64_t i = 0; i < layout_.rounded; i += static_cast<std::int64_t>(hn::Lanes(d))) {
-      const auto x = hn::Load(d, scratch_.x() + i);
-      const auto y = hn::Load(d, scratch_.y() + i);
-      hn::Store(hn::MulAdd(x, x, hn::Mul(y, y)), d, scratch_.squares() + i);
-      hn::Store(hn::Mul(x, y), d, scratch_.product() + i);
+      const auto x = hn::Load(d, this->x() + i);
+      const auto y = hn::Load(d, this->y() + i);
+      hn::Store(hn::MulAdd(x, x, hn::Mul(y, y)), d, squares() + i);
+      hn::Store(hn::Mul(x, y), d, product() + i);
       sum = hn::Add(sum, hn::Abs(hn::Sub(x, y)));
     }
     return hn::GetLane(hn::SumOfLanes(d, sum));
@@ -194,7 +194,7 @@ class BandLoss {
     }
   }
 
-  HWY_INLINE FloatVec sum_rows(const std::array<const float*, kTaps>& rows, std::int64_t i) const {
+  HWY_INLINE FloatVec sum_rows(const WindowRows& rows, std::int64_t i) const {
     const FloatTag d;
     auto sum = hn::Mul(weight_at(0), hn::Load(d, rows[kRadius] + i));
     for (int k = 1; k <= kRadius; ++k) {
@@ -207,34 +207,28 @@ class BandLoss {
   /// Returns the sum of SSIM over a row whose neighbours are in the ring; writes derivatives to the workspace.
   double ssim_row(std::int64_t center) {
     const FloatTag d;
-    std::array<std::array<const float*, kTaps>, 4> rows;
+    std::array<WindowRows, 4> rows;
     for (int which = 0; which < 4; ++which) {
-      for (int tap = 0; tap < kTaps; ++tap) {
-        const std::int64_t row = center + tap - kRadius;
-        rows[which][tap] = row >= 0 && row < args_.height ? scratch_.ring(which, row) : scratch_.zeros();
-      }
+      rows[which] = window_rows(center, [&](std::int64_t row) { return ring(which, row); });
     }
-    if (args_.valid) {
-      const std::uint8_t* valid = args_.valid + center * args_.width;
-      for (std::int64_t i = 0; i < layout_.n; ++i) scratch_.weight()[i] = valid[i / 3] != 0 ? 1.0f : 0.0f;
-    }
+    if (args_.valid) load_weight(center);
     const auto c1 = hn::Set(d, kSsimC1), c2 = hn::Set(d, kSsimC2), one = hn::Set(d, 1.0f);
     auto sum = hn::Zero(d);
     for (std::int64_t i = 0; i < layout_.rounded; i += static_cast<std::int64_t>(hn::Lanes(d))) {
       const auto mx = sum_rows(rows[0], i);  // window means
       const auto my = sum_rows(rows[1], i);
-      const auto squares = sum_rows(rows[2], i);
-      const auto product = sum_rows(rows[3], i);
+      const auto mean_squares = sum_rows(rows[2], i);
+      const auto mean_product = sum_rows(rows[3], i);
       const auto mx_my = hn::Mul(mx, my);
       const auto means_squared = hn::MulAdd(mx, mx, hn::Mul(my, my));
-      const auto covariance = hn::Sub(product, mx_my);
+      const auto covariance = hn::Sub(mean_product, mx_my);
       // SSIM = a1 a2 / (b1 b2)
       const auto a1 = hn::Add(hn::Add(mx_my, mx_my), c1);
       const auto a2 = hn::Add(hn::Add(covariance, covariance), c2);
       const auto b1 = hn::Add(means_squared, c1);
-      const auto b2 = hn::Add(hn::Sub(squares, means_squared), c2);
+      const auto b2 = hn::Add(hn::Sub(mean_squares, means_squared), c2);
       const auto inverse = hn::Div(one, hn::Mul(b1, b2));
-      const auto weight = hn::Load(d, scratch_.weight() + i);
+      const auto weight = hn::Load(d, this->weight() + i);
       const auto ssim = hn::Mul(hn::Mul(a1, a2), inverse);
       // Past the row's end the windows still overlap the row, hence the weight.
       sum = hn::MulAdd(weight, ssim, sum);
@@ -242,20 +236,20 @@ class BandLoss {
       const auto weighted = hn::Mul(weight, inverse);
       const auto by_mean =
           hn::Mul(weighted, hn::MulAdd(my, hn::Sub(a2, a1), hn::Mul(hn::Mul(mx, ssim), hn::Sub(b1, b2))));
-      hn::Store(hn::Add(by_mean, by_mean), d, scratch_.derivative(0) + i);
-      hn::Store(hn::Neg(hn::Mul(weighted, hn::Mul(ssim, b1))), d, scratch_.derivative(1) + i);
+      hn::Store(hn::Add(by_mean, by_mean), d, derivative(0) + i);
+      hn::Store(hn::Neg(hn::Mul(weighted, hn::Mul(ssim, b1))), d, derivative(1) + i);
       const auto by_product = hn::Mul(weighted, a1);
-      hn::Store(hn::Add(by_product, by_product), d, scratch_.derivative(2) + i);
+      hn::Store(hn::Add(by_product, by_product), d, derivative(2) + i);
     }
     if (args_.grad) {
-      for (int which = 0; which < 3; ++which) filter_row(scratch_.derivative(which), workspace_row(which, center));
+      for (int which = 0; which < 3; ++which) filter_row(derivative(which), workspace_row(which, center));
     }
     return hn::GetLane(hn::SumOfLanes(d, sum));
   }
 
   const LossArgs& args_;
   RowLayout layout_;
-  Scratch scratch_;
+  hwy::AlignedFreeUniquePtr<float[]> scratch_;
 };
 
 }  // namespace

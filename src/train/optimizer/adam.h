@@ -5,7 +5,6 @@
 #include <array>
 #include <cmath>
 #include <cstdint>
-#include <tuple>
 
 #include "config/train_config.h"
 #include "raster/torch/rasterizer.h"
@@ -14,10 +13,8 @@
 namespace b3dgs {
 
 namespace cpu {
-
 /// The result does not depend on the number of threads.
 void adam_step(const AdamArgs& args, const AdamRule& rule = {});
-
 }  // namespace cpu
 
 struct AdamState {
@@ -45,7 +42,7 @@ void adam_step(const AdamRates& rates, const GaussianTensors& grads, GaussianTen
 
 // Learning rates and weights of the regularisation by iteration.
 
-/// Interpolates from `initial` at step 0 to `final` at max_steps and later, log-linearly; linearly if one of them is 0.
+/// From `initial` at step 0 to `final` at max_steps and later, log-linearly; linearly if one of them is 0.
 inline double log_linear_rate(double initial, double final, int max_steps, int step) {
   const double t = std::clamp(static_cast<double>(step) / max_steps, 0.0, 1.0);
   if (initial <= 0 || final <= 0) return initial + t * (final - initial);
@@ -61,8 +58,7 @@ inline double lr_scale(const TrainConfig& config, int iteration) {
   return log_linear_rate(1, config.lr_final_scale, to - from, std::max(0, iteration - from));
 }
 
-/// Learning rates of an iteration (counted from 1), in the order of GaussianTensors. `extent` is the scene's, world
-/// units.
+/// Learning rates of an iteration (counted from 1). `extent` is the scene's, world units.
 inline AdamRates adam_rates(const TrainConfig& config, double extent, int iteration) {
   const double means = extent * log_linear_rate(config.position_lr_init, config.position_lr_final,
                                                 config.position_lr_max_steps, iteration);
@@ -75,14 +71,11 @@ inline AdamRates adam_rates(const TrainConfig& config, double extent, int iterat
           scale * config.feature_lr / config.feature_rest_divisor};
 }
 
-/// --scale_reg and noise_lr are given for a scene of this extent, in world units, which is about that of bonsai, fox
-/// and kitti_street. lengths_per_reference() converts them, so that a training does not depend on the unit of length.
-inline constexpr double kReferenceExtent = 5;
-
-/// What converts a length in a scene of this extent to a scene of the reference extent. At most 10: where all cameras
-/// are close together, as in a panorama, the extent says nothing about the size of the scene.
+/// Converts a length in a scene of this extent to a scene of the extent 5, about that of bonsai, fox and kitti_street,
+/// for which --scale_reg and noise_lr are given: a training does not depend on the unit of length. At most 10: where
+/// all cameras are close together, as in a panorama, the extent says nothing about the size of the scene.
 inline double lengths_per_reference(double extent) {
-  constexpr double kMost = 10;
+  constexpr double kReferenceExtent = 5, kMost = 10;
   return kReferenceExtent / std::max(extent, kReferenceExtent / kMost);
 }
 
@@ -90,7 +83,7 @@ inline double lengths_per_reference(double extent) {
 /// is learned. Of the scenes measured (docs/lab/defaults.md), only those of 35 dB or more are below it.
 inline constexpr double kRegularizedLoss = 0.01;
 
-/// `extent` is the scene's, world units; `loss` a mean of recent steps.
+/// `loss`: a mean of recent steps.
 inline RegularizationWeights regularization_weights(const TrainConfig& config, double extent, double loss) {
   const double scale = std::min(1.0, loss / kRegularizedLoss);
   return {scale * config.opacity_reg, scale * config.scale_reg * lengths_per_reference(extent)};

@@ -53,18 +53,16 @@ struct AdamArgs {
   AdamStepSize size{};
 };
 
-/// Index into AdamGroups, in the order of GaussianTensors; kShGroup: SH degrees above 0.
+/// Index into AdamGroups, in the order of GaussianTensors; kShGroup: SH coefficients beyond degree 0.
 enum GroupIndex : std::size_t { kMeanGroup, kScaleGroup, kQuatGroup, kOpacityGroup, kSh0Group, kShGroup, kGroups };
 using AdamGroups = std::array<AdamArgs, kGroups>;
 
 // Regularisation of opacity and scale, which makes Gaussians that the image does not need transparent and small:
 //   loss += opacity_reg mean(o) + scale_reg mean(s)
-// The means are over the M Gaussians that the view sees (scales: 3 M numbers), so that the effect on one Gaussian does
-// not depend on how many others are out of view. --scale_reg is for scales in units of a fifth of the
-// scene extent; regularization_weights() converts it to world units. Kheradmand et al. 2024 average over all Gaussians.
-// The same arithmetic on CPU and GPU.
+// The means are over the M Gaussians that the view sees (scales: 3 M numbers), so that the effect on one does not
+// depend on how many others are out of view. Kheradmand et al. 2024 average over all Gaussians.
 
-/// Factors of the two means, for scales in world units (see regularization_weights()); 0 = off.
+/// Factors of the two means, for scales in world units; 0 = off.
 struct RegularizationWeights {
   double opacity = 0, scale = 0;
 };
@@ -85,13 +83,11 @@ inline RegularizationGrad regularization_grad(const RegularizationWeights& weigh
 /// Adds the gradients with respect to the stored parameters of a Gaussian that the view sees.
 B3DGS_HD void add_regularization(const RegularizationGrad& grad, float logit_opacity, const Vec3f& log_scales,
                                  float& grad_logit_opacity, Vec3f& grad_log_scales) {
-  using std::exp;
-  using std::fabs;
-  const float tail = exp(-fabs(logit_opacity));  // do / d(logit) = o (1 - o)
+  const float tail = std::exp(-std::fabs(logit_opacity));  // do / d(logit) = o (1 - o)
   grad_logit_opacity += grad.opacity * (tail / ((1 + tail) * (1 + tail)));
-  grad_log_scales.x += grad.scale * exp(log_scales.x);  // ds / d(ln s) = s
-  grad_log_scales.y += grad.scale * exp(log_scales.y);
-  grad_log_scales.z += grad.scale * exp(log_scales.z);
+  grad_log_scales.x += grad.scale * std::exp(log_scales.x);  // ds / d(ln s) = s
+  grad_log_scales.y += grad.scale * std::exp(log_scales.y);
+  grad_log_scales.z += grad.scale * std::exp(log_scales.z);
 }
 
 }  // namespace b3dgs

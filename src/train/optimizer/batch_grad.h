@@ -1,6 +1,5 @@
 // The gradient of one Gaussian in a step of several views (--batch): the sum over the views, in their order, of what
-// the backward projection makes of their kept splats. The same arithmetic on CPU and GPU. The sum depends neither on
-// the order in which views were rendered, nor on where.
+// the backward projection makes of their kept splats, wherever they were rendered.
 #pragma once
 
 #include <cstdint>
@@ -92,13 +91,3 @@ B3DGS_HD BatchGrad batch_grad(const BatchGradArgs& args, std::int64_t i, int sh_
 }
 
 }  // namespace b3dgs
-
-namespace b3dgs::cpu {
-
-// CPU version of the gradients of a step of several views, without torch.
-
-/// Gradients of the mean over the views. `out.means2d` is not used. The result does not depend on the number of
-/// threads.
-void batch_gradients(const BatchGradArgs& args, const GaussianGradArrays& out);
-
-}  // namespace b3dgs::cpu

@@ -2,11 +2,6 @@
 // or for all Gaussians (flush). A block owns a range of Gaussians and lists those with work to do. One thread per
 // listed Gaussian writes its gradients to a row of shared memory; then the block processes all floats of these rows,
 // coalesced, and leaves the coefficients in place of the gradients; then one thread per Gaussian computes its colour.
-//
-//   Gaussians of a block   0  1  2  3  4  5
-//   seen by the view          x     x  x
-//   list                   1  3  4              a thread each: gradients to shared memory
-//   coefficients           111... 333... 444... a thread per float: its deferred steps
 
 #include "train/optimizer/deferred_sh.h"
 
@@ -28,20 +23,6 @@ struct ApplyUpdatesArgs {
   DeferredSteps steps{};
   ColorCudaArgs view{};  // used if colours are computed
 };
-
-/// With a rule for each step, for steps along several views.
-struct ApplyRuledUpdatesArgs : ApplyUpdatesArgs {
-  std::array<AdamRule, DeferredSteps::kMax> rules{};
-};
-
-__device__ __forceinline__ void apply_step(const ApplyUpdatesArgs& args, int step, float grad, float& param, float& m,
-                                           float& v) {
-  step_one(args.steps.sizes[step], grad, param, m, v);
-}
-__device__ __forceinline__ void apply_step(const ApplyRuledUpdatesArgs& args, int step, float grad, float& param,
-                                           float& m, float& v) {
-  step_one(args.steps.sizes[step], grad, param, m, v, args.rules[step]);
-}
 
 /// The rows of a block with work to do, compacted; in shared memory.
 struct RowList {
@@ -85,13 +66,12 @@ __device__ __noinline__ int load_first_gradient(const DeferredUpdate* update, fl
   return __float_as_int(first.w);
 }
 
-/// Applies the deferred steps of the listed rows, for the degrees optimised by now: coefficients of higher degrees have
-/// never had a gradient, so their moments are 0 and a step does not change them. `rests` [n_rows, kActive] holds the
-/// gradients of the first deferred step, and afterwards the coefficients; `n_applied` [n_rows] is the number of steps
-/// that are already applied.
-template <int kActive, class Args>
-__device__ __forceinline__ void apply_updates(const Args& args, std::int64_t first_row, int n_rows, const int* rows,
-                                              const int* n_applied, float* rests) {
+/// Applies the deferred steps of the listed rows, for the degrees optimised by now: those of higher degrees have zero
+/// moments, and a step does not change them. `rests` [n_rows, kActive] holds the gradients of the first deferred step,
+/// and afterwards the coefficients; `n_applied` [n_rows] is the number of steps that are already applied.
+template <int kActive>
+__device__ __forceinline__ void apply_updates(const ApplyUpdatesArgs& args, std::int64_t first_row, int n_rows,
+                                              const int* rows, const int* n_applied, float* rests) {
   constexpr int kAtOnce = 8;  // loads in flight
   const int n_rest = rest_floats(args.rests.sh_degree_max), n_floats = n_rows * kActive;
   float* const params = args.rests.param + first_row * n_rest;
@@ -117,7 +97,7 @@ __device__ __forceinline__ void apply_updates(const Args& args, std::int64_t fir
       if (step[k] < args.steps.n) {
         float grad = rests[place];
         do {
-          apply_step(args, step[k], grad, param[k], m[k], v[k]);
+          step_one(args.steps.sizes[step[k]], grad, param[k], m[k], v[k], args.steps.rule);
           grad = 0;
         } while (++step[k] < args.steps.n);
         params[at[k]] = param[k];
@@ -129,9 +109,8 @@ __device__ __forceinline__ void apply_updates(const Args& args, std::int64_t fir
   }
 }
 
-/// The work of a block.
-template <int kShDegree, bool kColors, class Args>
-__device__ __forceinline__ void apply_block_updates(const Args& args) {
+template <int kShDegree, bool kColors>
+__global__ void __launch_bounds__(kThreads) apply_updates_kernel(const __grid_constant__ ApplyUpdatesArgs args) {
   constexpr int kActive = rest_floats(kShDegree);
   __shared__ RowList list;
   __shared__ int n_applied[kRows];
@@ -158,26 +137,6 @@ __device__ __forceinline__ void apply_block_updates(const Args& args) {
   }
 }
 
-template <int kShDegree, bool kColors>
-__global__ void __launch_bounds__(kThreads) apply_updates_kernel(const __grid_constant__ ApplyUpdatesArgs args) {
-  apply_block_updates<kShDegree, kColors>(args);
-}
-
-template <int kShDegree, bool kColors>
-__global__ void __launch_bounds__(kThreads)
-    apply_ruled_updates_kernel(const __grid_constant__ ApplyRuledUpdatesArgs args) {
-  apply_block_updates<kShDegree, kColors>(args);
-}
-
-/// Calls `run` with the number of blocks and the degree.
-template <class Run>
-void launch(const ShRestArrays& rests, int sh_degree, Run&& run) {
-  if (rests.n_gaussians == 0) return;
-  const auto blocks = static_cast<unsigned>((rests.n_gaussians + kRows - 1) / kRows);
-  with_sh_degree<1>(sh_degree, [&](auto degree) { run(blocks, degree); });  // there is nothing to defer at degree 0
-  B3DGS_CUDA_CHECK_LAUNCH();
-}
-
 }  // namespace
 
 void DeferredSh::clear(std::int64_t n_gaussians, const LaunchContext& context) {
@@ -187,17 +146,13 @@ void DeferredSh::clear(std::int64_t n_gaussians, const LaunchContext& context) {
 
 template <bool kColors>
 void DeferredSh::apply(const ColorCudaArgs& view, const LaunchContext& context) {
+  if (rests_.n_gaussians == 0) return;
   const ApplyUpdatesArgs args{rests_, updates_.data(), steps_, view};
-  if (has_rules_) {
-    const ApplyRuledUpdatesArgs ruled{args, rules_};
-    launch(rests_, sh_degree_, [&](unsigned blocks, auto degree) {
-      apply_ruled_updates_kernel<degree.value, kColors><<<blocks, kThreads, 0, context.stream>>>(ruled);
-    });
-  } else {
-    launch(rests_, sh_degree_, [&](unsigned blocks, auto degree) {
-      apply_updates_kernel<degree.value, kColors><<<blocks, kThreads, 0, context.stream>>>(args);
-    });
-  }
+  const auto n_blocks = static_cast<unsigned>((rests_.n_gaussians + kRows - 1) / kRows);
+  with_sh_degree<1>(sh_degree_, [&](auto degree) {  // there is nothing to defer at degree 0
+    apply_updates_kernel<degree.value, kColors><<<n_blocks, kThreads, 0, context.stream>>>(args);
+  });
+  B3DGS_CUDA_CHECK_LAUNCH();
 }
 
 void DeferredSh::begin_view(const ShRestArrays& rests, int sh_degree, const LaunchContext& context) {
@@ -220,16 +175,16 @@ void DeferredSh::color(const ColorCudaArgs& args, const LaunchContext& context) 
   apply<true>(args, context);
 }
 
+void DeferredSh::begin_step(int n_views, const LaunchContext& context) {
+  if (n_views == n_views_) return;
+  flush(rests_, context);
+  n_views_ = n_views;
+  steps_.rule = adam_rule(n_views);
+}
+
 void DeferredSh::defer_step(const AdamStepSize& size) {
   B3DGS_CHECK(steps_.n < DeferredSteps::kMax, "defer_step() without begin_view()");
   steps_.sizes[static_cast<std::size_t>(steps_.n++)] = size;
-}
-
-void DeferredSh::defer_step(const AdamStepSize& size, const AdamRule& rule) {
-  B3DGS_CHECK(has_rules_ || steps_.n == 0, "steps along several views, and steps along one, are deferred");
-  rules_[static_cast<std::size_t>(steps_.n)] = rule;
-  defer_step(size);
-  has_rules_ = true;
 }
 
 void DeferredSh::flush(const ShRestArrays& rests, const LaunchContext& context) {
@@ -240,7 +195,6 @@ void DeferredSh::flush(const ShRestArrays& rests, const LaunchContext& context) 
     clear(rests_.n_gaussians, context);
   }
   steps_.n = 0;
-  has_rules_ = false;
 }
 
 }  // namespace b3dgs::cuda

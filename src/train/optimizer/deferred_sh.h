@@ -1,15 +1,11 @@
 // Adam updates of the SH coefficients beyond degree 0, deferred until a view sees the Gaussian.
 //
-// These coefficients are 45 of a Gaussian's 59 floats, and Adam moves them in every step: the moments decay even where
-// there is no gradient. An update is memory-bound: it reads and writes 24 bytes per float, most of them for Gaussians
-// that the view does not see. So updates are deferred. Once a view sees the Gaussian, the pass that reads its
-// coefficients anyway, to compute the colour, first applies all deferred updates in registers: the same operations in
-// the same order as one update per step, hence bit-identical results, whenever that happens. The update of a Gaussian
-// that was seen is deferred too. It is stored as the gradients with respect to colour and direction, from which those
-// with respect to the coefficients follow as products: 32 bytes instead of 180.
-//
-// A closed form for the steps between two views would need less arithmetic, which is not the bottleneck, but would
-// round differently: results would depend on when updates are applied.
+// These are 45 of a Gaussian's 59 floats, and Adam moves them in every step: the moments decay even without a gradient.
+// An update is memory-bound (24 bytes per float), most of it for Gaussians that the view does not see. So once a view
+// sees the Gaussian, the pass that reads its coefficients anyway, to compute the colour, first applies all deferred
+// updates in registers: the same operations in the same order as one update per step, hence bit-identical results. A
+// closed form would round differently. The update of a Gaussian that was seen is deferred too, as the gradients with
+// respect to colour and direction, of which those with respect to the coefficients are products: 32 bytes, not 180.
 #pragma once
 
 #include <array>
@@ -43,16 +39,17 @@ struct ShRestArrays {
   }
 };
 
-/// Step sizes of the deferred steps. After kMax steps all Gaussians are flushed: a thread with many updates keeps its
-/// block waiting. A flush costs about as much as one step without deferral, spread over kMax steps.
+/// The deferred steps. After kMax steps all Gaussians are flushed: a thread with many updates keeps its block waiting.
+/// A flush costs about as much as one step without deferral, spread over kMax steps.
 struct DeferredSteps {
   static constexpr int kMax = 32;
+  AdamRule rule{};  // of all
   int n = 0;
   std::array<AdamStepSize, kMax> sizes{};
 };
 
-/// Each step calls, in this order: begin_view(), a forward pass with this as its ColorPass, a backward pass that
-/// writes updates(), defer_step(). All calls are asynchronous.
+/// Each step calls, in this order: begin_view() and a forward pass with this as its ColorPass for each view,
+/// begin_step(), a kernel that writes updates(), defer_step(). All calls are asynchronous.
 class DeferredSh final : public ColorPass {
  public:
   /// Sets the coefficients of the next view, which are optimised up to `sh_degree`. Flushes if the degree has changed
@@ -62,12 +59,15 @@ class DeferredSh final : public ColorPass {
   /// Applies the deferred updates of the Gaussians that the view sees, then computes their colours.
   void color(const ColorCudaArgs& args, const LaunchContext& context) override;
 
-  /// [N] The backward pass writes the entries of the Gaussians that the view saw, with n_applied = n_deferred().
+  /// Of a step along this number of views. If it differs from that of the last step, as in the last step of a training
+  /// with --batch, flushes, so that all deferred steps have the same rule.
+  void begin_step(int n_views, const LaunchContext& context);
+
+  /// [N] The kernel of a step along one view writes the entries of the Gaussians that the view saw, with n_applied =
+  /// n_deferred(). That of a step along several views steps those itself: n_applied is then n_deferred() + 1.
   DeferredUpdate* updates() const { return updates_.data(); }
   int n_deferred() const { return steps_.n; }
   void defer_step(const AdamStepSize& size);
-  /// A step along several views (step_batch()), of the Gaussians that none of them sees.
-  void defer_step(const AdamStepSize& size, const AdamRule& rule);
 
   /// Applies all deferred updates of all Gaussians. `rests` must be what begin_view() was given.
   void flush(const ShRestArrays& rests, const LaunchContext& context);
@@ -80,8 +80,7 @@ class DeferredSh final : public ColorPass {
   ShRestArrays rests_{};
   int sh_degree_ = 0;
   DeferredSteps steps_{};
-  std::array<AdamRule, DeferredSteps::kMax> rules_{};  // of steps_, if has_rules_
-  bool has_rules_ = false;
+  int n_views_ = 1;                       // of steps_
   DeviceBuffer<DeferredUpdate> updates_;  // all 0 while no step is deferred
 };
 

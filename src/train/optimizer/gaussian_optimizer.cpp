@@ -42,60 +42,29 @@ void add_regularization(const RegularizationGrad& grad, const GaussianTensors& g
   });
 }
 
+/// Gradients of the mean over the views, on the CPU. `out.means2d` is not used. The result does not depend on the
+/// number of threads.
+void batch_gradients(const BatchGradArgs& args, const GaussianGradArrays& out) {
+  constexpr std::int64_t kGrain = 1024;
+  const std::int64_t rest = rest_floats(args.gaussians.sh_degree_max);
+  const float scale = 1.0f / static_cast<float>(args.n_views);
+  const auto grad_of = args.lenses == nullptr
+                           ? (args.antialiasing ? batch_grad<true, Pinhole> : batch_grad<false, Pinhole>)
+                           : (args.antialiasing ? batch_grad<true, ViewLens> : batch_grad<false, ViewLens>);
+  parallel_each(args.gaussians.n_gaussians, kGrain, [&](std::int64_t i) {
+    float* const own_rest = out.shN + rest * i;
+    std::fill_n(own_rest, rest, 0.0f);
+    const BatchGrad grad = grad_of(args, i, args.sh_degree, scale, own_rest);
+    store3(out.means, i, grad.mean);
+    store3(out.log_scales, i, grad.log_scales);
+    store4(out.quats, i, grad.quat);
+    out.logit_opacities[i] = grad.logit_opacity;
+    store3(out.sh0, i, grad.sh0);
+    if (grad.is_seen) std::transform(own_rest, own_rest + rest, own_rest, [&](float sum) { return scale * sum; });
+  });
+}
+
 }  // namespace
-
-void ViewBatch::make_room(std::int64_t n_gaussians, std::int64_t n_splats, torch::Device device) {
-  B3DGS_CHECK(n_views_ < kMaxBatch, "a step has at most ", kMaxBatch, " views");
-  constexpr std::int64_t kWords = sizeof(SplatRecord) / sizeof(float), kSpare = 4;
-  if (slots_.size() == static_cast<std::size_t>(n_views_)) slots_.emplace_back();
-  Slot& slot = slots_[static_cast<std::size_t>(n_views_)];
-  const auto floats = torch::TensorOptions(torch::kFloat32).device(device);
-  place_tensor(slot.splats.records, slot.record_room, {n_splats, kWords}, floats, kSpare);
-  place_tensor(slot.splats.record_of_gaussian, slot.index_room, {n_gaussians}, floats.dtype(torch::kInt32), kSpare);
-}
-
-void ViewBatch::add(const CameraView& view, const RenderSettings& settings, const RegularizationGrad& regularization) {
-  if (n_views_ == 0) {
-    lenses_.clear();
-    has_lenses_ = false;
-    sh_degree_ = settings.sh_degree;
-    antialiasing_ = settings.antialiasing;
-  }
-  B3DGS_CHECK(sh_degree_ == settings.sh_degree && antialiasing_ == settings.antialiasing,
-              "the views of a step have different settings");
-  Slot& slot = slots_[static_cast<std::size_t>(n_views_++)];
-  slot.view = view;
-  slot.regularization = regularization;
-  lenses_.push_back(view.lens);
-  has_lenses_ = has_lenses_ || view.lens.kind != LensKind::kPinhole;
-}
-
-BatchGradArgs ViewBatch::grad_args(const GaussianArrays& gaussians) const {
-  BatchGradArgs args;
-  args.gaussians = gaussians;
-  args.sh_degree = sh_degree_;
-  args.antialiasing = antialiasing_;
-  args.n_views = n_views_;
-  args.lenses = has_lenses_ ? lenses_.data() : nullptr;
-  for (std::size_t v = 0; v < static_cast<std::size_t>(n_views_); ++v) {
-    const Slot& slot = slots_[v];
-    B3DGS_CHECK(slot.splats.record_of_gaussian.numel() == gaussians.n_gaussians, "a view of ",
-                slot.splats.record_of_gaussian.numel(), " Gaussians in a step of ", gaussians.n_gaussians);
-    args.views[v] = {slot.view, reinterpret_cast<const SplatRecord*>(slot.splats.records.data_ptr<float>()),
-                     slot.splats.record_of_gaussian.data_ptr<std::int32_t>(), slot.regularization};
-  }
-  return args;
-}
-
-std::int64_t ViewBatch::bytes() const {
-  std::int64_t bytes = 0;
-  for (const Slot& slot : slots_) {
-    for (const torch::Tensor* room : {&slot.record_room, &slot.index_room}) {
-      if (room->defined()) bytes += static_cast<std::int64_t>(room->storage().nbytes());
-    }
-  }
-  return bytes;
-}
 
 GaussianOptimizer::GaussianOptimizer(Rasterizer& rasterizer) : rasterizer_(rasterizer) {
 #if B3DGS_TORCH_CUDA
@@ -118,17 +87,17 @@ RenderSettings GaussianOptimizer::begin_view([[maybe_unused]] GaussianTensors& g
 ViewStatistics GaussianOptimizer::backward_and_step(const AdamRates& rates, const RenderedViewGrad& view_grad,
                                                     GaussianTensors& gaussians, AdamState& state, StageRecorder* stages,
                                                     const RegularizationWeights& regularization) {
-  const RegularizationGrad regularization_grad =
-      b3dgs::regularization_grad(regularization, rasterizer_.view_size().n_splats);
+  const RegularizationGrad own = regularization_grad(regularization, rasterizer_.view_size().n_splats);
 #if B3DGS_TORCH_CUDA
   if (!gaussians.means.is_cpu()) {
     cuda::GaussianStepArgs args;
     const ViewStatistics statistics = rasterizer_.backward_blend(gaussians, view_grad, args.backward);
     begin_stage(stages, Stage::kOptimizer);
     args.adam = begin_adam_step(rates, gaussians, state);
+    deferred_sh_->begin_step(1, torch_launch_context());
     args.updates = deferred_sh_->updates();
     args.n_deferred = deferred_sh_->n_deferred();
-    args.regularization = regularization_grad;
+    args.regularization = own;
     cuda::step_gaussians(args, torch_launch_context());
     deferred_sh_->defer_step(args.adam[kShGroup].size);
     end_stage(stages);
@@ -137,7 +106,7 @@ ViewStatistics GaussianOptimizer::backward_and_step(const AdamRates& rates, cons
 #endif
   const ViewStatistics statistics = rasterizer_.backward(gaussians, view_grad, grads_);
   begin_stage(stages, Stage::kOptimizer);
-  if (!regularization_grad.is_zero()) add_regularization(regularization_grad, gaussians, statistics, grads_);
+  if (!own.is_zero()) add_regularization(own, gaussians, statistics, grads_);
   adam_step(rates, grads_, gaussians, state);
   end_stage(stages);
   return statistics;
@@ -148,15 +117,41 @@ void GaussianOptimizer::make_room_for_view(const GaussianTensors& gaussians) {
 }
 
 void GaussianOptimizer::make_room(const GaussianTensors& gaussians, std::int64_t n_splats) {
-  batch_.make_room(gaussians.size(), n_splats, gaussians.means.device());
+  B3DGS_CHECK(n_kept_ < kMaxBatch, "a step has at most ", kMaxBatch, " views");
+  constexpr std::int64_t kWords = sizeof(SplatRecord) / sizeof(float), kSpare = 4;
+  if (views_.size() == n_kept_) views_.emplace_back();
+  KeptView& next = views_[n_kept_];
+  const torch::TensorOptions floats = gaussians.means.options();
+  place_tensor(next.splats.records, next.record_room, {n_splats, kWords}, floats, kSpare);
+  place_tensor(next.splats.record_of_gaussian, next.index_room, {gaussians.size()}, floats.dtype(torch::kInt32),
+               kSpare);
   if (gaussians.means.is_cpu()) make_gradients(gaussians, grads_);
+}
+
+void GaussianOptimizer::keep(const CameraView& view, const RenderSettings& settings,
+                             const RegularizationGrad& regularization) {
+  if (n_kept_ == 0) kept_settings_ = settings;
+  B3DGS_CHECK(kept_settings_.sh_degree == settings.sh_degree && kept_settings_.antialiasing == settings.antialiasing,
+              "the views of a step have different settings");
+  views_[n_kept_].view = view;
+  views_[n_kept_++].regularization = regularization;
+}
+
+std::int64_t GaussianOptimizer::kept_bytes() const {
+  std::size_t bytes = 0;
+  for (const KeptView& view : views_) {
+    for (const torch::Tensor* room : {&view.record_room, &view.index_room}) {
+      if (room->defined()) bytes += room->storage().nbytes();
+    }
+  }
+  return static_cast<std::int64_t>(bytes);
 }
 
 ViewStatistics GaussianOptimizer::backward_and_keep(const CameraView& view, const RenderSettings& settings,
                                                     const RenderedViewGrad& view_grad, const GaussianTensors& gaussians,
                                                     const RegularizationWeights& regularization) {
-  const ViewStatistics statistics = rasterizer_.backward_to_splats(gaussians, view_grad, batch_.room());
-  batch_.add(view, settings, b3dgs::regularization_grad(regularization, rasterizer_.view_size().n_splats));
+  const ViewStatistics statistics = rasterizer_.backward_to_splats(gaussians, view_grad, views_.at(n_kept_).splats);
+  keep(view, settings, regularization_grad(regularization, rasterizer_.view_size().n_splats));
   return statistics;
 }
 
@@ -173,43 +168,58 @@ ViewStatistics GaussianOptimizer::keep_splats(const ViewSplats& own, const torch
                                               const GaussianTensors& gaussians, std::int64_t n_splats,
                                               const RegularizationWeights& regularization) {
   make_room(gaussians, own.size());
-  const ViewStatistics statistics = owner_.keep(own, splat_grads, gaussians.size(), batch_.room());
-  batch_.add(view, settings, b3dgs::regularization_grad(regularization, n_splats));
+  const ViewStatistics statistics = owner_.keep(own, splat_grads, gaussians.size(), views_[n_kept_].splats);
+  keep(view, settings, regularization_grad(regularization, n_splats));
   return statistics;
 }
 
 void GaussianOptimizer::step_views(const AdamRates& rates, GaussianTensors& gaussians, AdamState& state,
                                    StageRecorder* stages) {
-  const int n_views = batch_.n_views();
-  B3DGS_CHECK(n_views > 0, "a step without views");
+  B3DGS_CHECK(n_kept_ > 0, "a step without views");
+  const int n_views = n_kept_views();
   AdamRates scaled = rates;
   for (double& rate : scaled) rate *= std::sqrt(n_views);
-  const BatchGradArgs grad_args = batch_.grad_args(arrays_of(gaussians, gaussians.means.device()));
+  BatchGradArgs grad_args;
+  grad_args.gaussians = arrays_of(gaussians, gaussians.means.device());
+  grad_args.sh_degree = kept_settings_.sh_degree;
+  grad_args.antialiasing = kept_settings_.antialiasing;
+  grad_args.n_views = n_views;
+  std::vector<ViewLens> lenses;
+  lenses.reserve(n_kept_);
+  for (std::size_t v = 0; v < n_kept_; ++v) {
+    const KeptView& kept = views_[v];
+    B3DGS_CHECK(kept.splats.record_of_gaussian.numel() == gaussians.size(), "a view of ",
+                kept.splats.record_of_gaussian.numel(), " Gaussians in a step of ", gaussians.size());
+    grad_args.views[v] = {kept.view, reinterpret_cast<const SplatRecord*>(kept.splats.records.data_ptr<float>()),
+                          kept.splats.record_of_gaussian.data_ptr<std::int32_t>(), kept.regularization};
+    lenses.push_back(kept.view.lens);
+    if (kept.view.lens.kind != LensKind::kPinhole) grad_args.lenses = lenses.data();
+  }
   begin_stage(stages, Stage::kOptimizer);
 #if B3DGS_TORCH_CUDA
   if (!gaussians.means.is_cpu()) {
     cuda::BatchStepArgs args;
     args.grad = grad_args;
-    torch::Tensor lenses;  // freed in the order of the stream
+    torch::Tensor on_gpu;  // freed in the order of the stream
     if (grad_args.lenses != nullptr) {
       constexpr std::int64_t kWords = sizeof(ViewLens) / sizeof(float);
-      lenses = torch::from_blob(const_cast<ViewLens*>(grad_args.lenses), {n_views, kWords}, torch::kFloat32)
-                   .to(gaussians.means.device());
-      args.grad.lenses = reinterpret_cast<const ViewLens*>(lenses.data_ptr<float>());
+      on_gpu = torch::from_blob(lenses.data(), {n_views, kWords}, torch::kFloat32).to(gaussians.means.device());
+      args.grad.lenses = reinterpret_cast<const ViewLens*>(on_gpu.data_ptr<float>());
     }
     args.adam = begin_adam_step(scaled, gaussians, state, n_views);
     args.rule = adam_rule(n_views);
+    deferred_sh_->begin_step(n_views, torch_launch_context());
     args.updates = deferred_sh_->updates();
     args.n_deferred = deferred_sh_->n_deferred();
     cuda::step_batch(args, torch_launch_context());
-    deferred_sh_->defer_step(args.adam[kShGroup].size, args.rule);
+    deferred_sh_->defer_step(args.adam[kShGroup].size);
   }
 #endif
   if (gaussians.means.is_cpu()) {
-    cpu::batch_gradients(grad_args, make_gradients(gaussians, grads_));
+    batch_gradients(grad_args, make_gradients(gaussians, grads_));
     adam_step(scaled, grads_, gaussians, state, n_views);
   }
-  batch_.clear();
+  drop_views();
   end_stage(stages);
 }
 
@@ -220,29 +230,3 @@ void GaussianOptimizer::flush([[maybe_unused]] GaussianTensors& gaussians, [[may
 }
 
 }  // namespace b3dgs
-
-namespace b3dgs::cpu {
-
-void batch_gradients(const BatchGradArgs& args, const GaussianGradArrays& out) {
-  constexpr std::int64_t kGrain = 1024;
-  const std::int64_t rest = rest_floats(args.gaussians.sh_degree_max);
-  const float scale = 1.0f / static_cast<float>(args.n_views);
-  const auto grad_of = args.lenses == nullptr
-                           ? (args.antialiasing ? batch_grad<true, Pinhole> : batch_grad<false, Pinhole>)
-                           : (args.antialiasing ? batch_grad<true, ViewLens> : batch_grad<false, ViewLens>);
-  parallel_chunks(args.gaussians.n_gaussians, kGrain, [&](std::int64_t begin, std::int64_t end) {
-    std::fill(out.shN + rest * begin, out.shN + rest * end, 0.0f);
-    for (std::int64_t i = begin; i < end; ++i) {
-      float* const own_rest = out.shN + rest * i;
-      const BatchGrad grad = grad_of(args, i, args.sh_degree, scale, own_rest);
-      store3(out.means, i, grad.mean);
-      store3(out.log_scales, i, grad.log_scales);
-      store4(out.quats, i, grad.quat);
-      out.logit_opacities[i] = grad.logit_opacity;
-      store3(out.sh0, i, grad.sh0);
-      if (grad.is_seen) std::transform(own_rest, own_rest + rest, own_rest, [&](float sum) { return scale * sum; });
-    }
-  });
-}
-
-}  // namespace b3dgs::cpu

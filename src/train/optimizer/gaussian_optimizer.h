@@ -16,45 +16,6 @@ namespace cuda {
 class DeferredSh;
 }
 
-/// The views of a step of several views (--batch), between their backward blends and the step. Keeps the splats of
-/// each. Reuses its memory from step to step.
-class ViewBatch {
- public:
-  int n_views() const { return n_views_; }
-
-  /// Room for one more view of `n_splats` splats.
-  void make_room(std::int64_t n_gaussians, std::int64_t n_splats, torch::Device device);
-
-  /// Where the splats of the next view are to be written: see make_room().
-  const SplatRecordTensors& room() const { return slots_[static_cast<std::size_t>(n_views_)].splats; }
-
-  /// The splats of this view have been written to room().
-  void add(const CameraView& view, const RenderSettings& settings, const RegularizationGrad& regularization);
-
-  /// Arguments for these Gaussians, which must not have changed since the views were rendered. `lenses` is on the host.
-  BatchGradArgs grad_args(const GaussianArrays& gaussians) const;
-
-  /// Removes all views.
-  void clear() { n_views_ = 0; }
-
-  /// Memory of all views, bytes.
-  std::int64_t bytes() const;
-
- private:
-  struct Slot {
-    SplatRecordTensors splats;
-    torch::Tensor record_room, index_room;
-    PinholeView view{};
-    RegularizationGrad regularization{};
-  };
-  std::vector<Slot> slots_;
-  std::vector<ViewLens> lenses_;  // of the views
-  bool has_lenses_ = false;       // some are no pinholes
-  int n_views_ = 0;
-  int sh_degree_ = 0;
-  bool antialiasing_ = false;
-};
-
 /// Adam steps, along the gradients of one view or of several. Each view begins with begin_view(), and is rendered with
 /// Rasterizer::forward(). A step along one view is backward_and_step(). For a step along several (--batch),
 /// make_room_for_view() and backward_and_keep() follow each view; then step_views(). On a GPU, updates of SH
@@ -92,24 +53,36 @@ class GaussianOptimizer {
                              const RenderSettings& settings, const GaussianTensors& gaussians, std::int64_t n_splats,
                              const RegularizationWeights& regularization = {});
 
-  int n_kept_views() const { return batch_.n_views(); }
+  int n_kept_views() const { return static_cast<int>(n_kept_); }
   /// Gradients of the mean over the n kept views, and one step along them, with sqrt(n) times `rates` and the moments'
   /// decays by adam_rule(). The result does not depend on where views were rendered. Allocates nothing.
   void step_views(const AdamRates& rates, GaussianTensors& gaussians, AdamState& state, StageRecorder* stages);
   /// Forgets the kept views.
-  void drop_views() { batch_.clear(); }
+  void drop_views() { n_kept_ = 0; }
   /// Memory for kept views, bytes.
-  std::int64_t kept_bytes() const { return batch_.bytes(); }
+  std::int64_t kept_bytes() const;
 
   /// Applies all deferred updates. Asynchronous on a GPU.
   void flush(GaussianTensors& gaussians, AdamState& state);
 
  private:
+  /// A view of a step of several, between its backward blend and the step. Reuses its memory from step to step.
+  struct KeptView {
+    SplatRecordTensors splats;
+    torch::Tensor record_room, index_room;
+    CameraView view{};
+    RegularizationGrad regularization{};
+  };
+  /// Room for one more view of `n_splats` splats.
   void make_room(const GaussianTensors& gaussians, std::int64_t n_splats);
+  /// The view whose splats are to be written next, which make_room() was called for; from here on it is kept.
+  void keep(const CameraView& view, const RenderSettings& settings, const RegularizationGrad& regularization);
 
   Rasterizer& rasterizer_;
   GaussianTensors grads_;  // on the CPU
-  ViewBatch batch_;
+  std::vector<KeptView> views_;
+  std::size_t n_kept_ = 0;        // of views_
+  RenderSettings kept_settings_;  // of all kept views
   SplatOwner owner_;
   std::shared_ptr<cuda::DeferredSh> deferred_sh_;  // if this build has CUDA
 };

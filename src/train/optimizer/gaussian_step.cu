@@ -1,13 +1,13 @@
 // Projection backward and Adam in one kernel: one thread per Gaussian computes its gradient and updates its parameters,
 // except for the SH coefficients beyond degree 0, whose updates are deferred (deferred_sh.h).
 //
-// A step must read and write parameters and moments, 24 bytes per float; gradients in memory would add 8. Gaussians
-// that the view does not see are updated too, since their moments decay. Gradients of means, scales and colours go
-// through shared memory, so that a warp writes whole memory sectors. Barriers: one, after which parameters may be
-// written.
+// A step must read and write parameters and moments, 24 bytes per float; gradients in memory would add 8. Gradients of
+// means, scales and colours go through shared memory, so that a warp writes whole memory sectors. Barriers: one, after
+// which parameters may be written.
 
 #include "train/optimizer/gaussian_step.h"
 
+#include "core/cuda_rows.cuh"
 #include "raster/cuda/launch.cuh"
 #include "raster/cuda/project.cuh"
 #include "train/optimizer/adam_step.cuh"
@@ -87,11 +87,9 @@ __global__ void __launch_bounds__(kThreads) step_gaussians_kernel(const __grid_c
   step_threes(args.adam[kSh0Group], first_row, n, sh0_grads);
 }
 
-// The same for steps of several views (--batch).
-//   Grid: a thread per Gaussian, for all parameters but the SH coefficients beyond degree 0. Those of the Gaussians
-//     that any view sees are stepped by the block together, coalesced.
-//   Shared memory: the block's gradients of these coefficients, up to 45 floats per Gaussian.
-//   Barriers: one, between gradients and step of these coefficients, which the gradients of the means depend on.
+// The same for steps of several views (--batch). SH coefficients beyond degree 0 of the Gaussians that any view sees
+// are stepped by the block together, coalesced; shared memory holds their gradients, up to 45 floats per Gaussian.
+// Barriers: one, between these gradients and the step, since gradients of the means depend on the coefficients.
 
 /// Steps the SH coefficients beyond degree 0 of the block's rows that are seen, along `rests` (sums over the views).
 /// Each thread reads several coefficients before it steps any: one at a time, it would mostly wait.
@@ -154,48 +152,34 @@ __global__ void __launch_bounds__(kThreads) step_batch_kernel(const __grid_const
   }
 }
 
-unsigned blocks_of(std::int64_t n) {
-  return static_cast<unsigned>((n + kThreads - 1) / kThreads);
-}
-
 }  // namespace
 
 void step_gaussians(const GaussianStepArgs& args, const LaunchContext& context) {
-  const std::int64_t n = args.backward.gaussians.n_gaussians;
-  if (n == 0) return;
   with_sh_degree(args.backward.sh_degree, [&](auto degree) {
-    const auto launch = [&](auto kernel) { kernel<<<blocks_of(n), kThreads, 0, context.stream>>>(args); };
+    constexpr int kDegree = degree.value;
     with_lens(args.backward.view.lens, [&](const auto& lens) {
       using Lens = std::decay_t<decltype(lens)>;
+      auto* kernel = args.backward.antialiasing ? step_gaussians_kernel<kDegree, true, true, Lens>
+                                                : step_gaussians_kernel<kDegree, false, true, Lens>;
       if (args.regularization.is_zero()) {
-        launch(args.backward.antialiasing ? step_gaussians_kernel<degree.value, true, false, Lens>
-                                          : step_gaussians_kernel<degree.value, false, false, Lens>);
-      } else {
-        launch(args.backward.antialiasing ? step_gaussians_kernel<degree.value, true, true, Lens>
-                                          : step_gaussians_kernel<degree.value, false, true, Lens>);
+        kernel = args.backward.antialiasing ? step_gaussians_kernel<kDegree, true, false, Lens>
+                                            : step_gaussians_kernel<kDegree, false, false, Lens>;
       }
+      launch_rows<kThreads>(kernel, args, args.backward.gaussians.n_gaussians, context.stream);
     });
   });
-  B3DGS_CUDA_CHECK_LAUNCH();
 }
 
 void step_batch(const BatchStepArgs& args, const LaunchContext& context) {
-  const std::int64_t n = args.grad.gaussians.n_gaussians;
-  if (n == 0) return;
   with_sh_degree(args.grad.sh_degree, [&](auto degree) {
-    const auto launch = [&](auto lens) {
-      using Lens = decltype(lens);
-      const auto kernel = args.grad.antialiasing ? step_batch_kernel<degree.value, true, Lens>
-                                                 : step_batch_kernel<degree.value, false, Lens>;
-      kernel<<<blocks_of(n), kThreads, 0, context.stream>>>(args);
-    };
-    if (args.grad.lenses == nullptr) {
-      launch(Pinhole{});
-    } else {
-      launch(ViewLens{});
-    }
+    constexpr int kDegree = degree.value;
+    const bool pinholes = args.grad.lenses == nullptr;
+    const auto kernel =
+        args.grad.antialiasing
+            ? (pinholes ? step_batch_kernel<kDegree, true, Pinhole> : step_batch_kernel<kDegree, true, ViewLens>)
+            : (pinholes ? step_batch_kernel<kDegree, false, Pinhole> : step_batch_kernel<kDegree, false, ViewLens>);
+    launch_rows<kThreads>(kernel, args, args.grad.gaussians.n_gaussians, context.stream);
   });
-  B3DGS_CUDA_CHECK_LAUNCH();
 }
 
 }  // namespace b3dgs::cuda

@@ -8,8 +8,6 @@
 
 namespace b3dgs::cuda {
 
-/// The projection's backward pass and an Adam step along its gradients; updates of SH coefficients beyond degree 0 are
-/// deferred.
 struct GaussianStepArgs {
   ProjectBackwardCudaArgs backward{};  // of `grad` only means2d is written: [N, 2], for the projected centre
   AdamGroups adam{};                   // arrays of backward.gaussians, without the last group; gradients are not used
@@ -18,11 +16,10 @@ struct GaussianStepArgs {
   RegularizationGrad regularization{};
 };
 
-/// One kernel for both: a Gaussian's gradient stays in registers and is never stored. Arrays are aligned to 16 bytes.
-/// Asynchronous.
+/// The projection's backward pass and an Adam step along its gradients in one kernel; updates of SH coefficients beyond
+/// degree 0 are deferred. Arrays are aligned to 16 bytes. Asynchronous.
 void step_gaussians(const GaussianStepArgs& args, const LaunchContext& context);
 
-/// Gradients of the mean over the views, and an Adam step along them.
 struct BatchStepArgs {
   BatchGradArgs grad{};
   AdamGroups adam{};  // arrays of grad.gaussians; gradients are not used
@@ -32,9 +29,9 @@ struct BatchStepArgs {
 };
 static_assert(sizeof(BatchStepArgs) <= 4096, "a kernel's arguments");
 
-/// SH coefficients beyond degree 0 are stepped too, for Gaussians that any view sees: their deferred updates must have
-/// been applied, which the views' forward passes do. The caller defers this step for the others. Arrays are aligned to
-/// 16 bytes. Asynchronous.
+/// Gradients of the mean over the views, and an Adam step along them. SH coefficients beyond degree 0 are stepped too,
+/// for Gaussians that any view sees, whose deferred updates the forward passes have applied; the caller defers this
+/// step for the others. Arrays are aligned to 16 bytes. Asynchronous.
 void step_batch(const BatchStepArgs& args, const LaunchContext& context);
 
 }  // namespace b3dgs::cuda

@@ -12,6 +12,14 @@
 #include "train/optimizer/adam_args.h"
 
 namespace b3dgs {
+namespace {
+
+std::array<double, kCameraGradients> numbers_of(const CameraCorrection& correction) {
+  const Vec3d &r = correction.rotation, &t = correction.translation;
+  return {r.x, r.y, r.z, t.x, t.y, t.z};
+}
+
+}  // namespace
 
 PoseState PoseState::make(std::int64_t n_views) {
   const torch::Tensor zeros = torch::zeros({n_views, kCameraGradients}, torch::kFloat32);
@@ -33,10 +41,6 @@ std::vector<View> with_refined_poses(std::vector<View> views, const std::vector<
     if (const auto found = refined.find(view.name); found != refined.end()) view.camera.cam_from_world = found->second;
   }
   return views;
-}
-
-CorrectionLimits pose_limits(double extent) {
-  return {3 * kDegree, 0.03 * extent};
 }
 
 bool PoseRefiner::refines(std::int32_t view, int iteration) const {
@@ -83,19 +87,19 @@ void PoseRefiner::queue_step() {
 void PoseRefiner::take_queued_steps() {
   for (std::size_t place = 0; place < unfinished_.size(); ++place) {
     const Unfinished& step = unfinished_[place];
-    const bool is_on_gpu = kTorchHasCuda && !copies_.empty();
-    take_step(step.view, step.iteration,
-              is_on_gpu ? *static_cast<const CameraGrad*>(copies_[place].wait()) : grads_[place]);
+    take_step(
+        step.view, step.iteration,
+        kTorchHasCuda && !copies_.empty() ? *static_cast<const CameraGrad*>(copies_[place].wait()) : grads_[place]);
   }
   unfinished_.clear();
 }
 
 void PoseRefiner::take_step(std::int32_t view, int iteration, const CameraGrad& grad) {
+  constexpr double kMostAngle = 3 * kDegree, kMostDistance = 0.03;  // of a correction; times the scene extent
   if (!std::all_of(grad.begin(), grad.end(), [](double value) { return std::isfinite(value); })) return;
   const CameraCorrection before = state_.correction(static_cast<std::size_t>(view));
   const CameraCorrection g = correction_grad(before, {{grad[0], grad[1], grad[2]}, {grad[3], grad[4], grad[5]}});
-  const double gradients[kCameraGradients]{g.rotation.x,    g.rotation.y,    g.rotation.z,
-                                           g.translation.x, g.translation.y, g.translation.z};
+  const CameraGrad gradients = numbers_of(g);
   // Each view has its own number of steps, so that its first one is as large as those of other views.
   const std::int32_t t = ++state_.steps.data_ptr<std::int32_t>()[view];
   const double bias1 = 1 - std::pow(kAdamBeta1, t), bias2 = 1 - std::pow(kAdamBeta2, t);
@@ -104,8 +108,8 @@ void PoseRefiner::take_step(std::int32_t view, int iteration, const CameraGrad& 
   const std::int64_t row = std::int64_t{kCameraGradients} * view;
   float* const m = state_.adam_m.data_ptr<float>() + row;
   float* const v = state_.adam_v.data_ptr<float>() + row;
-  double move[kCameraGradients];
-  for (int k = 0; k < kCameraGradients; ++k) {
+  CameraGrad move;
+  for (std::size_t k = 0; k < move.size(); ++k) {
     m[k] = static_cast<float>(kAdamBeta1 * m[k] + (1 - kAdamBeta1) * gradients[k]);
     v[k] = static_cast<float>(kAdamBeta2 * v[k] + (1 - kAdamBeta2) * gradients[k] * gradients[k]);
     const double size = k < 3 ? rate : rate * scene_.extent;
@@ -113,11 +117,9 @@ void PoseRefiner::take_step(std::int32_t view, int iteration, const CameraGrad& 
   }
   const CameraCorrection after = limited(
       {before.rotation - Vec3d{move[0], move[1], move[2]}, before.translation - Vec3d{move[3], move[4], move[5]}},
-      pose_limits(scene_.extent));
-  const double values[kCameraGradients]{after.rotation.x,    after.rotation.y,    after.rotation.z,
-                                        after.translation.x, after.translation.y, after.translation.z};
-  float* const corrections = state_.corrections.data_ptr<float>() + row;
-  for (int k = 0; k < kCameraGradients; ++k) corrections[k] = static_cast<float>(values[k]);
+      kMostAngle, kMostDistance * scene_.extent);
+  const CameraGrad values = numbers_of(after);
+  std::copy(values.begin(), values.end(), state_.corrections.data_ptr<float>() + row);
 }
 
 }  // namespace b3dgs

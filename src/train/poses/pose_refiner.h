@@ -1,25 +1,116 @@
 // Refines the poses of training cameras (--pose_opt): a step of Adam for a view's correction after each iteration that
 // used it. The first and the last view by name stay as they are, since nothing else would keep the scene in its place.
 //
-// Steps are taken on the host: on a GPU while the next iteration is running, or earlier if that one uses the same view,
-// a checkpoint is written or the cameras are saved. So results do not depend on when a step is taken.
+// Steps are taken on the host, in double: on a GPU while the next iteration is running, or earlier if that one uses the
+// same view, a checkpoint is written or the cameras are saved. Results do not depend on when.
 #pragma once
 
+#include <torch/types.h>
+
 #include <array>
+#include <cmath>
 #include <cstdint>
 #include <vector>
 
 #include "config/train_config.h"
+#include "core/vec.h"
 #include "raster/args.h"
 #include "raster/torch/torch_cuda.h"
+#include "scene/cameras/camera.h"
 #include "scene/scene.h"
-#include "train/poses/camera_correction.h"
 
 namespace b3dgs {
 
-/// Limits of a correction: 3 degrees, and 3 % of the scene's extent.
-CorrectionLimits pose_limits(double extent);
+using Vec3d = Vec3<double>;
+using Mat3d = Mat3<double>;
 
+/// Moves a camera in its own frame: x_camera = exp(rotation) (R x_world + t) + translation. The camera turns about its
+/// centre by |rotation|, and its centre moves by |translation|.
+struct CameraCorrection {
+  Vec3d rotation{0, 0, 0};     // rotation vector: axis times angle, rad
+  Vec3d translation{0, 0, 0};  // world units
+};
+
+namespace detail {
+
+/// The functions of an angle in Rodrigues' formulas: sin(a) / a, (1 - cos(a)) / a^2 and (a - sin(a)) / a^3.
+struct AngleRatios {
+  double sine, cosine, rest;
+};
+
+inline AngleRatios angle_ratios(double square) {
+  if (square < 1e-6) {  // Taylor series; the next terms are below 1e-15
+    return {1 - square / 6 + square * square / 120, 0.5 - square / 24 + square * square / 720,
+            1.0 / 6 - square / 120 + square * square / 5040};
+  }
+  const double angle = std::sqrt(square);
+  return {std::sin(angle) / angle, (1 - std::cos(angle)) / square, (angle - std::sin(angle)) / (angle * square)};
+}
+
+inline Vec3d at_most(Vec3d v, double limit) {
+  const double length = std::sqrt(dot(v, v));
+  return length > limit ? (limit / length) * v : v;
+}
+
+}  // namespace detail
+
+/// exp(rotation) v.
+inline Vec3d rotate(Vec3d rotation, Vec3d v) {
+  const detail::AngleRatios ratios = detail::angle_ratios(dot(rotation, rotation));
+  const Vec3d turned = cross(rotation, v);
+  return v + ratios.sine * turned + ratios.cosine * cross(rotation, turned);
+}
+
+inline Pose corrected(const Pose& pose, const CameraCorrection& correction) {
+  Pose result;
+  for (std::size_t column = 0; column < 3; ++column) {
+    const Vec3d turned =
+        rotate(correction.rotation, {pose.rotation[column], pose.rotation[3 + column], pose.rotation[6 + column]});
+    result.rotation[column] = turned.x;
+    result.rotation[3 + column] = turned.y;
+    result.rotation[6 + column] = turned.z;
+  }
+  const std::array<double, 3>& t = pose.translation;
+  const Vec3d moved = rotate(correction.rotation, {t[0], t[1], t[2]}) + correction.translation;
+  result.translation = {moved.x, moved.y, moved.z};
+  return result;
+}
+
+/// Gradient with respect to the correction. `motion` is the gradient with respect to a small motion of the corrected
+/// camera, x_camera -> x_camera + w x x_camera + v (raster/math/gaussian_grad.h), with w and v as its two members.
+///
+/// A change of the rotation by dr is w = J dr with J the left Jacobian of SO(3), and moves only what the rotation acts
+/// on, not the translation u: v = u x w. The gradient is J^T (dL/dw + dL/dv x u).
+inline CameraCorrection correction_grad(const CameraCorrection& at, const CameraCorrection& motion) {
+  const detail::AngleRatios ratios = detail::angle_ratios(dot(at.rotation, at.rotation));
+  const Vec3d turn = motion.rotation + cross(motion.translation, at.translation);
+  const Vec3d crossed = cross(at.rotation, turn);
+  return {turn - ratios.cosine * crossed + ratios.rest * cross(at.rotation, crossed), motion.translation};
+}
+
+/// `most_distance`: world units.
+inline CameraCorrection limited(const CameraCorrection& correction, double most_angle, double most_distance) {
+  return {detail::at_most(correction.rotation, most_angle), detail::at_most(correction.translation, most_distance)};
+}
+
+// What pose refinement has learned: a part of the training state. Tensors are in host memory.
+
+/// A row for each of V training views. Undefined tensors: nothing has been learned.
+struct PoseState {
+  torch::Tensor corrections;     // [V, 6] float: rotation vector (rad), translation (world units)
+  torch::Tensor adam_m, adam_v;  // [V, 6] float
+  torch::Tensor steps;           // [V] int32, taken with each view
+
+  bool is_defined() const { return corrections.defined(); }
+  /// Zeros.
+  static PoseState make(std::int64_t n_views);
+  CameraCorrection correction(std::size_t view) const;
+};
+
+/// `views`, with corrected poses where they are training views, by name.
+std::vector<View> with_refined_poses(std::vector<View> views, const std::vector<View>& train, const PoseState& state);
+
+/// A correction is at most 3 degrees and 3 % of the scene's extent.
 class PoseRefiner {
  public:
   /// All must outlive this.

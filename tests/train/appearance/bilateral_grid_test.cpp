@@ -23,7 +23,13 @@ using test::Trained;
 
 constexpr int kViews = 3;
 
-AppearanceState random_state(const BilateralGridModel& model) {
+TrainConfig grid_config() {
+  TrainConfig config;
+  config.bilateral_grid = true;
+  return config;
+}
+
+AppearanceState random_state(const AppearanceModel& model) {
   AppearanceState state = model.make_state();
   state.grids += 0.2 * torch::randn_like(state.grids);
   return state;
@@ -54,7 +60,7 @@ torch::Tensor variation(const torch::Tensor& grid) {
 
 TEST(BilateralGrid, StartsWithTransformsThatChangeNothing) {
   torch::manual_seed(1);
-  BilateralGridModel model(TrainConfig{}, kViews, torch::kCPU);
+  AppearanceModel model(grid_config(), kViews, torch::kCPU);
   const AppearanceState state = model.make_state();
   const torch::Tensor image = torch::randn({19, 23, 3});
   EXPECT_TRUE(test::within(model.apply(state, 1, image), image, 1e-6));
@@ -65,7 +71,7 @@ TEST(BilateralGrid, StartsWithTransformsThatChangeNothing) {
 
 TEST(BilateralGrid, IsSlicedByPositionAndLuminance) {
   torch::manual_seed(2);
-  BilateralGridModel model(TrainConfig{}, kViews, torch::kCPU);
+  AppearanceModel model(grid_config(), kViews, torch::kCPU);
   const AppearanceState state = random_state(model);
   for (const auto& [height, width] : std::vector<std::pair<int, int>>{{1, 1}, {7, 5}, {66, 90}, {15, 31}}) {
     const torch::Tensor image = 1.4 * torch::rand({height, width, 3}) - 0.2;  // also beyond black and white
@@ -92,9 +98,9 @@ TEST(BilateralGrid, EveryPixelBelongsToOneCell) {
 
 TEST(BilateralGrid, GradientsAreThoseOfTheReference) {
   torch::manual_seed(3);
-  TrainConfig config;
+  TrainConfig config = grid_config();
   config.bilateral_grid_tv = 3;
-  BilateralGridModel model(config, kViews, torch::kCPU);
+  AppearanceModel model(config, kViews, torch::kCPU);
   const AppearanceState state = random_state(model);
   torch::Tensor image = 1.2 * torch::rand({37, 41, 3}) - 0.1;
   const torch::Tensor weights = torch::randn({37, 41, 3});
@@ -113,9 +119,9 @@ TEST(BilateralGrid, GradientsAreThoseOfTheReference) {
 
 TEST(BilateralGrid, GradientsAreThoseOfFiniteDifferences) {
   torch::manual_seed(4);
-  TrainConfig config;
+  TrainConfig config = grid_config();
   config.bilateral_grid_tv = 3;
-  BilateralGridModel model(config, 1, torch::kCPU);
+  AppearanceModel model(config, 1, torch::kCPU);
   const AppearanceState state = random_state(model);
   const torch::Tensor image = torch::rand({4, 5, 3}), weights = torch::randn({4, 5, 3});
   const torch::Tensor grid = state.grids[0];
@@ -143,7 +149,7 @@ TEST(BilateralGrid, GradientsAreThoseOfFiniteDifferences) {
 
 TEST(BilateralGrid, GradientDoesNotDependOnThreads) {
   torch::manual_seed(5);
-  BilateralGridModel model(TrainConfig{}, 1, torch::kCPU);
+  AppearanceModel model(grid_config(), 1, torch::kCPU);
   const AppearanceState state = random_state(model);
   const torch::Tensor image = torch::rand({90, 70, 3}), from = torch::randn({90, 70, 3});
   torch::Tensor first;
@@ -158,8 +164,7 @@ TEST(BilateralGrid, GradientDoesNotDependOnThreads) {
 }
 
 TEST(BilateralGrid, RateWarmsUpAndFalls) {
-  TrainConfig config;
-  const BilateralGridModel model(config, 1, torch::kCPU);
+  const AppearanceModel model(grid_config(), 1, torch::kCPU);
   EXPECT_NEAR(model.rate(0), 0.002 * 0.01, 1e-12);
   EXPECT_NEAR(model.rate(500), 0.002 * 0.505 * std::pow(0.01, 500 / 30000.0), 1e-12);
   EXPECT_NEAR(model.rate(1000), 0.002 * std::pow(0.01, 1 / 30.0), 1e-12);
@@ -169,9 +174,9 @@ TEST(BilateralGrid, RateWarmsUpAndFalls) {
 
 TEST(BilateralGrid, DeferredStepsAreThoseOfAdamOnAllGrids) {
   torch::manual_seed(6);
-  TrainConfig config;
+  TrainConfig config = grid_config();
   config.iterations = 400;
-  BilateralGridModel model(config, kViews, torch::kCPU);
+  AppearanceModel model(config, kViews, torch::kCPU);
   AppearanceState state = random_state(model);
   torch::Tensor expected = state.grids.to(torch::kFloat64), m = torch::zeros_like(expected),
                 v = torch::zeros_like(expected);
@@ -271,10 +276,11 @@ TEST(BilateralGrid, LearnsShadingThatAnExposureCannot) {
   const torch::Tensor render = bytes.to(torch::kFloat32) / 255;
   const torch::Tensor gain = 1 - 0.6 * torch::arange(image->width).view({1, -1, 1}) / image->width;
   const torch::Tensor photograph = (255 * gain * render.pow(0.8)).round().clamp(0, 255).to(torch::kUInt8);
-  TrainConfig config;
+  TrainConfig config = grid_config();
   config.iterations = 400;
-  BilateralGridModel grid(config, 1, torch::kCPU);
-  ExposureModel exposure(config, 2, torch::kCPU);  // with one view alone, the mean would stay the identity
+  AppearanceModel grid(config, 1, torch::kCPU);
+  config.bilateral_grid = false;
+  AppearanceModel exposure(config, 2, torch::kCPU);  // with one view alone, the mean would stay the identity
   const double same = fitted_psnr(exposure, render, photograph, 0);
   const double by_exposure = fitted_psnr(exposure, render, photograph, config.iterations);
   const double by_grid = fitted_psnr(grid, render, photograph, config.iterations);

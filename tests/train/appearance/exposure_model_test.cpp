@@ -16,7 +16,7 @@ using test::to_doubles;
 
 constexpr int kPhotographs = 3;
 
-AppearanceState random_state(const ExposureModel& model) {
+AppearanceState random_exposures(const AppearanceModel& model) {
   AppearanceState state = model.make_state();
   state.exposures += 0.3 * torch::randn_like(state.exposures);
   return state;
@@ -30,7 +30,7 @@ torch::Tensor exposed(const torch::Tensor& transform, const torch::Tensor& image
 
 TEST(ExposureModel, StartsWithTransformsThatChangeNothing) {
   torch::manual_seed(1);
-  ExposureModel model(TrainConfig{}, kPhotographs, torch::kCPU);
+  AppearanceModel model(TrainConfig{}, kPhotographs, torch::kCPU);
   const AppearanceState state = model.make_state();
   const torch::Tensor image = torch::randn({7, 5, 3});
   for (int view = 0; view < kPhotographs; ++view) EXPECT_TRUE(test::same(model.apply(state, view, image), image));
@@ -41,8 +41,8 @@ TEST(ExposureModel, StartsWithTransformsThatChangeNothing) {
 
 TEST(ExposureModel, AppliesTheTransformOfTheView) {
   torch::manual_seed(2);
-  ExposureModel model(TrainConfig{}, kPhotographs, torch::kCPU);
-  const AppearanceState state = random_state(model);
+  AppearanceModel model(TrainConfig{}, kPhotographs, torch::kCPU);
+  const AppearanceState state = random_exposures(model);
   for (const int height : {1, 40, 33}) {  // images of several sizes
     const torch::Tensor image = torch::rand({height, 70, 3});
     for (int view = 0; view < kPhotographs; ++view) {
@@ -54,8 +54,8 @@ TEST(ExposureModel, AppliesTheTransformOfTheView) {
 
 TEST(ExposureModel, GradientsAreThoseOfFiniteDifferences) {
   torch::manual_seed(3);
-  ExposureModel model(TrainConfig{}, kPhotographs, torch::kCPU);
-  const AppearanceState state = random_state(model);
+  AppearanceModel model(TrainConfig{}, kPhotographs, torch::kCPU);
+  const AppearanceState state = random_exposures(model);
   const torch::Tensor image = torch::rand({6, 5, 3}), weights = torch::randn({6, 5, 3});
   // A loss that is not linear in the corrected colours.
   const auto loss = [&](const torch::Tensor& transform, const torch::Tensor& render) {
@@ -74,8 +74,8 @@ TEST(ExposureModel, GradientsAreThoseOfFiniteDifferences) {
 
 TEST(ExposureModel, WhereThePhotographIsClippedABrighterRenderIsNoError) {
   torch::manual_seed(5);
-  ExposureModel model(TrainConfig{}, kPhotographs, torch::kCPU);
-  const AppearanceState state = random_state(model);
+  AppearanceModel model(TrainConfig{}, kPhotographs, torch::kCPU);
+  const AppearanceState state = random_exposures(model);
   const torch::Tensor image = 2 * torch::rand({20, 19, 3}), from = torch::randn({20, 19, 3});
   torch::Tensor photograph = torch::randint(256, {20, 19, 3}, torch::kUInt8);
   photograph = photograph.where(torch::rand({20, 19, 3}) < 0.5, 253 + torch::randint(3, {20, 19, 3}, torch::kUInt8));
@@ -102,8 +102,8 @@ TEST(ExposureModel, WhereThePhotographIsClippedABrighterRenderIsNoError) {
 
 TEST(ExposureModel, GradientOfALargeImageIsExactOnAnyNumberOfThreads) {
   torch::manual_seed(4);
-  ExposureModel model(TrainConfig{}, kPhotographs, torch::kCPU);
-  const AppearanceState state = random_state(model);
+  AppearanceModel model(TrainConfig{}, kPhotographs, torch::kCPU);
+  const AppearanceState state = random_exposures(model);
   const torch::Tensor image = torch::rand({150, 101, 3}), from = torch::randn({150, 101, 3});  // several blocks
   const torch::Tensor flat = from.to(torch::kFloat64).view({-1, 3});
   const torch::Tensor ones = torch::ones({flat.size(0), 1}, torch::kFloat64);
@@ -127,7 +127,7 @@ TEST(ExposureModel, StepsAreThoseOfAdamOnAllTransformsWhoseMeanStaysTheIdentity)
   config.iterations = 12;
   config.exposure_lr_init = 0.02;
   config.exposure_lr_final = 0.002;
-  ExposureModel model(config, kPhotographs, torch::kCPU);
+  AppearanceModel model(config, kPhotographs, torch::kCPU);
   AppearanceState state = model.make_state();
   torch::Tensor expected = state.exposures.to(torch::kFloat64), m = torch::zeros_like(expected),
                 v = torch::zeros_like(expected);

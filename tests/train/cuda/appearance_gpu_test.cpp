@@ -29,7 +29,7 @@ TEST(AppearanceOnGpu, ExposuresAndTheirGradientsAreThoseOfTheCpu) {
   const torch::Device gpu(torch::kCUDA, 0);
   TrainConfig config;
   config.iterations = 10;
-  ExposureModel host(config, 5, torch::kCPU), device(config, 5, gpu);
+  AppearanceModel host(config, 5, torch::kCPU), device(config, 5, gpu);
   AppearanceState state = host.make_state();
   state.exposures += 0.2 * torch::randn_like(state.exposures);
   AppearanceState own = on_gpu(state);
@@ -63,8 +63,9 @@ TEST(AppearanceOnGpu, BilateralGridsAndTheirGradientsAreThoseOfTheCpu) {
   torch::manual_seed(7);
   const torch::Device gpu(torch::kCUDA, 0);
   TrainConfig config;
+  config.bilateral_grid = true;
   config.iterations = 20;
-  BilateralGridModel host(config, 5, torch::kCPU), device(config, 5, gpu);
+  AppearanceModel host(config, 5, torch::kCPU), device(config, 5, gpu);
   AppearanceState state = host.make_state();
   state.grids += 0.1 * torch::randn_like(state.grids);
   AppearanceState own = on_gpu(state);

@@ -628,13 +628,20 @@ TEST(DefaultStrategyOnGpu, DoesWhatTheCpuDoes) {
   DensityStatistics seen = make_density_statistics(kCount, torch::kCPU);
   seen.grad_norm_sum = torch::rand({kCount}).mul(8).floor();  // many are equal
   seen.view_count += 2;
-  DensityRule rule{/*grad_threshold=*/1.5, /*split_scale=*/0.3, /*prune_opacity=*/0.05,
-                   /*prune_scale=*/3,      /*prune_radius=*/0,  /*max_gaussians=*/kCount + 700};
+  constexpr double kExtent = 30;  // Gaussians of more than 3 are pruned
+  TrainConfig config;
+  config.densify_grad_threshold = 1.5;
+  config.percent_dense = 0.3 / kExtent;
+  config.prune_opacity = 0.05;
+  config.opacity_reset_interval = 500;
+  config.seed = 3;
+  const std::unique_ptr<DensityStrategy> strategy = make_default_strategy(config, kExtent);
   GaussianTensors device;
   for (std::size_t i = 0; i < host.all().size(); ++i) *device.all()[i] = host.all()[i]->to(torch::kCUDA);
   DensityStatistics device_seen;
   for (std::size_t i = 0; i < seen.all().size(); ++i) *device_seen.all()[i] = seen.all()[i]->to(torch::kCUDA);
-  const DensityRound expected = densify(host, seen, rule, 3, 600), found = densify(device, device_seen, rule, 3, 600);
+  const DensityRound expected = strategy->plan_round(host, seen, 600, kCount + 700),
+                     found = strategy->plan_round(device, device_seen, 600, kCount + 700);
   EXPECT_TRUE(found.edit.new_means.is_cuda());
   EXPECT_GT(expected.n_split, 100);
   EXPECT_GT(expected.n_cloned, 20);

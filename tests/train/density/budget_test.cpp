@@ -285,9 +285,10 @@ TEST(BudgetStrategy, RemembersWeightsBetweenTheRoundsThatUseThem) {
 
 TEST(BudgetStrategy, ScoresTheStepsBeforeEachRound) {
   TrainConfig config = budget_config();
+  const std::unique_ptr<DensityStrategy> strategy = make_density_strategy(config, 1);
   std::vector<int> scored;
   for (int i = 1; i <= 30000; ++i) {
-    const DensityPlan plan = budget_plan(config, i);
+    const DensityPlan plan = strategy->plan(i);
     if (plan.score) scored.push_back(i);
     EXPECT_EQ(plan.statistics, plan.score);
     EXPECT_EQ(plan.densify, (i > 500 && i < 15000 && i % 100 == 0) || (i > 500 && i < 28000 && i % 3000 == 0)) << i;
@@ -299,9 +300,9 @@ TEST(BudgetStrategy, ScoresTheStepsBeforeEachRound) {
   EXPECT_EQ(scored.back(), 27000);
   EXPECT_EQ(scored.size(), 10u * 265);
   config.prune_weight = 0;
-  EXPECT_FALSE(budget_plan(config, 15000).score);
+  EXPECT_FALSE(make_density_strategy(config, 1)->plan(15000).score);
   config.score_views = 1000;
-  EXPECT_TRUE(budget_plan(config, 501).score);
+  EXPECT_TRUE(make_density_strategy(config, 1)->plan(501).score);
 }
 
 TEST(BudgetStrategy, AccumulatesScoresOfItsSteps) {

@@ -79,13 +79,13 @@ TEST(McmcCopies, AreFiniteForEveryOpacity) {
 std::vector<std::int64_t> draws_from(const std::vector<std::int64_t>& weights, std::int64_t n) {
   std::vector<std::int64_t> sums(weights.size());
   std::partial_sum(weights.begin(), weights.end(), sums.begin());
+  std::vector<std::int64_t> rows(static_cast<std::size_t>(n));
   DrawArgs args;
-  args.n_draws = n;
   args.n_rows = static_cast<std::int64_t>(weights.size());
   args.sums = sums.data();
   args.key = {5, RandomStream::kRelocation, 600};
-  std::vector<std::int64_t> rows;
-  for (std::int64_t i = 0; i < n; ++i) rows.push_back(draw_row(args, i));
+  args.out = rows.data();
+  for (std::int64_t i = 0; i < n; ++i) draw_row(args, i);
   return rows;
 }
 

@@ -1,5 +1,5 @@
 // Corrections of a camera's pose: what they do, their gradient, and their limits.
-#include "train/poses/camera_correction.h"
+#include "train/poses/pose_refiner.h"
 
 #include <gtest/gtest.h>
 
@@ -97,13 +97,13 @@ TEST(CameraCorrection, GradientAgreesWithFiniteDifferences) {
 }
 
 TEST(CameraCorrection, IsLimitedInItsDirection) {
-  const CorrectionLimits limits{0.05, 0.3};
-  const CameraCorrection large = limited({{3, -4, 0}, {0, 0.6, 0.8}}, limits);
+  constexpr double kMostAngle = 0.05, kMostDistance = 0.3;
+  const CameraCorrection large = limited({{3, -4, 0}, {0, 0.6, 0.8}}, kMostAngle, kMostDistance);
   EXPECT_NEAR(large.rotation.x, 0.03, 1e-15);
   EXPECT_NEAR(large.rotation.y, -0.04, 1e-15);
   EXPECT_NEAR(large.translation.y, 0.18, 1e-15);
   EXPECT_NEAR(large.translation.z, 0.24, 1e-15);
-  const CameraCorrection small = limited({{0.03, -0.02, 0}, {0, 0.1, 0.2}}, limits);
+  const CameraCorrection small = limited({{0.03, -0.02, 0}, {0, 0.1, 0.2}}, kMostAngle, kMostDistance);
   EXPECT_EQ(small.rotation.x, 0.03);
   EXPECT_EQ(small.translation.z, 0.2);
 }

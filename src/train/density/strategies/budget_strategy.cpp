@@ -11,6 +11,10 @@
 namespace b3dgs {
 namespace {
 
+/// Scored views that must have seen a Gaussian before it can be pruned for its blend weight, since it may be occluded
+/// in many of them. One that is visible in 30 % of them is occluded in all of 20 random ones with probability 0.0008.
+constexpr int kPruneViews = 20;
+
 constexpr const char* kColumnNames[] = {"error_sum", "max_weight", "score_views"};
 
 template <class Statistics>
@@ -21,9 +25,8 @@ auto& column(Statistics& statistics, BudgetColumn which) {
 /// A value for each of `rows`; those with the largest are the sample.
 torch::Tensor draw_keys(const torch::Tensor& rows, const torch::Tensor& scores, const RandomKey& key) {
   torch::Tensor keys = torch::empty({rows.size(0)}, scores.options());
-  const ParentKeyArgs args{rows.size(0), rows.data_ptr<std::int64_t>(), scores.data_ptr<float>(), key,
-                           keys.data_ptr<float>()};
-  for_rows<draw_parent_key>(keys.is_cuda(), args, args.n_rows);
+  const ParentKeyArgs args{rows.data_ptr<std::int64_t>(), scores.data_ptr<float>(), key, keys.data_ptr<float>()};
+  for_rows<draw_parent_key>(keys.is_cuda(), args, rows.size(0));
   return keys;
 }
 
@@ -33,16 +36,14 @@ void add_parts(const GaussianTensors& gaussians, const torch::Tensor& parents, S
   edit.new_means = torch::empty({2 * n, 3}, gaussians.means.options());
   edit.new_log_scales = torch::empty({2 * n, 3}, gaussians.means.options());
   edit.new_logit_opacities = torch::empty({2 * n}, gaussians.means.options());
-  const PartArgs args{n,
-                      parents.data_ptr<std::int64_t>(),
-                      gaussians.means.data_ptr<float>(),
-                      gaussians.log_scales.data_ptr<float>(),
-                      gaussians.quats.data_ptr<float>(),
-                      gaussians.logit_opacities.data_ptr<float>(),
-                      rule,
-                      edit.new_means.data_ptr<float>(),
-                      edit.new_log_scales.data_ptr<float>(),
-                      edit.new_logit_opacities.data_ptr<float>()};
+  PartArgs args;
+  args.n_parents = n;
+  args.parents = parents.data_ptr<std::int64_t>();
+  args.gaussians = arrays_without_colors(gaussians);
+  args.rule = rule;
+  args.out_means = edit.new_means.data_ptr<float>();
+  args.out_log_scales = edit.new_log_scales.data_ptr<float>();
+  args.out_logit_opacities = edit.new_logit_opacities.data_ptr<float>();
   for_rows<make_part>(parents.is_cuda(), args, 2 * n);
 }
 
@@ -63,10 +64,16 @@ int next_multiple(int iteration, int interval) {
   return (iteration + interval - 1) / interval * interval;
 }
 
+/// Whether Gaussians are pruned for their blend weight in this iteration.
+bool is_weight_prune_round(const TrainConfig& config, int iteration) {
+  const std::int64_t until = std::int64_t{config.position_lr_max_steps} * 14 / 15;  // 28,000 of 30,000
+  return config.prune_weight > 0 && iteration > config.densify_from_iter && iteration < until &&
+         iteration % config.opacity_reset_interval == 0;
+}
+
 class BudgetStrategy final : public DensityStrategy {
  public:
-  explicit BudgetStrategy(const TrainConfig& config)
-      : config_(config), rule_(config.split == "moments" ? SplitRule::kMoments : SplitRule::kPreserve) {}
+  using DensityStrategy::DensityStrategy;
 
   DensityStatistics make_statistics(std::int64_t n_gaussians, torch::Device device) const override {
     DensityStatistics statistics = make_density_statistics(n_gaussians, device);
@@ -76,7 +83,17 @@ class BudgetStrategy final : public DensityStrategy {
     return statistics;
   }
 
-  DensityPlan plan(int iteration) const override { return budget_plan(config_, iteration); }
+  DensityPlan plan(int iteration) const override {
+    DensityPlan plan;
+    plan.densify = is_growth_round(config_, iteration) || is_weight_prune_round(config_, iteration);
+    // Also for rounds beyond --iterations: the training may be resumed with more iterations.
+    const int window_end = next_multiple(iteration, config_.densification_interval);
+    plan.score = window_end - iteration < config_.score_views && window_end > config_.densify_from_iter &&
+                 (is_growth_round(config_, window_end) ||
+                  is_weight_prune_round(config_, next_multiple(iteration, config_.opacity_reset_interval)));
+    plan.statistics = plan.score;
+    return plan;
+  }
 
   void after_view(const DensityView& seen, DensityStatistics& statistics) const override {
     if (!plan(seen.iteration).score) return;
@@ -102,7 +119,7 @@ class BudgetStrategy final : public DensityStrategy {
     const torch::Tensor kept = rows_of(stays);
     round.edit.sources = torch::cat({kept, parents, parents});
     round.edit.n_kept = kept.size(0);
-    add_parts(gaussians, parents, rule_, round.edit);
+    add_parts(gaussians, parents, config_.split == "moments" ? SplitRule::kMoments : SplitRule::kPreserve, round.edit);
     round.n_split = parents.size(0);
     round.n_pruned = n - n_stay;
     return round;
@@ -133,41 +150,14 @@ class BudgetStrategy final : public DensityStrategy {
     n_over_limit = n_wanted - n_parents;
     const torch::Tensor keys =
         draw_keys(rows, scores, {config_.seed, RandomStream::kParents, static_cast<std::uint32_t>(iteration)});
-    const torch::Tensor order = std::get<1>(torch::sort(keys, /*stable=*/true, /*dim=*/0, /*descending=*/true));
-    return std::get<0>(rows.index_select(0, order.slice(0, 0, n_parents)).sort());
+    return std::get<0>(largest_rows(rows, keys, n_parents).sort());
   }
-
-  const TrainConfig config_;
-  const SplitRule rule_;
 };
 
 }  // namespace
 
-std::unique_ptr<DensityStrategy> make_budget_strategy(const TrainConfig& config, double /*extent*/) {
-  return std::make_unique<BudgetStrategy>(config);
-}
-
-bool is_growth_round(const TrainConfig& config, int iteration) {
-  return iteration > config.densify_from_iter && iteration < config.densify_until_iter &&
-         iteration % config.densification_interval == 0;
-}
-
-bool is_weight_prune_round(const TrainConfig& config, int iteration) {
-  const std::int64_t until = std::int64_t{config.position_lr_max_steps} * 14 / 15;  // 28,000 of 30,000
-  return config.prune_weight > 0 && iteration > config.densify_from_iter && iteration < until &&
-         iteration % config.opacity_reset_interval == 0;
-}
-
-DensityPlan budget_plan(const TrainConfig& config, int iteration) {
-  DensityPlan plan;
-  plan.densify = is_growth_round(config, iteration) || is_weight_prune_round(config, iteration);
-  // Also for rounds beyond config.iterations: the training may be resumed with more iterations.
-  const int window_end = next_multiple(iteration, config.densification_interval);
-  plan.score = window_end - iteration < config.score_views && window_end > config.densify_from_iter &&
-               (is_growth_round(config, window_end) ||
-                is_weight_prune_round(config, next_multiple(iteration, config.opacity_reset_interval)));
-  plan.statistics = plan.score;
-  return plan;
+std::unique_ptr<DensityStrategy> make_budget_strategy(const TrainConfig& config, double extent) {
+  return std::make_unique<BudgetStrategy>(config, extent);
 }
 
 std::int64_t budget_growth(const TrainConfig& config, int iteration, std::int64_t n, std::int64_t budget) {

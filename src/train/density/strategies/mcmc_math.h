@@ -1,28 +1,24 @@
-// Arithmetic of strategy mcmc (Kheradmand et al. 2024, "3D Gaussian Splatting as Markov Chain Monte Carlo"), one row at
-// a time and the same on CPU and GPU. All arrays of a struct are on one device.
-//
-// A Gaussian is dead if its opacity is at most prune_opacity, else live.
+// Arithmetic of strategy mcmc (Kheradmand et al. 2024), one row at a time and the same on CPU and GPU. All arrays of a
+// struct are on one device. A Gaussian is dead if its opacity is at most prune_opacity, else live.
 #pragma once
 
 #include <cmath>
 #include <cstdint>
 
 #include "core/random.h"
+#include "raster/args.h"
 #include "raster/math/array_rows.h"
 #include "raster/math/covariance.h"
 
 namespace b3dgs {
 
 B3DGS_HD double sigmoid(double logit) {
-  using std::exp;
-  return 1 / (1 + exp(-logit));
+  return 1 / (1 + std::exp(-logit));
 }
 
-// Draws in proportion to opacity. Opacities are rounded down to integers, whose sums do not depend on the order of
-// addition, so that the same rows are drawn for any number of threads and in every run on a GPU.
-
-/// Opacity in units of 2^-32: at least 1 for live Gaussians, 0 for dead ones. `dead_logit`: opacity logit up to which a
-/// Gaussian is dead. NaN counts as dead.
+/// The weight of a draw: opacity in units of 2^-32, an integer so that sums do not depend on the order of addition; at
+/// least 1 for live Gaussians, 0 for dead ones. `dead_logit`: opacity logit up to which a Gaussian is dead. NaN counts
+/// as dead.
 B3DGS_HD std::int64_t draw_weight(float logit, float dead_logit) {
   if (!(logit > dead_logit)) return 0;
   const auto weight = static_cast<std::int64_t>(sigmoid(logit) * 0x1p32);
@@ -30,10 +26,9 @@ B3DGS_HD std::int64_t draw_weight(float logit, float dead_logit) {
 }
 
 struct DrawWeightArgs {
-  std::int64_t n_rows = 0;
-  const float* logit_opacities = nullptr;  // [n_rows]
+  const float* logit_opacities = nullptr;  // [n]
   float dead_logit = 0;
-  std::int64_t* out = nullptr;  // [n_rows]
+  std::int64_t* out = nullptr;  // [n]
 };
 
 B3DGS_HD void write_draw_weight(const DrawWeightArgs& args, std::int64_t i) {
@@ -41,16 +36,15 @@ B3DGS_HD void write_draw_weight(const DrawWeightArgs& args, std::int64_t i) {
 }
 
 struct DrawArgs {
-  std::int64_t n_draws = 0;
   std::int64_t n_rows = 0;
   const std::int64_t* sums = nullptr;  // [n_rows] inclusive prefix sums of the weights; the last is above 0
   RandomKey key{};
   std::uint64_t first_number = 0;  // draw i uses random number first_number + i of `key`
-  std::int64_t* out = nullptr;     // [n_draws] rows
+  std::int64_t* out = nullptr;     // a row for each draw
 };
 
 /// Draw i, with replacement: a row, with probability proportional to its weight.
-B3DGS_HD std::int64_t draw_row(const DrawArgs& args, std::int64_t i) {
+B3DGS_HD void draw_row(const DrawArgs& args, std::int64_t i) {
   const auto bits = random_bits(args.key, args.first_number + static_cast<std::uint64_t>(i));
   const std::uint64_t word = (static_cast<std::uint64_t>(bits[0]) << 32) | bits[1];
   const double uniform = static_cast<double>(word >> 11) * 0x1p-53;  // in [0, 1)
@@ -67,11 +61,7 @@ B3DGS_HD std::int64_t draw_row(const DrawArgs& args, std::int64_t i) {
       low = middle + 1;
     }
   }
-  return low;
-}
-
-B3DGS_HD void write_drawn_row(const DrawArgs& args, std::int64_t i) {
-  args.out[i] = draw_row(args, i);
+  args.out[i] = low;
 }
 
 // N copies at the same place that replace a Gaussian of opacity o and scales s (equations 8 and 9):
@@ -83,44 +73,34 @@ inline constexpr int kMaxCopies = 51;  // upper limit of N
 
 /// ln s' - ln s for N = n_copies <= kMaxCopies.
 B3DGS_HD double log_shrink(double logit, int n_copies) {
-  using std::exp;
-  using std::expm1;
-  using std::log;
-  using std::log1p;
-  using std::sqrt;
   // Limits opacity to 1 - 1e-7: closer to 1, the terms of alternating sign would cancel each other.
   constexpr double kLargestLogit = 16;
   const double x = logit < kLargestLogit ? logit : kLargestLogit;
-  const double log_clear = -log1p(exp(x));  // ln(1 - o)
-  const double each = -expm1(log_clear / n_copies);
+  const double log_clear = -std::log1p(std::exp(x));  // ln(1 - o)
+  const double each = -std::expm1(log_clear / n_copies);
   double sum = 0, choose = n_copies, power = each;  // C(N, k+1), exact below 2^53; (-1)^k o'^(k+1)
   for (int k = 0; k < n_copies; ++k) {
-    sum += choose * power / sqrt(k + 1.0);
+    sum += choose * power / std::sqrt(k + 1.0);
     choose = choose * (n_copies - k - 1) / (k + 2);
     power *= -each;
   }
-  return log(sigmoid(x) / sum);
+  return std::log(sigmoid(x) / sum);
 }
 
 /// logit of o'. Does not compute o', which may round to 1, but o' / (1 - o') = (1 - o)^(-1/N) - 1.
 B3DGS_HD double shared_logit(double logit, int n_copies) {
-  using std::exp;
-  using std::expm1;
-  using std::log;
-  using std::log1p;
-  const double log_clear = logit > 0 ? -logit - log1p(exp(-logit)) : -log1p(exp(logit));
+  const double log_clear = logit > 0 ? -logit - std::log1p(std::exp(-logit)) : -std::log1p(std::exp(logit));
   const double ratio = -log_clear / n_copies;
-  return ratio > 30 ? ratio : log(expm1(ratio));  // e^-30 is below half an ulp of a float
+  return ratio > 30 ? ratio : std::log(std::expm1(ratio));  // e^-30 is below half an ulp of a float
 }
 
 struct ShareArgs {
-  std::int64_t n_rows = 0;                 // to write
-  const std::int64_t* rows = nullptr;      // [n_rows] in [0, N): the Gaussian that each row copies
+  const std::int64_t* rows = nullptr;      // [n] in [0, N): the Gaussian that each row to write copies
   const std::int32_t* n_drawn = nullptr;   // [N] number of copies of each Gaussian, itself excluded
   const float* logit_opacities = nullptr;  // [N]
   const float* log_scales = nullptr;       // [N, 3]
-  float* out_logit_opacities = nullptr;    // [n_rows]
-  float* out_log_scales = nullptr;         // [n_rows, 3]
+  float* out_logit_opacities = nullptr;    // [n]
+  float* out_log_scales = nullptr;         // [n, 3]
 };
 
 /// Writes opacity and scales of row i. Those of a Gaussian without copies are kept bit for bit.
@@ -143,11 +123,8 @@ B3DGS_HD void share_row(const ShareArgs& args, std::int64_t i) {
 //   mean += rate sigmoid(-100 (o - 0.005)) Sigma eps,   eps ~ N(0, I)
 
 struct MeanNoiseArgs {
-  std::int64_t n_gaussians = 0;
-  float* means = nullptr;                  // [N, 3] world, in and out
-  const float* log_scales = nullptr;       // [N, 3]
-  const float* quats = nullptr;            // [N, 4] w x y z
-  const float* logit_opacities = nullptr;  // [N]
+  GaussianArrays gaussians{};
+  float* means = nullptr;  // those of `gaussians`, in and out
   RandomKey key{};
   double rate = 0;                           // noise_lr times the learning rate of the means
   float log_bound = 0;                       // log_noise_bound(rate)
@@ -157,32 +134,27 @@ struct MeanNoiseArgs {
 inline constexpr double kNoiseSlope = 100, kNoiseOpacity = 0.005;
 
 /// ln of a bound: noise cannot change a coordinate x if the bound times s^2 e^(-100 (o - 0.005)) is below |x|, where s
-/// is the largest scale, because then |noise| < 2^-25 |x|, less than half the distance to the next float. With
-/// random_normal(), |eps| <= 6.77 sqrt(2) < 9.6. The factor 1.05 covers rounding in the comparison.
+/// is the largest scale: then |noise| < 2^-25 |x|, less than half the distance to the next float. With random_normal(),
+/// |eps| < 9.6. The factor 1.05 covers rounding in the comparison.
 inline float log_noise_bound(double rate) {
   return static_cast<float>(std::log(1.05 * 9.6 * 0x1p25 * rate));
 }
 
-/// Adds the noise to Gaussian i. Most Gaussians have noise that is too small to change a float: it is neither drawn nor
-/// added, which gives the same result. Computed in double, so that CPU and GPU differ by one ulp at most.
+/// Adds the noise to Gaussian i. Most have noise that is too small to change a float: it is not drawn. Computed in
+/// double, so that CPU and GPU differ by one ulp at most.
 B3DGS_HD void add_noise_row(const MeanNoiseArgs& args, std::int64_t i) {
-  using std::exp;
-  using std::fabs;
-  using std::fmax;
-  using std::fmin;
-  using std::log;
-  const Vec3f mean = load3(args.means, i), log_scales = load3(args.log_scales, i);
-  const float logit = args.logit_opacities[i];
-  const float largest = fmax(log_scales.x, fmax(log_scales.y, log_scales.z));
-  const float nearest = fmin(fabs(mean.x), fmin(fabs(mean.y), fabs(mean.z)));
-  const float opacity = 1 / (1 + exp(-logit));
+  const Vec3f mean = load3(args.means, i), log_scales = load3(args.gaussians.log_scales, i);
+  const float logit = args.gaussians.logit_opacities[i];
+  const float largest = std::fmax(log_scales.x, std::fmax(log_scales.y, log_scales.z));
+  const float nearest = std::fmin(std::fabs(mean.x), std::fmin(std::fabs(mean.y), std::fabs(mean.z)));
+  const float opacity = 1 / (1 + std::exp(-logit));
   constexpr auto kSlope = static_cast<float>(kNoiseSlope), kOpacity = static_cast<float>(kNoiseOpacity);
-  if (args.log_bound + 2 * largest - kSlope * (opacity - kOpacity) < log(nearest)) return;
+  if (args.log_bound + 2 * largest - kSlope * (opacity - kOpacity) < std::log(nearest)) return;
 
   const double size = args.rate * sigmoid(-kNoiseSlope * (sigmoid(logit) - kNoiseOpacity));
   const std::int64_t row = args.model_rows == nullptr ? i : args.model_rows[i];
   const auto normal = random_normal(args.key, static_cast<std::uint64_t>(row));
-  const Vec4f quat = load4(args.quats, i);
+  const Vec4f quat = load4(args.gaussians.quats, i);
   const Mat3<double> m =
       make_shape<double>({log_scales.x, log_scales.y, log_scales.z}, {quat.x, quat.y, quat.z, quat.w}).factor;
   const Vec3<double> noise = m * transpose_times(m, Vec3<double>{normal[0], normal[1], normal[2]});  // Sigma = M M^T

@@ -16,12 +16,8 @@ namespace {
 /// [N] int64
 torch::Tensor draw_weights(const torch::Tensor& logit_opacities, float dead_logit) {
   torch::Tensor weights = torch::empty(logit_opacities.sizes(), logit_opacities.options().dtype(torch::kInt64));
-  DrawWeightArgs args;
-  args.n_rows = logit_opacities.size(0);
-  args.logit_opacities = logit_opacities.data_ptr<float>();
-  args.dead_logit = dead_logit;
-  args.out = weights.data_ptr<std::int64_t>();
-  for_rows<write_draw_weight>(weights.is_cuda(), args, args.n_rows);
+  const DrawWeightArgs args{logit_opacities.data_ptr<float>(), dead_logit, weights.data_ptr<std::int64_t>()};
+  for_rows<write_draw_weight>(weights.is_cuda(), args, weights.size(0));
   return weights;
 }
 
@@ -30,14 +26,9 @@ torch::Tensor draw_rows(const torch::Tensor& weights, std::int64_t n_draws, cons
                         std::int64_t first_number) {
   const torch::Tensor sums = weights.cumsum(0);
   torch::Tensor rows = torch::empty({n_draws}, weights.options());
-  DrawArgs args;
-  args.n_draws = n_draws;
-  args.n_rows = weights.size(0);
-  args.sums = sums.data_ptr<std::int64_t>();
-  args.key = key;
-  args.first_number = static_cast<std::uint64_t>(first_number);
-  args.out = rows.data_ptr<std::int64_t>();
-  for_rows<write_drawn_row>(rows.is_cuda(), args, n_draws);
+  const DrawArgs args{weights.size(0), sums.data_ptr<std::int64_t>(), key, static_cast<std::uint64_t>(first_number),
+                      rows.data_ptr<std::int64_t>()};
+  for_rows<draw_row>(rows.is_cuda(), args, n_draws);
   return rows;
 }
 
@@ -53,46 +44,34 @@ struct Copies {
   torch::Tensor log_scales;       // [n, 3]
 };
 
-/// The least logit above that of a dead Gaussian.
-float least_live_logit(const McmcRule& rule) {
-  return std::nextafter(static_cast<float>(logit(rule.prune_opacity)), std::numeric_limits<float>::infinity());
-}
-
-/// Raises the opacity of those `copies` of `rows` that would be dead at birth, and so relocated in the next round.
-void keep_alive(Copies& copies, const torch::Tensor& rows, const torch::Tensor& n_drawn, float least_logit) {
-  const torch::Tensor is_copy = n_drawn.index_select(0, rows) > 0;
-  copies.logit_opacities = torch::where(is_copy, copies.logit_opacities.clamp_min(least_logit), copies.logit_opacities);
-}
-
 /// Copies of `rows` [n] of `from` [N], where n_drawn [N] int32 is the number of copies beside each Gaussian itself.
-/// They have an opacity logit of at least `least_logit`.
+/// They have an opacity logit of at least `least_logit`: otherwise they could be dead at birth, and so relocated in the
+/// next round.
 Copies share(const Copies& from, const torch::Tensor& rows, const torch::Tensor& n_drawn, float least_logit) {
   B3DGS_CHECK(from.logit_opacities.is_contiguous() && from.log_scales.is_contiguous() && rows.is_contiguous(),
               "copies need contiguous tensors");
   Copies copies{torch::empty({rows.size(0)}, from.logit_opacities.options()),
                 torch::empty({rows.size(0), 3}, from.log_scales.options())};
-  ShareArgs args;
-  args.n_rows = rows.size(0);
-  args.rows = rows.data_ptr<std::int64_t>();
-  args.n_drawn = n_drawn.data_ptr<std::int32_t>();
-  args.logit_opacities = from.logit_opacities.data_ptr<float>();
-  args.log_scales = from.log_scales.data_ptr<float>();
-  args.out_logit_opacities = copies.logit_opacities.data_ptr<float>();
-  args.out_log_scales = copies.log_scales.data_ptr<float>();
-  for_rows<share_row>(rows.is_cuda(), args, args.n_rows);
-  keep_alive(copies, rows, n_drawn, least_logit);
+  const ShareArgs args{rows.data_ptr<std::int64_t>(),
+                       n_drawn.data_ptr<std::int32_t>(),
+                       from.logit_opacities.data_ptr<float>(),
+                       from.log_scales.data_ptr<float>(),
+                       copies.logit_opacities.data_ptr<float>(),
+                       copies.log_scales.data_ptr<float>()};
+  for_rows<share_row>(rows.is_cuda(), args, rows.size(0));
+  const torch::Tensor is_copy = n_drawn.index_select(0, rows) > 0;
+  copies.logit_opacities = torch::where(is_copy, copies.logit_opacities.clamp_min(least_logit), copies.logit_opacities);
   return copies;
 }
 
 class McmcStrategy final : public DensityStrategy {
  public:
-  McmcStrategy(const TrainConfig& config, double extent) : config_(config), extent_(extent) {}
+  using DensityStrategy::DensityStrategy;
 
   DensityPlan plan(int iteration) const override {
     DensityPlan plan;
     plan.after_step = config_.noise_lr > 0;
-    plan.densify = iteration > config_.densify_from_iter && iteration < config_.densify_until_iter &&
-                   iteration % config_.densification_interval == 0;
+    plan.densify = is_growth_round(config_, iteration);
     return plan;
   }
 
@@ -106,10 +85,6 @@ class McmcStrategy final : public DensityStrategy {
     constexpr double kGrowth = 0.05;  // as in the paper
     return plan_mcmc_round(gaussians, {config_.prune_opacity, kGrowth, max_gaussians}, config_.seed, iteration);
   }
-
- private:
-  const TrainConfig config_;
-  const double extent_;
 };
 
 }  // namespace
@@ -122,16 +97,14 @@ DensityRound plan_mcmc_round(const GaussianTensors& gaussians, const McmcRule& r
   const std::int64_t n = gaussians.size();
   const RandomKey key{seed, RandomStream::kRelocation, static_cast<std::uint32_t>(iteration)};
   DensityRound round;
-  const float least_logit = least_live_logit(rule);
-  torch::Tensor weights = draw_weights(gaussians.logit_opacities, logit(rule.prune_opacity));
+  const float dead_logit = logit(rule.prune_opacity);
+  const float least_logit = std::nextafter(dead_logit, std::numeric_limits<float>::infinity());
+  torch::Tensor weights = draw_weights(gaussians.logit_opacities, dead_logit);
   const torch::Tensor dead = rows_of(weights == 0);
   const std::int64_t n_dead = dead.size(0);
   torch::Tensor sources = torch::arange(n, weights.options());
   if (n_dead == n) {
-    round.edit.sources = sources;
-    round.edit.n_kept = n;
-    round.edit.new_means = torch::empty({0, 3}, gaussians.means.options());
-    round.edit.new_log_scales = torch::empty({0, 3}, gaussians.means.options());
+    round.edit = keep_rows(sources, gaussians.means.options());
     return round;
   }
   // Each dead Gaussian becomes a copy.
@@ -168,16 +141,13 @@ DensityRound plan_mcmc_round(const GaussianTensors& gaussians, const McmcRule& r
 void add_mean_noise(GaussianTensors& gaussians, double rate, std::int64_t seed, int iteration,
                     const torch::Tensor& model_rows) {
   MeanNoiseArgs args;
-  args.n_gaussians = gaussians.size();
+  args.gaussians = arrays_without_colors(gaussians);
   args.means = gaussians.means.data_ptr<float>();
-  args.log_scales = gaussians.log_scales.data_ptr<float>();
-  args.quats = gaussians.quats.data_ptr<float>();
-  args.logit_opacities = gaussians.logit_opacities.data_ptr<float>();
   args.key = {seed, RandomStream::kMeanNoise, static_cast<std::uint32_t>(iteration)};
   args.rate = rate;
   args.log_bound = log_noise_bound(rate);
   if (model_rows.defined()) args.model_rows = model_rows.data_ptr<std::int32_t>();
-  for_rows<add_noise_row>(gaussians.means.is_cuda(), args, args.n_gaussians);
+  for_rows<add_noise_row>(gaussians.means.is_cuda(), args, gaussians.size());
 }
 
 }  // namespace b3dgs
