@@ -183,7 +183,10 @@ class NcclGroup final : public C10dGroup<c10d::ProcessGroupNCCL> {
 
   ~NcclGroup() override {
     link_.on_failure([] {});
-    if (link_.wait_for_failure(milliseconds(0))) return leak();
+    if (link_.wait_for_failure(milliseconds(0))) {
+      leak();
+      return;
+    }
 #if TORCH_VERSION_MAJOR >= 2
     group_->shutdown();
 #endif
