@@ -20,35 +20,6 @@
 namespace b3dgs {
 namespace {
 
-#if B3DGS_TORCH_CUDA
-/// While one exists, new threads are started with all signals blocked. CUDA's would otherwise receive those that
-/// start_ranks() waits for.
-class SignalsBlocked {
- public:
-  SignalsBlocked() {
-    sigset_t all;
-    sigfillset(&all);
-    pthread_sigmask(SIG_BLOCK, &all, &before_);
-  }
-  ~SignalsBlocked() { pthread_sigmask(SIG_SETMASK, &before_, nullptr); }
-  SignalsBlocked(const SignalsBlocked&) = delete;
-  SignalsBlocked& operator=(const SignalsBlocked&) = delete;
-
- private:
-  sigset_t before_{};
-};
-#endif
-
-std::string describe_gpus(int n_gpus) {
-#if B3DGS_TORCH_CUDA
-  return n_gpus == 0 ? "no GPU found, or its driver does not respond"
-                     : detail::concat("this machine has ", n_gpus, n_gpus == 1 ? " GPU" : " GPUs");
-#else
-  static_cast<void>(n_gpus);
-  return "this build has no CUDA support (needs nvcc and a LibTorch with CUDA)";
-#endif
-}
-
 /// The value of --gpus. 0: auto
 int parse_gpus(const std::string& text) {
   if (text == "auto") return 0;
@@ -63,19 +34,22 @@ int parse_gpus(const std::string& text) {
 /// @throws InputError if this machine has fewer than n, or none if they may be shared
 void require_gpus(const RankOptions& options, int n, int n_gpus, bool may_share) {
   if (n <= n_gpus || (may_share && n_gpus > 0)) return;
-  const std::string share = n_gpus > 0 ? detail::concat("--ranks ", n, " --device cuda to share, ") : "";
-  input_error(options.as_words().substr(1), ": ", describe_gpus(n_gpus), n_gpus > 0 ? ", each rank needs one" : "",
-              "; use ", n_gpus > 1 ? "fewer ranks, or " : "", share, share.empty() ? "" : "or ",
-              n > 1 ? "processes on the CPU" : "the CPU", ": --ranks ", n, " --device cpu");
+  std::string reason = "this build has no CUDA support (needs nvcc and a LibTorch with CUDA); use";
+#if B3DGS_TORCH_CUDA
+  reason = n_gpus == 0 ? "no GPU found, or its driver does not respond; use"
+                       : detail::concat("this machine has ", n_gpus, n_gpus == 1 ? " GPU" : " GPUs",
+                                        ", each rank needs one; use fewer ranks, or --ranks ", n,
+                                        " --device cuda to share, or");
+#endif
+  input_error(options.as_words().substr(1), ": ", reason, " the CPU: --ranks ", n, " --device cpu");
 }
 
 std::string machine_name() {
-  std::string boot_id;
-  std::ifstream file("/proc/sys/kernel/random/boot_id");
-  std::getline(file, boot_id);
+  std::string name;
+  std::ifstream("/proc/sys/kernel/random/boot_id") >> name;
   std::array<char, 256> host{};
   gethostname(host.data(), host.size() - 1);
-  return boot_id + " " + host.data();
+  return name + " " + host.data();
 }
 
 /// A launcher may bind ranks to different cores of one machine.
@@ -90,8 +64,13 @@ std::string own_cores() {
 
 int count_gpus() {
 #if B3DGS_TORCH_CUDA
-  const SignalsBlocked in_new_threads;
-  return static_cast<int>(torch::cuda::device_count());
+  // Signals are blocked in threads that CUDA starts: they would receive those that start_ranks() waits for.
+  sigset_t all, before;
+  sigfillset(&all);
+  pthread_sigmask(SIG_BLOCK, &all, &before);
+  const auto n = static_cast<int>(torch::cuda::device_count());
+  pthread_sigmask(SIG_SETMASK, &before, nullptr);
+  return n;
 #else
   return 0;
 #endif
@@ -121,11 +100,11 @@ JoinedRank join_ranks(const RankPlan& plan) {
 }
 
 MachineShare share_machine(Communicator& ranks) {
-  const std::string machine = machine_name(), own = machine + '\n' + own_cores();
+  const std::string machine = machine_name() + '\n', own = machine + own_cores();
   MachineShare share{0, 0};
   int n_on_own_cores = 0;
   for (const std::string& other : ranks.exchange("machine", own)) {
-    share.n_ranks += other.compare(0, machine.size() + 1, machine + '\n') == 0 ? 1 : 0;
+    share.n_ranks += other.rfind(machine, 0) == 0 ? 1 : 0;
     n_on_own_cores += other == own ? 1 : 0;
   }
   share.n_cores = std::max(1, omp_get_num_procs() / n_on_own_cores);
@@ -143,26 +122,24 @@ RankPlan plan_ranks(const RankOptions& options, const std::string& device_name) 
   if (options.ranks > 0 && has_gpus) {
     input_error("--ranks and --gpus exclude each other: --gpus starts one rank for each GPU; leave out one of them");
   }
-  const int n_gpus = has_gpus ? parse_gpus(options.gpus) : 0;
+  const int requested = has_gpus ? parse_gpus(options.gpus) : options.ranks;
   if (has_gpus && device_name == "cpu") {
     input_error("--gpus ", options.gpus, " and --device cpu exclude each other; use --ranks for processes on a CPU");
   }
   if (options.ranks == 1) return plan;
 
-  const std::optional<RankPlace> launched = choose_rank_place(has_gpus ? n_gpus : options.ranks);
+  const std::optional<RankPlace> launched = choose_rank_place(requested);
   if (launched && launched->size > 1) {
     plan.place = *launched;
     if (has_gpus) plan.device_name = "cuda";
     return plan;
   }
-  const int n = options.gpus == "auto" ? count_gpus() : has_gpus ? n_gpus : options.ranks;
+  const int n = options.gpus == "auto" ? count_gpus() : requested;
   if (n > 1) {
-    const int n_here = !has_gpus && device_name == "cpu" ? 0 : count_gpus();
-    if (has_gpus || device_name == "cuda" || n_here > 0) {
-      require_gpus(options, n, n_here, plan.may_share_gpus);
-    }
+    const int n_here = device_name == "cpu" ? 0 : count_gpus();
+    if (has_gpus || device_name == "cuda" || n_here > 0) require_gpus(options, n, n_here, plan.may_share_gpus);
     plan.n_to_start = n;
-  } else if (n_gpus == 1) {
+  } else if (requested == 1) {
     require_gpus(options, 1, count_gpus(), false);
     plan.device_name = "cuda";
   }

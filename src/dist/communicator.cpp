@@ -4,6 +4,7 @@
 #include <signal.h>
 
 #include <algorithm>
+#include <array>
 #include <limits>
 #include <numeric>
 #include <set>
@@ -13,8 +14,6 @@
 #if B3DGS_TORCH_CUDA
 #include "core/cuda_check.h"
 #endif
-#include "dist/control/rank_link.h"
-#include "dist/control/socket.h"
 
 namespace b3dgs {
 namespace {
@@ -28,12 +27,6 @@ torch::Tensor as_type(const torch::Tensor& tensor, torch::ScalarType type) {
 
 std::int64_t sum_of(const std::vector<std::int64_t>& counts) {
   return std::accumulate(counts.begin(), counts.end(), std::int64_t{0});
-}
-
-torch::Tensor empty_rows_like(const torch::Tensor& rows, std::int64_t n) {
-  std::vector<std::int64_t> shape = rows.sizes().vec();
-  shape[0] = n;
-  return torch::empty(shape, rows.options());
 }
 
 /// What an all-to-all counts. c10d (1.13) counts no further than 2^31 - 1, so the largest type that divides a row.
@@ -55,23 +48,23 @@ struct Unit {
   }
 };
 
-/// What tells a GPU from all others, on all machines; empty for the CPU.
-std::string identity_of([[maybe_unused]] const torch::Device& device) {
+/// What ranks tell each other of their devices.
+struct DeviceRecord {
+  c10::DeviceType type;
+  Transport fastest;
+  std::array<char, 16> gpu{};  // what tells it from all others, on all machines
+};
+
+DeviceRecord describe(const torch::Device& device) {
+  DeviceRecord record{device.type(), fastest_transport(device)};
 #if B3DGS_TORCH_CUDA
   if (device.is_cuda()) {
     cudaDeviceProp properties{};
     B3DGS_CUDA_CHECK(cudaGetDeviceProperties(&properties, device.index()));
-    return {properties.uuid.bytes, sizeof properties.uuid.bytes};
+    std::copy_n(properties.uuid.bytes, record.gpu.size(), record.gpu.begin());
   }
 #endif
-  return "";
-}
-
-/// The listening socket of rank 0; none on the others.
-Socket prepare_to_listen(const RankPlace& place) {
-  if (place.rank != 0) return {};
-  if (place.listening_socket >= 0) return Socket(place.listening_socket);
-  return listen_at(place.address, place.port);
+  return record;
 }
 
 /// Gloo writes to sockets without MSG_NOSIGNAL, since Python ignores SIGPIPE: by default, a rank whose peer has ended
@@ -82,6 +75,12 @@ void ignore_broken_pipes() {
 }
 
 }  // namespace
+
+std::vector<std::int64_t> sizes_with_rows(const torch::Tensor& rows, std::int64_t n) {
+  std::vector<std::int64_t> sizes = rows.sizes().vec();
+  sizes[0] = n;
+  return sizes;
+}
 
 std::unique_ptr<Communicator> Communicator::alone() {
   return std::unique_ptr<Communicator>(new Communicator);
@@ -95,9 +94,10 @@ std::unique_ptr<Communicator> Communicator::connect(RankPlace place, const torch
   communicator->rank_ = place.rank;
   communicator->size_ = place.size;
   communicator->device_ = device;
-  Socket listening = prepare_to_listen(place);
   if (place.rank == 0) {
-    communicator->hub_ = std::make_unique<RankHub>(std::move(listening), place.size, place.job, limits);
+    Socket listening(place.listening_socket);
+    if (!listening) listening = listen_at(place.address, place.port);
+    communicator->hub_ = start_rank_hub(std::move(listening), place.size, place.job, limits);
   }
   communicator->link_ =
       std::make_unique<RankLink>(place.address, place.port, place.rank, place.size, place.job, limits);
@@ -121,28 +121,24 @@ Communicator::~Communicator() {
 }
 
 void Communicator::agree_on_transport(bool relays) {
-  const std::vector<std::string> kinds = exchange("device", c10::DeviceTypeName(device_.type(), /*lower_case=*/true));
-  for (int r = 1; r < size_; ++r) {
-    const std::string& kind = kinds[static_cast<std::size_t>(r)];
-    if (kind == kinds[0]) continue;
-    input_error("rank ", r, " of ", size_, " uses the device ", kind, ", but rank 0 ", kinds[0],
-                "; name the same device on all ranks (--device)");
+  const DeviceRecord own = describe(device_);
+  const std::vector<DeviceRecord> all = exchange_record("device", own);
+  std::set<std::array<char, 16>> gpus;
+  for (std::size_t r = 0; r < all.size(); ++r) {
+    if (all[r].type != all[0].type) {
+      const auto name = [](c10::DeviceType type) { return c10::DeviceTypeName(type, /*lower_case=*/true); };
+      input_error("rank ", r, " of ", size_, " uses the device ", name(all[r].type), ", but rank 0 ", name(all[0].type),
+                  "; name the same device on all ranks (--device)");
+    }
+    relays |= all[r].fastest != own.fastest;
+    gpus.insert(all[r].gpu);
   }
-  transport_ = fastest_transport(device_);
-  const std::vector<Transport> fastest = exchange_record("transport", transport_);
-  const bool is_same = std::count(fastest.begin(), fastest.end(), transport_) == size_;
   if (device_.is_cuda()) {
-    const std::string own = identity_of(device_);
-    const std::vector<std::string> gpus = exchange("GPU", own);
-    n_on_own_gpu_ = static_cast<int>(std::count(gpus.begin(), gpus.end(), own));
-    shares_gpus_ = std::set<std::string>(gpus.begin(), gpus.end()).size() < gpus.size();
+    n_on_own_gpu_ = static_cast<int>(
+        std::count_if(all.begin(), all.end(), [&](const DeviceRecord& other) { return other.gpu == own.gpu; }));
+    shares_gpus_ = gpus.size() < all.size();
   }
-  if (relays || !is_same || shares_gpus_) transport_ = Transport::kRelay;
-}
-
-std::vector<std::string> Communicator::exchange(const std::string& label, const std::string& bytes) {
-  if (size_ == 1) return {bytes};
-  return link_->exchange(label, {bytes});
+  transport_ = relays || shares_gpus_ ? Transport::kRelay : own.fastest;
 }
 
 std::int64_t Communicator::max(const std::string& label, std::int64_t value) {
@@ -150,54 +146,25 @@ std::int64_t Communicator::max(const std::string& label, std::int64_t value) {
   return *std::max_element(values.begin(), values.end());
 }
 
-void Communicator::barrier(const std::string& label) {
-  exchange(label, "");
-}
-
-void Communicator::check_rows(const torch::Tensor& rows) const {
-  B3DGS_CHECK(rows.dim() >= 1 && rows.is_contiguous() && rows.device() == device_, "tensor ", rows.sizes(), " on ",
-              rows.device().str(), ", expected contiguous rows on ", device_.str());
-}
-
 torch::Tensor Communicator::all_to_all_rows(const torch::Tensor& rows, const std::vector<std::int64_t>& send,
                                             const std::vector<std::int64_t>& receive) {
-  check_rows(rows);
+  B3DGS_CHECK(rows.dim() >= 1 && rows.is_contiguous() && rows.device() == device_, "tensor ", rows.sizes(), " on ",
+              rows.device().str(), ", expected contiguous rows on ", device_.str());
   const auto size = static_cast<std::size_t>(size_), rank = static_cast<std::size_t>(rank_);
   B3DGS_CHECK(
       send.size() == size && receive.size() == size && sum_of(send) == rows.size(0) && send[rank] == receive[rank],
       sum_of(send), " rows to send, ", rows.size(0), " given");
   if (size_ == 1) return rows;
   const Unit unit(rows);
-  const torch::Tensor received = empty_rows_like(rows, sum_of(receive));
+  const torch::Tensor received = torch::empty(sizes_with_rows(rows, sum_of(receive)), rows.options());
   group_->all_to_all(as_type(received, unit.type), unit.counts(receive), as_type(rows, unit.type), unit.counts(send));
   return received;
 }
 
-torch::Tensor Communicator::all_gather_rows(const torch::Tensor& rows) {
-  check_rows(rows);
-  if (size_ == 1) return rows;
-  if (rows.size(0) == 0) {
-    throw_if_failed();
-    return rows;
-  }
-  if (device_.is_cuda()) {
-    const torch::Tensor all = empty_rows_like(rows, rows.size(0) * size_);
-    group_->all_gather(as_type(all, torch::kUInt8), as_type(rows, torch::kUInt8));
-    return all;
-  }
-  // Gloo gathers in a ring with copies. Sending the rows to each rank is as many bytes.
-  std::vector<std::int64_t> shape(static_cast<std::size_t>(rows.dim()), 1);
-  shape[0] = size_;
-  const std::vector<std::int64_t> counts(static_cast<std::size_t>(size_), rows.size(0));
-  return all_to_all_rows(rows.repeat(shape), counts, counts);
-}
-
-void Communicator::stop_others(const std::string& cause) noexcept {
-  if (link_) link_->fail(cause);
-}
-
-void Communicator::throw_if_failed() {
-  if (link_) link_->throw_if_failed();
+torch::Tensor Communicator::all_gather_rows(const torch::Tensor& rows, const std::vector<std::int64_t>& counts) {
+  // c10d's own gathering is no faster: in a ring with copies (Gloo), and of one number from each rank.
+  const std::vector<torch::Tensor> to_each(static_cast<std::size_t>(size_), rows);
+  return all_to_all_rows(torch::cat(to_each), std::vector(to_each.size(), rows.size(0)), counts);
 }
 
 }  // namespace b3dgs

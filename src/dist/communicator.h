@@ -11,14 +11,14 @@
 #include <type_traits>
 #include <vector>
 
-#include "dist/control/message.h"
+#include "dist/control/rank_link.h"
 #include "dist/launch/start_ranks.h"
 #include "dist/tensor_group.h"
 
 namespace b3dgs {
 
-class RankHub;
-class RankLink;
+/// Of a tensor with n such rows.
+std::vector<std::int64_t> sizes_with_rows(const torch::Tensor& rows, std::int64_t n);
 
 /// All ranks call the same functions in one order. Every function throws a PeerError within 30 s after another rank has
 /// failed: it called stop_others(), destroyed its Communicator because of an exception, ended, or was silent.
@@ -26,9 +26,8 @@ class RankLink;
 /// There is no floating-point reduction: its result would depend on the number of ranks. Gather, then add in a fixed
 /// order.
 ///
-/// Small records on the host (exchange() and what is built on it) go through a TCP connection to rank 0. Tensors go
-/// through LibTorch, Gloo on CPUs and NCCL on GPUs. Where ranks share a GPU, or the build of a rank lacks Gloo or NCCL,
-/// they go through rank 0, too. With NCCL, functions for tensors do not wait on the host: the current stream does.
+/// Small records on the host (exchange() and what is built on it) go through a TCP connection to rank 0, tensors by
+/// Transport. With NCCL, functions for tensors do not wait on the host: the current stream does.
 class Communicator {
  public:
   /// The only rank of 1: every function returns its input, nothing is connected.
@@ -62,7 +61,9 @@ class Communicator {
   // Records on the host. `label` says what is exchanged; it must be the same on all ranks, or all of them fail.
 
   /// The bytes of every rank, by rank.
-  std::vector<std::string> exchange(const std::string& label, const std::string& bytes);
+  std::vector<std::string> exchange(const std::string& label, const std::string& bytes) {
+    return size_ == 1 ? std::vector{bytes} : link_->exchange(label, {bytes});
+  }
 
   /// The same for a struct of numbers.
   template <class Record>
@@ -78,30 +79,33 @@ class Communicator {
   }
 
   std::int64_t max(const std::string& label, std::int64_t value);
-  void barrier(const std::string& label);
+  void barrier(const std::string& label) { exchange(label, ""); }
 
   // Tensors: contiguous, of any type, on the device of connect(). Rows are along the first dimension; all ranks agree
   // on the type and on the other dimensions. Results are new tensors; with one rank, the input itself.
 
-  /// Rows [0, send[0]) go to rank 0, the next send[1] to rank 1, and so on. Returns the received rows in the order of
-  /// the ranks, receive[r] from rank r.
+  /// The first send[0] rows go to rank 0, the next send[1] to rank 1, and so on. Returns what comes, receive[r] rows
+  /// from rank r, in this order.
   torch::Tensor all_to_all_rows(const torch::Tensor& rows, const std::vector<std::int64_t>& send,
                                 const std::vector<std::int64_t>& receive);
 
-  /// The rows of all ranks in the order of the ranks, the same number from each.
-  torch::Tensor all_gather_rows(const torch::Tensor& rows);
+  /// The rows of all ranks in the order of the ranks, counts[r] from rank r.
+  torch::Tensor all_gather_rows(const torch::Tensor& rows, const std::vector<std::int64_t>& counts);
 
   /// Tells the others that this rank stops. Afterwards, only the destructor may be called.
-  void stop_others(const std::string& cause) noexcept;
+  void stop_others(const std::string& cause) noexcept {
+    if (link_) link_->fail(cause);
+  }
 
   /// @throws PeerError if another rank is known to have failed
-  void throw_if_failed();
+  void throw_if_failed() {
+    if (link_) link_->throw_if_failed();
+  }
 
  private:
   Communicator() = default;
   /// Compares the devices of all ranks, and chooses the transport.
   void agree_on_transport(bool relays);
-  void check_rows(const torch::Tensor& rows) const;
 
   int rank_ = 0, size_ = 1;
   torch::Device device_ = torch::kCPU;

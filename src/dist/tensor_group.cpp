@@ -30,23 +30,12 @@
 
 #include <chrono>
 #include <cstdlib>
+#include <string_view>
 #include <utility>
 
 #include "dist/control/socket.h"
 
 namespace b3dgs {
-
-const char* name_of(Transport transport) {
-  switch (transport) {
-    case Transport::kNccl:
-      return "NCCL";
-    case Transport::kGloo:
-      return "Gloo";
-    case Transport::kRelay:
-      return "through rank 0";
-  }
-  return "";
-}
 
 Transport fastest_transport(const torch::Device& device) {
 #if B3DGS_NCCL
@@ -65,28 +54,32 @@ namespace {
 
 using std::chrono::milliseconds;
 
-std::string to_text(const std::vector<std::uint8_t>& bytes) {
-  return {bytes.begin(), bytes.end()};
-}
-std::vector<std::uint8_t> to_vector(const std::string& text) {
-  return {text.begin(), text.end()};
-}
-
-/// RankLink's table for c10d. LibTorch's own TCPStore (1.13) listens at all addresses of the machine, and does not
+/// The table of RankHub for c10d. LibTorch's own TCPStore (1.13) listens at all addresses of the machine, and does not
 /// notice a rank that has ended.
 class LinkStore final : public c10d::Store {
  public:
   explicit LinkStore(RankLink& link) : link_(link) {}
 
-  void set(const std::string& key, const std::vector<std::uint8_t>& value) override { link_.set(key, to_text(value)); }
-  std::vector<std::uint8_t> get(const std::string& key) override { return to_vector(link_.get(key, timeout_)); }
-  std::int64_t add(const std::string& key, std::int64_t number) override { return link_.add(key, number); }
-  bool deleteKey(const std::string& key) override { return link_.remove(key); }
-  bool check(const std::vector<std::string>& keys) override { return link_.check(keys); }
+  void set(const std::string& key, const std::vector<std::uint8_t>& value) override {
+    link_.request(MessageKind::kSet, {key, {value.begin(), value.end()}});
+  }
+  std::vector<std::uint8_t> get(const std::string& key) override {
+    const std::string value = link_.request(MessageKind::kGet, {key}, timeout_).at(0);
+    return {value.begin(), value.end()};
+  }
+  std::int64_t add(const std::string& key, std::int64_t number) override {
+    return std::stoll(link_.request(MessageKind::kAdd, {key, std::to_string(number)}).at(0));
+  }
+  bool deleteKey(const std::string& key) override { return link_.request(MessageKind::kDelete, {key}).at(0) == "1"; }
+  bool check(const std::vector<std::string>& keys) override {
+    return std::all_of(keys.begin(), keys.end(), [this](const std::string& key) {
+      return link_.request(MessageKind::kCheck, {key}).at(0) == "1";
+    });
+  }
   std::int64_t getNumKeys() override { throw LogicError("nobody counts keys"); }
   void wait(const std::vector<std::string>& keys) override { wait(keys, timeout_); }
   void wait(const std::vector<std::string>& keys, const milliseconds& limit) override {
-    for (const std::string& key : keys) link_.get(key, limit);
+    for (const std::string& key : keys) link_.request(MessageKind::kGet, {key}, limit);
   }
   /// Pure virtual in LibTorch since 2.7, unknown before.
   c10::intrusive_ptr<c10d::Store> clone() { return c10::make_intrusive<LinkStore>(link_); }
@@ -98,12 +91,21 @@ class LinkStore final : public c10d::Store {
 // A rank may wait long for another one that writes a checkpoint. That a rank has failed is found out by RankLink, so
 // the groups' own limit is only there for what nobody foresaw.
 constexpr milliseconds kGroupLimit = std::chrono::hours(24);
+constexpr char kCannotConnect[] = "ranks cannot connect to each other";
 
-/// For groups whose destructor would wait for a rank that has failed.
-template <class Group>
-void keep_forever(c10::intrusive_ptr<Group> group) {
-  static auto* const groups = new std::vector<c10::intrusive_ptr<Group>>;
-  groups->push_back(std::move(group));
+/// Calls work(). If that fails because another rank has, throws the error of that rank: it closes its connections to
+/// all others, and rank 0 knows in a moment which it was.
+template <class Work>
+auto run_with(RankLink& link, const char* failure, Work&& work) {
+  try {
+    return work();
+  } catch (const Error&) {
+    throw;
+  } catch (const std::exception& error) {
+    link.wait_for_failure(std::chrono::seconds(15));
+    link.throw_if_failed();
+    throw Error(detail::concat(failure, ": ", error.what()));
+  }
 }
 
 /// What both kinds of groups share. `Group` is a c10d::ProcessGroup (LibTorch 1) or a c10d::Backend (2).
@@ -112,37 +114,18 @@ class C10dGroup : public TensorGroup {
  public:
   C10dGroup(c10::intrusive_ptr<Group> group, RankLink& link) : group_(std::move(group)), link_(link) {}
 
-  void all_to_all(torch::Tensor out, const std::vector<std::int64_t>& out_counts, torch::Tensor in,
-                  const std::vector<std::int64_t>& in_counts) override {
-    std::vector<std::int64_t> out_splits = out_counts, in_splits = in_counts;
-    run([&] { return group_->alltoall_base(out, in, out_splits, in_splits, c10d::AllToAllOptions()); });
-  }
-
-  void all_gather(const torch::Tensor& out, torch::Tensor in) override {
-    std::vector<torch::Tensor> ins{in};
-    std::vector<std::vector<torch::Tensor>> outs{out.view({link_.size(), in.numel()}).unbind(0)};
-    ins[0] = in.view({in.numel()});
-    run([&] { return group_->allgather(outs, ins, c10d::AllgatherOptions()); });
+  void all_to_all(torch::Tensor out, std::vector<std::int64_t> out_counts, torch::Tensor in,
+                  std::vector<std::int64_t> in_counts) override {
+    link_.throw_if_failed();
+    run_with(link_, "exchange between ranks failed",
+             [&] { wait(*group_->alltoall_base(out, in, out_counts, in_counts, c10d::AllToAllOptions())); });
   }
 
  protected:
-  /// Starts an operation and waits for it.
-  template <class Start>
-  void run(Start&& start) {
-    link_.throw_if_failed();
-    try {
-      wait(*start());
-    } catch (const PeerError&) {
-      throw;
-    } catch (const std::exception& error) {
-      // A rank that ends closes its connections to all others: who it was, rank 0 knows in a moment.
-      link_.wait_for_failure(std::chrono::seconds(15));
-      link_.throw_if_failed();
-      throw Error(detail::concat("exchange between ranks failed: ", error.what()));
-    }
-  }
-
   virtual void wait(c10d::Work& work) = 0;
+
+  /// For a group whose destructor would wait for a rank that has failed.
+  void leak() { static_cast<void>(group_.release()); }
 
   c10::intrusive_ptr<Group> group_;
   RankLink& link_;
@@ -155,7 +138,7 @@ class GlooGroup final : public C10dGroup<c10d::ProcessGroupGloo> {
 
   ~GlooGroup() override {
     // Its destructor waits for operations, also for those that a failed rank will never complete.
-    if (link_.wait_for_failure(milliseconds(0)) || is_waiting_) keep_forever(std::move(group_));
+    if (link_.wait_for_failure(milliseconds(0)) || is_waiting_) leak();
   }
 
  private:
@@ -201,7 +184,7 @@ class NcclGroup final : public C10dGroup<c10d::ProcessGroupNCCL> {
   ~NcclGroup() override {
     link_.on_failure([] {});
     if (link_.wait_for_failure(milliseconds(0))) {
-      keep_forever(std::move(group_));
+      leak();
       return;
     }
 #if TORCH_VERSION_MAJOR >= 2
@@ -241,44 +224,58 @@ class NcclGroup final : public C10dGroup<c10d::ProcessGroupNCCL> {
 
 namespace {
 
-/// A host tensor for a result; `tensor` itself if it is one.
-torch::Tensor host_like(const torch::Tensor& tensor) {
-  return tensor.is_cpu() ? tensor : torch::empty_like(tensor, tensor.options().device(torch::kCPU));
-}
-
-void write_back(const torch::Tensor& tensor, const torch::Tensor& host) {
-  if (!tensor.is_cpu()) tensor.copy_(host);
-}
-
 /// Every byte passes rank 0: without a library that a build may lack, and, unlike NCCL, also for ranks that share a
 /// GPU. On a GPU, the host waits for the current stream, and results are written in it.
 class RelayGroup final : public TensorGroup {
  public:
   explicit RelayGroup(RankLink& link) : link_(link) {}
 
-  void all_to_all(torch::Tensor out, const std::vector<std::int64_t>& out_counts, torch::Tensor in,
-                  const std::vector<std::int64_t>& in_counts) override {
-    const torch::Tensor sent = in.to(torch::kCPU), received = host_like(out);
+  void all_to_all(torch::Tensor out, std::vector<std::int64_t> out_counts, torch::Tensor in,
+                  std::vector<std::int64_t> in_counts) override {
+    const torch::Tensor sent = in.to(torch::kCPU);
+    const torch::Tensor received = out.is_cpu() ? out : torch::empty_like(out, out.options().device(torch::kCPU));
     std::vector<Bytes> parts = split(sent, in_counts), room = split(received, out_counts);
-    Bytes& own = parts[static_cast<std::size_t>(link_.rank())];
-    Bytes& own_room = room[static_cast<std::size_t>(link_.rank())];
-    if (own.size > 0) std::memcpy(own_room.data, own.data, own.size);
-    own.size = own_room.size = 0;
-    exchange("all-to-all of tensors", parts, room);
-    write_back(out, received);
-  }
-
-  void all_gather(const torch::Tensor& out, torch::Tensor in) override {
-    const torch::Tensor sent = in.to(torch::kCPU), received = host_like(out);
-    const std::vector<std::int64_t> counts(static_cast<std::size_t>(link_.size()), in.numel());
-    exchange("all-gather of tensors", split(sent, {in.numel()}), split(received, counts));
-    write_back(out, received);
+    const auto own = static_cast<std::size_t>(link_.rank());
+    room[own].put(parts[own].take(parts[own].size));
+    // Rounds bound the memory of rank 0.
+    constexpr std::size_t kRoundBytes = 4 << 20;  // that a rank sends in a message
+    const std::size_t limit = std::max<std::size_t>(1, kRoundBytes / parts.size());
+    for (bool needs_round = true; needs_round;) {
+      // A rank knows only its own parts: the first byte says whether its sender needs another round.
+      const bool has_more =
+          std::any_of(parts.begin(), parts.end(), [&](const Bytes& part) { return part.size > limit; });
+      std::vector<std::string> messages;
+      for (Bytes& part : parts) {
+        messages.emplace_back(1, has_more ? '1' : '0').append(part.take(std::min(limit, part.size)));
+      }
+      messages = link_.exchange("tensors", std::move(messages));
+      needs_round = false;
+      for (std::size_t from = 0; from < room.size(); ++from) {
+        needs_round = needs_round || messages[from][0] == '1';
+        const std::string_view bytes = std::string_view(messages[from]).substr(1);
+        B3DGS_CHECK(bytes.size() <= room[from].size, "rank ", from, " sends more than was announced");
+        room[from].put(bytes);
+      }
+    }
+    for (const Bytes& rest : room) B3DGS_CHECK(rest.size == 0, "a rank sends less than was announced");
+    out.copy_(received);
   }
 
  private:
+  /// What has not been sent or received yet.
   struct Bytes {
-    char* data = nullptr;
-    std::size_t size = 0;
+    char* data;
+    std::size_t size;
+
+    /// Removes the first n.
+    std::string_view take(std::size_t n) {
+      size -= n;
+      return {std::exchange(data, data + n), n};
+    }
+    void put(std::string_view bytes) {
+      std::copy(bytes.begin(), bytes.end(), data);
+      take(bytes.size());
+    }
   };
 
   static std::vector<Bytes> split(const torch::Tensor& host, const std::vector<std::int64_t>& counts) {
@@ -291,63 +288,27 @@ class RelayGroup final : public TensorGroup {
     return parts;
   }
 
-  void exchange(const std::string& label, const std::vector<Bytes>& parts, const std::vector<Bytes>& room);
-
   RankLink& link_;
 };
 
-/// Sends parts[r] to rank r, or the only part to all, and fills room[r] with what comes from rank r.
-void RelayGroup::exchange(const std::string& label, const std::vector<Bytes>& parts, const std::vector<Bytes>& room) {
-  // Rounds bound the memory of rank 0, and leave time for signs of life. A rank knows only its own parts: each round
-  // says whether its sender needs another one.
-  constexpr std::size_t kRoundBytes = 4 << 20;  // that a rank sends in a message
-  const std::size_t limit = std::max<std::size_t>(1, kRoundBytes / parts.size());
-  std::vector<std::size_t> filled(room.size(), 0);
-  std::size_t sent = 0;  // of each part, unless it is shorter
-  for (bool needs_round = true; needs_round; sent += limit) {
-    std::string flag(1, '\0');
-    for (const Bytes& part : parts) {
-      if (part.size > sent + limit) flag[0] = 1;
-    }
-    std::vector<std::string> messages(parts.size(), flag);
-    for (std::size_t i = 0; i < parts.size(); ++i) {
-      if (parts[i].size > sent) messages[i].append(parts[i].data + sent, std::min(limit, parts[i].size - sent));
-    }
-    needs_round = false;
-    const std::vector<std::string> received = link_.exchange(label, messages);
-    for (std::size_t from = 0; from < received.size(); ++from) {
-      const std::size_t n = received[from].size() - 1;
-      needs_round = needs_round || received[from][0] != 0;
-      B3DGS_CHECK(n <= room[from].size - filled[from], label, ": rank ", from, " sends more than was announced");
-      if (n > 0) std::memcpy(room[from].data + filled[from], received[from].data() + 1, n);
-      filled[from] += n;
-    }
-  }
-  for (std::size_t from = 0; from < room.size(); ++from) {
-    B3DGS_CHECK(filled[from] == room[from].size, label, ": rank ", from, " sends less than was announced");
-  }
-}
-
 }  // namespace
 
-std::unique_ptr<TensorGroup> make_tensor_group(const torch::Device& device, Transport transport, RankLink& link) {
-  if (transport == Transport::kRelay) return std::make_unique<RelayGroup>(link);
-  B3DGS_CHECK(transport == fastest_transport(device), "no ", name_of(transport), " for this device");
-  try {
+std::unique_ptr<TensorGroup> make_tensor_group([[maybe_unused]] const torch::Device& device, Transport transport,
+                                               RankLink& link) {
+  switch (transport) {
+    case Transport::kRelay:
+      return std::make_unique<RelayGroup>(link);
 #if B3DGS_NCCL
-    if (transport == Transport::kNccl) return std::make_unique<NcclGroup>(device, link);
+    case Transport::kNccl:
+      return run_with(link, kCannotConnect, [&] { return std::make_unique<NcclGroup>(device, link); });
 #endif
 #if B3DGS_GLOO
-    if (transport == Transport::kGloo) return std::make_unique<GlooGroup>(link);
+    case Transport::kGloo:
+      return run_with(link, kCannotConnect, [&] { return std::make_unique<GlooGroup>(link); });
 #endif
-  } catch (const Error&) {
-    throw;
-  } catch (const std::exception& error) {
-    link.wait_for_failure(std::chrono::seconds(15));
-    link.throw_if_failed();
-    throw Error(detail::concat("ranks cannot connect to each other: ", error.what()));
+    default:
+      throw LogicError("this build lacks the transport");
   }
-  throw LogicError("no group for this device");
 }
 
 }  // namespace b3dgs

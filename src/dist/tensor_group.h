@@ -23,11 +23,8 @@ class TensorGroup {
 
   /// 1-D tensors of uint8, int32 or int64: in_counts[r] elements of `in`, in order, go to rank r; `out` takes what
   /// comes, out_counts[r] from rank r. At most 2^31 - 1 elements each.
-  virtual void all_to_all(torch::Tensor out, const std::vector<std::int64_t>& out_counts, torch::Tensor in,
-                          const std::vector<std::int64_t>& in_counts) = 0;
-
-  /// 1-D tensors of uint8: `out` has `size` times the elements of `in`. Not on CPUs: all_to_all() does not copy more.
-  virtual void all_gather(const torch::Tensor& out, torch::Tensor in) = 0;
+  virtual void all_to_all(torch::Tensor out, std::vector<std::int64_t> out_counts, torch::Tensor in,
+                          std::vector<std::int64_t> in_counts) = 0;
 };
 
 /// How tensors travel between ranks.
@@ -36,8 +33,6 @@ enum class Transport {
   kGloo,  // between CPUs
   kRelay  // through the control connections and the memory of rank 0, from and to any device, in every build; slow
 };
-/// For messages: "NCCL".
-const char* name_of(Transport transport);
 
 /// The fastest one that this build has for the device, if each rank has a device of its own.
 Transport fastest_transport(const torch::Device& device);

@@ -8,8 +8,7 @@
 #include <vector>
 
 #include "multi/rank_stepper.h"
-#include "multi/rows/row_owners.h"
-#include "multi/rows/sharded_rows.h"
+#include "multi/rows.h"
 #include "train/checkpoint/checkpoint.h"
 #include "train/density/row_edit.h"
 
@@ -18,13 +17,26 @@ namespace b3dgs {
 namespace {
 
 /// All tensors with a row per Gaussian.
-template <class Visit>
-void visit_rows(TrainState& state, Visit&& visit) {
-  for (GaussianTensors* group : {&state.gaussians, &state.adam.m, &state.adam.v}) {
-    for (torch::Tensor* tensor : group->all()) visit(*tensor);
+std::vector<torch::Tensor*> row_tensors(TrainState& state) {
+  std::vector<torch::Tensor*> tensors;
+  const auto add = [&](torch::Tensor& tensor) {
+    if (tensor.defined()) tensors.push_back(&tensor);
+  };
+  visit_rows(state.gaussians, state.adam, state.statistics, add);
+  add(state.gaussians.filters);
+  return tensors;
+}
+
+/// Why there is no memory for work(); "" if there is.
+std::string lack_of_memory(const std::function<void()>& work) {
+  try {
+    work();
+  } catch (const OutOfMemoryError& error) {
+    return error.what();
+  } catch (const c10::OutOfMemoryError& error) {
+    return error.what_without_backtrace();
   }
-  visit(state.gaussians.filters);
-  for (torch::Tensor* column : state.statistics.all()) visit(*column);
+  return "";
 }
 
 /// Waits for the device.
@@ -39,30 +51,20 @@ void RankStepper::adopt_model() {
   const torch::Device device = training_.device;
   state_.n_of_all_ranks = state_.gaussians.size();
   owners_ = RowOwners::round_robin(ranks_.rank(), ranks_.size(), state_.gaussians.size(), device);
-  visit_rows(state_, [&](torch::Tensor& tensor) {
-    if (tensor.defined()) tensor = own_rows(tensor, owners_).to(device);
-  });
+  for (torch::Tensor* tensor : row_tensors(state_)) *tensor = own_rows(*tensor, owners_).to(device);
   // What is whole on every rank.
   visit_appearance(state_.appearance, [&](const char*, torch::Tensor& tensor) { tensor = tensor.to(device); });
 }
 
 void RankStepper::redistribute_rows() {
-  std::vector<torch::Tensor*> rows;
-  visit_rows(state_, [&](torch::Tensor& tensor) {
-    if (tensor.defined()) rows.push_back(&tensor);
-  });
+  const std::vector<torch::Tensor*> rows = row_tensors(state_);
   RowOwners after;
-  bool has_room = true;
-  try {
+  const std::string lack = lack_of_memory([&] {
     after = RowOwners::round_robin(ranks_.rank(), ranks_.size(), owners_.n_rows(), training_.device);
     const torch::TensorOptions bytes = state_.gaussians.means.options().dtype(torch::kUInt8);
-    const torch::Tensor room = training_.memory->allocate({bytes_to_move_rows(rows, owners_, after)}, bytes);
-  } catch (const OutOfMemoryError&) {
-    has_room = false;
-  } catch (const c10::OutOfMemoryError&) {
-    has_room = false;
-  }
-  if (ranks_.max("room to move rows", has_room ? 0 : 1) != 0) return;
+    training_.memory->allocate({bytes_to_move_rows(rows, owners_, after)}, bytes);
+  });
+  if (ranks_.max("room to move rows", lack.empty() ? 0 : 1) != 0) return;
   training_.is_consistent = false;
   move_rows(ranks_, rows, owners_, after);
   owners_ = after;
@@ -71,20 +73,15 @@ void RankStepper::redistribute_rows() {
 
 GaussianTensors RankStepper::whole_gaussians() {
   GaussianTensors whole = flushed_state().gaussians;
-  const auto gather = [&](torch::Tensor& tensor) {
-    if (tensor.defined()) tensor = gather_rows_on_first(ranks_, tensor, owners_);
-  };
-  for (torch::Tensor* tensor : whole.all()) gather(*tensor);
-  gather(whole.filters);
+  for (torch::Tensor* tensor : whole.all()) *tensor = gather_rows_on_first(ranks_, *tensor, owners_);
+  if (whole.filters.defined()) whole.filters = gather_rows_on_first(ranks_, whole.filters, owners_);
   return whole;
 }
 
 void RankStepper::write_checkpoint(const nlohmann::ordered_json& scene_fingerprint) {
   const TrainState& own = flushed_state();
   std::set<const void*> rows;  // tensors of which each rank has a part
-  visit_rows(state_, [&](torch::Tensor& tensor) {
-    if (tensor.defined()) rows.insert(tensor.unsafeGetTensorImpl());
-  });
+  for (const torch::Tensor* tensor : row_tensors(state_)) rows.insert(tensor->unsafeGetTensorImpl());
   std::vector<CheckpointTensor> tensors = checkpoint_tensors(own);
   std::size_t n_read = 0;  // all ranks read all tensors in one order, even if rank 0 cannot write them
   for (CheckpointTensor& tensor : tensors) {
@@ -141,15 +138,7 @@ void RankStepper::apply_round(const DensityRound& round, int iteration, std::int
 
 void RankStepper::allocate_together(const std::function<void()>& work) {
   has_failed_together_ = false;
-  std::string failure;
-  try {
-    work();
-  } catch (const OutOfMemoryError& error) {
-    failure = error.what();
-  } catch (const c10::OutOfMemoryError& error) {
-    failure = error.what_without_backtrace();
-  }
-  const std::vector<std::string> failures = ranks_.exchange("memory", failure);
+  const std::vector<std::string> failures = ranks_.exchange("memory", lack_of_memory(work));
   for (std::size_t r = 0; r < failures.size(); ++r) {
     if (!failures[r].empty()) throw_out_of_memory(r, failures[r]);
   }
@@ -161,25 +150,18 @@ void RankStepper::throw_out_of_memory(std::size_t rank, const std::string& reaso
 }
 
 DensityRound RankStepper::plan_round(int iteration, std::int64_t limit) {
-  // Strategies do not read colours.
-  GaussianTensors gaussians;
-  const GaussianTensors& own = state_.gaussians;
   const std::int64_t n = state_.n_gaussians();
+  DensityStatistics statistics = state_.statistics;
+  std::vector<torch::Tensor*> rows = statistics.all();
   allocate_together([&] {
     constexpr std::int64_t kFloats = 3 + 3 + 4 + 1;  // of a Gaussian, without colours
-    const auto n_columns = static_cast<std::int64_t>(state_.statistics.all().size());
-    const torch::Tensor room = training_.memory->allocate({(kFloats + n_columns) * n}, own.means.options());
+    training_.memory->allocate({(kFloats + static_cast<std::int64_t>(rows.size())) * n},
+                               state_.gaussians.means.options());
   });
-  DensityStatistics statistics = state_.statistics;
-  std::vector<torch::Tensor*> gathered{&gaussians.means, &gaussians.log_scales, &gaussians.quats,
-                                       &gaussians.logit_opacities};
-  std::vector<torch::Tensor> rows{own.means, own.log_scales, own.quats, own.logit_opacities};
-  for (torch::Tensor* column : statistics.all()) {
-    gathered.push_back(column);
-    rows.push_back(*column);
-  }
-  rows = gather_rows(ranks_, rows, owners_);
-  for (std::size_t i = 0; i < rows.size(); ++i) *gathered[i] = rows[i];
+  const GaussianTensors& own = state_.gaussians;
+  GaussianTensors gaussians{own.means, own.log_scales, own.quats, own.logit_opacities, {}, {}};  // nobody reads colours
+  rows.insert(rows.end(), {&gaussians.means, &gaussians.log_scales, &gaussians.quats, &gaussians.logit_opacities});
+  for (torch::Tensor* tensor : rows) *tensor = gather_rows(ranks_, *tensor, owners_);
   DensityRound round;
   std::int64_t checksum = 0;
   allocate_together([&] {
@@ -202,8 +184,9 @@ std::int64_t RankStepper::remove_invalid_rows(std::int64_t row) {
   }
   const std::int64_t n = state_.n_gaussians();
   const GaussianWidths own = gaussian_widths(state_.gaussians, state_.adam);
-  const std::vector<torch::Tensor> all = gather_rows(ranks_, {own.is_finite.to(torch::kInt32), own.largest}, owners_);
-  const RowEdit edit = edit_without_invalid(row, training_.scene.extent, {all[0].to(torch::kBool), all[1]});
+  const RowEdit edit =
+      edit_without_invalid(row, training_.scene.extent,
+                           {gather_rows(ranks_, own.is_finite, owners_), gather_rows(ranks_, own.largest, owners_)});
   OwnRowEdit part = own_part(edit, owners_);
   apply_row_edit(part.edit, state_.gaussians, state_.adam, state_.statistics);
   owners_ = std::move(part.owners);

@@ -1,10 +1,57 @@
-// What rank 0 alone does while the others help: it evaluates and times kernels, for which it renders views of the whole
-// model; the others project their Gaussians on its request.
+// What ranks agree on, and what rank 0 alone does while the others help: it evaluates and times kernels, for which it
+// renders views of the whole model; the others project their Gaussians on its request.
 #include "multi/rank_stepper.h"
 
+#include "model/checkpoint/checkpoint_header.h"
 #include "raster/torch/torch_cuda.h"
+#include "scene/scene.h"
 
 namespace b3dgs {
+
+namespace {
+
+using Json = nlohmann::ordered_json;
+
+/// A list of [what, value]. What is named after a view comes after its name.
+Json describe(const Scene& scene, const Json& fingerprint) {
+  Json rows = Json::array();
+  const auto add = [&](const std::string& what, const Json& value) { rows.push_back(Json::array({what, value})); };
+  const auto add_views = [&](const std::string& kind, const std::vector<View>& views) {
+    add("number of " + kind + " views", views.size());
+    for (std::size_t i = 0; i < views.size(); ++i) {
+      const Camera& camera = views[i].camera;
+      std::string view = detail::concat(" of ", kind, " view ", i);
+      add("name" + view, views[i].name);
+      view += " (" + views[i].name + ")";
+      add("size" + view, detail::concat(camera.width, " x ", camera.height));
+      add("focal length, principal point, lens or pose" + view,
+          Json::array({camera.fx, camera.fy, camera.cx, camera.cy, camera.cam_from_world.rotation,
+                       camera.cam_from_world.translation, camera.lens.kind, camera.lens.max_angle, camera.lens.k}));
+      if (kind == "test") continue;
+      add("photograph" + view, Json::array({fingerprint.at("photographs").at(i)}));
+      add("mask" + view, Json::array({fingerprint.at("masks").at(i)}));
+    }
+  };
+  add_views("train", scene.train);
+  add_views("test", scene.test);
+  const std::vector<float>& positions = scene.points.positions;
+  const std::uint32_t crc = add_crc(0, positions.data(), positions.size() * sizeof(float));
+  add("number of points", scene.points.size());
+  add("positions or colours of points",
+      Json::array({add_crc(crc, scene.points.colors.data(), scene.points.colors.size())}));
+  return rows;
+}
+
+/// The first difference between two descriptions that differ.
+std::string find_difference(const Json& there, const Json& first) {
+  std::size_t i = 0;
+  while (there[i] == first[i]) ++i;
+  const std::string what = there[i][0].get<std::string>();
+  const Json &here = there[i][1], &other = first[i][1];
+  return here.is_structured() ? what : detail::concat(what, ": ", here.dump(), " there, ", other.dump(), " on rank 0");
+}
+
+}  // namespace
 
 void use_rank_stepper(Communicator& ranks, const TrainConfig& config, TrainHooks& hooks,
                       std::int64_t splats_at_a_time) {
@@ -105,6 +152,23 @@ RenderedView RankStepper::project_and_render(const CameraView& view, const Rende
   return training_.rasterizer.forward_splats(splats.front(), view, settings);
 }
 
+void RankStepper::check_same_scene(const Json& fingerprint) {
+  const Scene& scene = training_.scene;
+  const std::string own =
+      describe(scene, fingerprint).dump(-1, ' ', /*ensure_ascii=*/false, Json::error_handler_t::replace);
+  const std::string first = ranks_.exchange("scene", ranks_.is_first() ? own : "").front();
+  std::string difference;
+  if (own != first) {
+    difference = find_difference(Json::parse(own), Json::parse(first)) + " (" + scene.source_path + ")";
+  }
+  const std::vector<std::string> differences = ranks_.exchange("differences of scenes", difference);
+  for (std::size_t rank = 0; rank < differences.size(); ++rank) {
+    if (differences[rank].empty()) continue;
+    input_error("rank ", rank, " of ", ranks_.size(), " and rank 0 read different scenes: ", differences[rank],
+                "; this folder must be the same on all machines");
+  }
+}
+
 void RankStepper::share_kernels() {
   const std::string text =
       ranks_.exchange("kernels", ranks_.is_first() ? training_.kernels.to_json().dump() : "").front();
@@ -113,12 +177,13 @@ void RankStepper::share_kernels() {
 
 Stepper::Missing RankStepper::agree_on_start(Missing here) {
   struct Start {
-    std::int32_t lacks_ply, lacks_checkpoint, check_kernels;
+    Missing missing;
+    bool check_kernels;
   };
   const bool check_kernels = training_.kernels.is_due(training_.check_moment(state_.iteration + 1));
-  const Start first = ranks_.exchange_record("start", Start{here.ply, here.checkpoint, check_kernels}).front();
-  agreed_.check_kernels = first.check_kernels != 0;
-  return {first.lacks_ply != 0, first.lacks_checkpoint != 0};
+  const Start first = ranks_.exchange_record("start", Start{here, check_kernels}).front();
+  agreed_.check_kernels = first.check_kernels;
+  return first.missing;
 }
 
 bool RankStepper::has_written_files() {
@@ -136,7 +201,8 @@ std::string RankStepper::last_checkpoint() const {
 void RankStepper::compute_filters(SmoothingFilter& filter) {
   filter.compute(state_.gaussians, [this](torch::Tensor& largest) {
     const torch::Tensor bits = largest.view(torch::kInt32);  // in the order of the values
-    largest = ranks_.all_gather_rows(bits).amax(0, /*keepdim=*/true).view(torch::kFloat32);
+    const std::vector<std::int64_t> ones(static_cast<std::size_t>(ranks_.size()), 1);
+    largest = ranks_.all_gather_rows(bits, ones).amax(0, /*keepdim=*/true).view(torch::kFloat32);
   });
 }
 

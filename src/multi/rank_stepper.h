@@ -1,12 +1,10 @@
-// The steps of a training on several processes (ranks). Each has some rows of the model (rows/row_owners.h), with their
+// The steps of a training on several processes (ranks). Each has some rows of the model (rows.h), with their
 // moments and statistics. With the same --batch, what is learned does not depend on the number of ranks: byte for byte
 // under the conditions in docs/distributed.md, else up to rounding.
 //
-//   rank_step.cpp     one step, of all its views at a time or some of them
-//   rank_views.cpp    its views: who renders them, which are read ahead, their losses
+//   rank_step.cpp     one step, of all its views at a time or some of them; who renders them, and their losses
 //   rank_model.cpp    the model distributed to the ranks and gathered for files; density control
-//   rank_scene.cpp    whether all ranks read the same scene
-//   rank_stepper.cpp  what rank 0 does for all, and what ranks agree on
+//   rank_stepper.cpp  what rank 0 does for all, and what ranks agree on, such as that all read the same scene
 //
 // Ranks take the same decisions in the same order: from what all of them know, or from what records tell them.
 #pragma once
@@ -19,7 +17,7 @@
 #include "config/view_ratios.h"
 #include "dist/communicator.h"
 #include "multi/render_plan.h"
-#include "multi/rows/row_owners.h"
+#include "multi/rows.h"
 #include "multi/splat_exchange.h"
 #include "raster/args.h"
 #include "raster/math/gaussian_grad.h"
@@ -35,15 +33,20 @@ struct RenderedRecord {
   std::int64_t entries[kMaxBatch]{};
 };
 
+/// What a rank asks for after a step: `stop` holds if any does, the others if rank 0 does.
+struct StepRequests {
+  bool stop = false, write_checkpoint = false;
+  bool check_kernels = false;  // before the next step
+};
+
 /// What each rank tells the others after its projections, for a step or for a view that rank 0 asks for.
 struct StepRecord {
   std::int64_t invalid_row = -1;       // of the model; not -1: cannot be rendered
   RenderedRecord rendered{};           // of the step before
   std::int64_t n_splats[kMaxBatch]{};  // of each view
   std::int64_t n_second[kMaxBatch]{};  // more that panoramas draw, which are not exchanged
-  std::int32_t is_out_of_memory = 0;
-  std::int32_t stop = 0;
-  std::int32_t write_checkpoint = 0, check_kernels = 0;  // only rank 0's values are used
+  StepRequests asks{};
+  bool is_out_of_memory = false;
 };
 
 /// What rank 0 asks of the others in on_first().
@@ -109,13 +112,14 @@ class RankStepper final : public Stepper {
   std::int64_t remove_invalid_rows(std::int64_t row) override;
 
  private:
-  static constexpr std::int64_t kCameraColumns = 2 * kCameraGradients;  // of n_shared_columns(): doubles as floats
-
   // rank_step.cpp
   struct Part;  // of a step: the views that the ranks take at a time
-  /// Up to the gradients of the splats of these views, which each rank keeps for its Gaussians.
+  std::size_t n_views_at_a_time() const;
+  /// Views that this rank will probably render after this part, by what has been counted so far.
+  std::vector<std::int32_t> own_views_ahead();
+  /// Takes the next views of a step, up to the gradients of their splats, which each rank keeps for its Gaussians.
   /// `last`: the step's last iteration.
-  void learn_part(const std::vector<ViewOfStep>& views, int last);
+  void learn_part(int last);
   /// Calls project(). Errors are left in the record: all ranks learn of them.
   void record_errors(StepRecord& record, const std::function<void()>& project);
   /// @throws InvalidGaussianError or OutOfMemoryError, on all ranks, if that is what a record says
@@ -123,28 +127,17 @@ class RankStepper final : public Stepper {
   void project_own_gaussians(Part& part, StepRecord& record);
   void exchange_records(Part& part, StepRecord record, int last);
   void render_own_views(Part& part);
-  /// View `v` of the part. `own_next`: views that this rank renders after this one.
-  void render_view(Part& part, std::size_t v, const ViewSplats& splats, const std::vector<std::int32_t>& own_next);
-  /// Sends the sums back; `splat_grads` are then those of the own splats of each view, whose gradients are kept.
+  /// View `v` of the part. `next`: views that this rank renders after this one.
+  void render_view(Part& part, std::size_t v, const ViewSplats& splats, const std::vector<std::int32_t>& next);
   void keep_own_splats(Part& part);
-  void gather_pose_gradients(Part& part);
-  /// What is learned of photographs with the Gaussians: gradients of a view that this rank has rendered, as a row of
-  /// n_shared_columns() floats; and those of all views of a part, from which every rank learns the same.
-  std::int64_t n_shared_columns() const;
-  torch::Tensor shared_gradients() const;
-  void keep_shared_gradients(const std::vector<ViewOfStep>& views, const std::vector<torch::Tensor>& rendered);
-
-  // rank_views.cpp
-  /// The next views of a step up to iteration `last`, at most n_views_at_a_time().
-  std::vector<ViewOfStep> next_views_of_step(int last);
-  std::size_t n_views_at_a_time() const;
-  /// Views that this rank will probably render after this part, by what has been counted so far.
-  std::vector<std::int32_t> own_views_ahead();
-  /// Waits for the loss of the view rendered last, if it has not been read.
-  void read_own_loss();
+  /// `splat_grads`: of the own splats of each view.
+  void gather_pose_gradients(const Part& part, const std::vector<torch::Tensor>& splat_grads);
+  void gather_appearance_gradients(const Part& part);
   /// Rasterizer::row_entries() in host memory, valid when the loss of the view has been read.
   torch::Tensor queue_row_entries() const;
-  /// What this rank has rendered in the last step. Waits for the loss of the view rendered last.
+  /// Waits for the loss of the view rendered last, if it has not been read.
+  void read_own_loss();
+  /// What this rank has rendered in the last step, after read_own_loss().
   RenderedRecord take_rendered();
   /// Losses for the average, and work for the plans to come.
   void add_rendered(const std::vector<RenderedRecord>& of_ranks);
@@ -166,20 +159,15 @@ class RankStepper final : public Stepper {
   RowOwners owners_;         // which rows of the model this rank has
   ViewRatios model_ratios_;  // to the Gaussians of all ranks; without pairs
   RenderPlan render_plan_;
-  /// What ranks agree on in each step.
-  struct Agreed {
-    bool stop = false;              // after this step
-    bool write_checkpoint = false;  // likewise
-    bool check_kernels = false;     // before the next step
-  } agreed_;
+  StepRequests agreed_;
   std::vector<int> renderers_;  // of `unread_losses_`
-  /// Views of the last step that this rank has rendered. The loss of the last one may still be on the device.
-  struct OwnView {
+  RenderedRecord rendered_;     // of the last step by this rank, but for unread_view_
+  /// Rendered last: its loss may still be on the device.
+  struct UnreadView {
     std::size_t index = 0;  // in the step's views
-    std::optional<double> loss;
     torch::Tensor entries;  // queue_row_entries()
   };
-  std::vector<OwnView> own_views_;
+  std::optional<UnreadView> unread_view_;
   bool renders_on_first_ = false;     // within on_first()
   bool has_failed_together_ = false;  // the exception that is under way was thrown by all ranks
 };

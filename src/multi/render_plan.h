@@ -11,14 +11,6 @@
 
 namespace b3dgs {
 
-/// View v of a step goes to rank v % n_ranks: what is done without counts.
-std::vector<int> equal_renderers(std::size_t n_views, int n_ranks);
-
-/// The rank of each view: the view with the most work first, each to the rank with the least work so far; of several,
-/// to that with the fewest views, then to the lowest. With at most as many views as ranks, as equal_renderers().
-/// @param work  of each view, not negative
-std::vector<int> counted_renderers(const std::vector<std::int64_t>& work, int n_ranks);
-
 /// How many views of a step the ranks take at a time, so that none renders more than about `most_splats` splats: a
 /// multiple of the number of ranks.
 /// @param splats  that a view has, on all ranks together
@@ -29,11 +21,13 @@ class RenderPlan {
  public:
   explicit RenderPlan(int n_ranks) : n_ranks_(n_ranks) {}
 
-  /// The rank of each of these views, by their index in Scene::train, if they are rendered together. Views that have
-  /// not been rendered yet count as the mean of the others.
+  /// The rank of each of these views, by their index in Scene::train, if they are rendered together: the view with the
+  /// most work first, each to the rank with the least work so far; of several, to that with the fewest views, then to
+  /// the lowest. With at most as many views as ranks, the v-th view goes to rank v. Views that have not been rendered
+  /// yet count as the mean of the others.
   std::vector<int> renderers(const std::vector<std::int32_t>& views) const;
 
-  /// Work of a view that has been rendered.
+  /// Work of a view that has been rendered; not negative.
   void set_work(std::int32_t view, std::int64_t work) { work_[view] = work; }
 
  private:

@@ -8,10 +8,27 @@
 #include <vector>
 
 #include "dist/communicator.h"
-#include "multi/splats/merge_splats.h"
+#include "multi/splats/splat_words.h"
 #include "raster/torch/rasterizer.h"
 
 namespace b3dgs {
+
+/// Writes the splats of a view to `words`, [splats.size(), kRowWords] int32.
+/// @param model_rows  [own Gaussians] int32, the row of the model that each is
+void pack_splats(const ViewSplats& splats, const torch::Tensor& model_rows, const torch::Tensor& words);
+
+struct RowRange {
+  std::int64_t begin = 0, end = 0;
+};
+
+struct MergedSplats {
+  ViewSplats splats;     // in the order of the Gaussians
+  torch::Tensor places;  // [M] int64: which row of `words` each is
+};
+
+/// The splats of a view from the lists of the ranks, which are these rows of `words`, [.., kRowWords] int32. Each list
+/// is ascending by Gaussian; no Gaussian is in two. New tensors; nothing waits for a GPU.
+MergedSplats merge_splats(const torch::Tensor& words, const std::vector<RowRange>& lists);
 
 /// The exchange of one step. Every rank calls pack() and to_renderers() once, then to_owners() and
 /// columns_to_renderers() as often as needed. On a GPU, the host does not wait.
@@ -42,11 +59,10 @@ class SplatExchange {
   Communicator& ranks_;
   std::vector<int> renderers_;                // of each view
   std::vector<std::size_t> order_;            // of the views in what is exchanged: by renderer
-  std::vector<std::int64_t> own_counts_;      // this rank's splats of each view
+  std::vector<RowRange> own_rows_;            // of each view, in what this rank sends
   torch::Tensor packed_;                      // between pack() and to_renderers()
   std::vector<std::int64_t> send_, receive_;  // rows to and from each rank, to the renderers
-  // Of the views that this rank renders: where each splat is in what all_to_all_rows() returned, [M] int64.
-  std::vector<torch::Tensor> places_;
+  std::vector<torch::Tensor> places_;         // MergedSplats::places of each view that this rank renders
 };
 
 }  // namespace b3dgs

@@ -39,7 +39,7 @@ class Job {
   explicit Job(int size, const RankLimits& limits = {}) : size_(size), limits_(limits) {
     Socket listening = listen_at("127.0.0.1", 0);
     port_ = port_of(listening);
-    hub_ = std::make_unique<RankHub>(std::move(listening), size, "job", limits);
+    hub_ = start_rank_hub(std::move(listening), size, "job", limits);
   }
 
   int port() const { return port_; }
@@ -108,21 +108,25 @@ TEST(Control, OneRankAlone) {
 
 TEST(Control, SharesValues) {
   Job(2).run([](RankLink& link) {
+    const auto ask = [&](MessageKind kind, const std::vector<std::string>& parts, milliseconds limit = kLong) {
+      return link.request(kind, parts, limit);
+    };
+    using Answer = std::vector<std::string>;
     if (link.rank() == 0) {
-      EXPECT_EQ(link.get("set later", kLong), "value");
-      EXPECT_TRUE(link.check({"set later"}));
-      EXPECT_FALSE(link.check({"set later", "unknown"}));
-      EXPECT_TRUE(link.remove("set later"));
-      EXPECT_FALSE(link.remove("set later"));
-      EXPECT_TRUE(fails_with<Error>({"no answer"}, [&] { link.get("never set", milliseconds(50)); }));
+      EXPECT_EQ(ask(MessageKind::kGet, {"set later"}), Answer{"value"});
+      EXPECT_EQ(ask(MessageKind::kCheck, {"set later"}), Answer{"1"});
+      EXPECT_EQ(ask(MessageKind::kCheck, {"unknown"}), Answer{"0"});
+      EXPECT_EQ(ask(MessageKind::kDelete, {"set later"}), Answer{"1"});
+      EXPECT_EQ(ask(MessageKind::kDelete, {"set later"}), Answer{"0"});
+      EXPECT_TRUE(fails_with<Error>({"no answer"}, [&] { ask(MessageKind::kGet, {"never set"}, milliseconds(50)); }));
     } else {
-      link.set("set later", "value");
+      ask(MessageKind::kSet, {"set later", "value"});
     }
     link.exchange("before add", {""});
-    link.add("sum", 10 + link.rank());
+    ask(MessageKind::kAdd, {"sum", std::to_string(10 + link.rank())});
     link.exchange("after add", {""});
-    EXPECT_EQ(link.add("sum", 0), 21);
-    EXPECT_EQ(link.get("sum", kLong), "21") << "decimal digits, as c10d expects";
+    EXPECT_EQ(ask(MessageKind::kAdd, {"sum", "0"}), Answer{"21"}) << "decimal digits, as c10d expects";
+    EXPECT_EQ(ask(MessageKind::kGet, {"sum"}), Answer{"21"});
     link.exchange("end", {""});
   });
 }
@@ -134,10 +138,10 @@ TEST(Control, TellsAllWhyARankStops) {
       link.fail("a later cause");
     } else {
       EXPECT_TRUE(fails_with<PeerError>({"rank 2 of 4 stopped: out of memory: 4 GB"}, [&] {
-        link.rank() == 1 ? static_cast<void>(link.get("key", kLong)) : static_cast<void>(link.exchange("step", {""}));
+        link.rank() == 1 ? link.request(MessageKind::kGet, {"key"}) : link.exchange("step", {""});
       }));
       EXPECT_TRUE(fails_with<PeerError>({"rank 2 of 4"}, [&] { link.throw_if_failed(); })) << "from then on";
-      EXPECT_TRUE(fails_with<PeerError>({"rank 2 of 4"}, [&] { link.set("a", "b"); }));
+      EXPECT_TRUE(fails_with<PeerError>({"rank 2 of 4"}, [&] { link.exchange("a", {"b"}); }));
     }
   });
 }
@@ -146,14 +150,13 @@ TEST(Control, CallsBackOnFailure) {
   Job(2).run([](RankLink& link) {
     if (link.rank() == 1) {
       EXPECT_FALSE(link.wait_for_failure(milliseconds(1)));
-      link.set("ready", "");
       std::promise<void> called;
       link.on_failure([&] { called.set_value(); });
-      link.set("has callback", "");
+      link.request(MessageKind::kSet, {"has callback", ""});
       EXPECT_EQ(called.get_future().wait_for(kLong), std::future_status::ready);
       EXPECT_TRUE(link.wait_for_failure(kLong));
     } else {
-      link.get("has callback", kLong);
+      link.request(MessageKind::kGet, {"has callback"});
       link.fail("stop");
     }
   });
@@ -199,8 +202,8 @@ TEST(Control, NamesRankZeroIfTheHubVanishes) {
 TEST(Control, ARankThatLeavesIsNoFailure) {
   Job(3).run([](RankLink& link) {
     if (link.rank() == 0) return;  // the hub stays until all have left
-    link.set(std::to_string(link.rank()), "x");
-    link.get(std::to_string(3 - link.rank()), kLong);
+    link.request(MessageKind::kSet, {std::to_string(link.rank()), "x"});
+    link.request(MessageKind::kGet, {std::to_string(3 - link.rank())});
     link.throw_if_failed();
   });
 }
@@ -345,38 +348,39 @@ TEST(Sockets, InterfaceWithAnAddress) {
 }
 
 /// Both ends of a connection.
-std::pair<Socket, Connection> connect_pair(std::size_t max_message) {
+std::pair<Socket, Connection> connect_pair(bool is_trusted) {
   int files[2];
   EXPECT_EQ(socketpair(AF_UNIX, SOCK_STREAM, 0, files), 0);
-  return {Socket(files[0]), Connection(Socket(files[1]), max_message)};
+  return {Socket(files[0]), Connection(Socket(files[1]), {}, is_trusted)};
 }
 
 TEST(Connections, AssembleMessagesFromPieces) {
-  const std::string bytes = to_bytes({MessageKind::kSet, 7, {"key", "", "-5"}}) + to_bytes({});
-  auto [there, here] = connect_pair(100);
+  const std::string bytes =
+      to_bytes({MessageKind::kSet, 7, {"key", "", "-5"}}) + to_bytes({}) + to_bytes({MessageKind::kBye, 8, {}});
+  auto [there, here] = connect_pair(/*is_trusted=*/true);
   std::vector<Message> messages;
-  EXPECT_FALSE(here.receive([](const Message&) {})) << "nothing has come";
   for (const char byte : bytes) {
     Job::say(there, std::string(1, byte));
-    EXPECT_TRUE(here.receive([&](const Message& message) { messages.push_back(message); }));
+    here.receive([&](const Message& message) { messages.push_back(message); });
   }
-  ASSERT_EQ(messages.size(), 2u);
+  ASSERT_EQ(messages.size(), 2u) << "without the sign of life";
   EXPECT_EQ(messages[0].kind, MessageKind::kSet);
   EXPECT_EQ(messages[0].id, 7u);
   EXPECT_EQ(messages[0].parts, (std::vector<std::string>{"key", "", "-5"}));
-  EXPECT_EQ(messages[1].kind, MessageKind::kBeat);
+  EXPECT_EQ(messages[1].kind, MessageKind::kBye);
 }
 
 TEST(Connections, RefuseMessagesOfAbsurdLength) {
-  const std::string bytes = to_bytes({MessageKind::kSet, 0, {std::string(101, 'x')}});
   constexpr std::size_t kHeader = 12, kSize = 8;  // of the message, and of its part
+  const std::string bytes = to_bytes({MessageKind::kSet, 0, {std::string(kMaxUntrustedBytes - kSize, 'x')}});
   const auto receive = [](const std::string& sent) {
-    auto [there, here] = connect_pair(120);
+    auto [there, here] = connect_pair(/*is_trusted=*/false);
     Job::say(there, sent);
     here.receive([](const Message&) {});
   };
   EXPECT_NO_THROW(receive(bytes));
-  EXPECT_THROW(receive(to_bytes({MessageKind::kSet, 0, {std::string(121, 'x')}}).substr(0, kHeader)), Error);
+  EXPECT_THROW(receive(to_bytes({MessageKind::kSet, 0, {std::string(kMaxUntrustedBytes, 'x')}}).substr(0, kHeader)),
+               Error);
   for (const char high : {'\x01', '\xff'}) {  // of a part
     std::string absurd = bytes;
     absurd[kHeader + kSize - 1] = high;

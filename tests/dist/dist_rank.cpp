@@ -71,12 +71,17 @@ void check_all_to_all(Communicator& ranks, const char* name, CountOf&& count_of)
   }
 }
 
-void check_all_gather(Communicator& ranks, std::int64_t n) {
+/// n rows of each rank, and some more of the others than rank 0.
+void check_all_gather(Communicator& ranks, std::int64_t n, std::int64_t n_more) {
+  Counts counts;
   std::vector<torch::Tensor> expected;
-  for (int rank = 0; rank < ranks.size(); ++rank) expected.push_back(make_rows(rank, 7, n, 24));
+  for (int rank = 0; rank < ranks.size(); ++rank) {
+    counts.push_back(n + rank * n_more);
+    expected.push_back(make_rows(rank, 7, counts.back(), 24));
+  }
   const torch::Tensor own = typed(expected[static_cast<std::size_t>(ranks.rank())], torch::kFloat32);
-  const torch::Tensor all = ranks.all_gather_rows(own.to(ranks.device())).cpu();
-  expect(all.size(0) == n * ranks.size() && all.size(1) == 2, "gathered: shape");
+  const torch::Tensor all = ranks.all_gather_rows(own.to(ranks.device()), counts).cpu();
+  expect(all.size(0) == total(counts) && all.size(1) == 2, "gathered: shape");
   expect(same_bytes(all, torch::cat(expected)), "gathered: bytes");
 }
 
@@ -99,7 +104,9 @@ void check_collectives(Communicator& ranks) {
          "rows at an odd address");
   const torch::Tensor odd = make_rows(0, 0, size, 7).to(device);  // rows of 7 bytes
   expect(ranks.all_to_all_rows(odd, ones, ones).equal(odd.narrow(0, rank, 1).expand({size, 7})), "rows of odd size");
-  for (const std::int64_t n : {0, 1, 1000}) check_all_gather(ranks, n);
+  for (const std::int64_t n : {0, 1, 1000}) {
+    for (const std::int64_t n_more : {0, 3}) check_all_gather(ranks, n, n_more);
+  }
 
   expect(ranks.max("max", -rank) == 0, "maximum on the host");
   const std::vector<std::string> texts = ranks.exchange("texts", std::string(static_cast<std::size_t>(rank), 'x'));

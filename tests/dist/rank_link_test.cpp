@@ -37,9 +37,10 @@ class OtherEnd {
     auto link = std::async(std::launch::async, [&limits, port = port_of(listening_)] {
       return std::make_unique<RankLink>("127.0.0.1", port, 1, 2, "job", limits);
     });
-    connection_ = Connection(Socket(accept(listening_.fd(), nullptr, nullptr)));
+    connection_ = Connection(Socket(accept(listening_.fd(), nullptr, nullptr)), limits, /*is_trusted=*/true);
     connection_.queue({MessageKind::kReply, kHelloId, {}});
-    EXPECT_TRUE(connection_.flush());
+    connection_.flush();
+    EXPECT_FALSE(connection_.has_unsent());
     link_ = link.get();
   }
   RankLink& link() { return *link_; }
@@ -62,7 +63,7 @@ class OtherEnd {
 
  private:
   Socket listening_;
-  Connection connection_{Socket()};
+  Connection connection_{Socket(), {}, true};
   std::unique_ptr<RankLink> link_;
 };
 
@@ -73,7 +74,9 @@ TEST(RankLink, ASignalCutsNoMessageShort) {
   limits.silence = 10 * kUnreached;
   OtherEnd hub(limits);
   const std::string value(20000000, 'v');
-  std::thread sender([&] { EXPECT_THROW(hub.link().set("key", value), PeerError) << "no answer"; });
+  std::thread sender([&] {
+    EXPECT_THROW(hub.link().request(MessageKind::kSet, {"key", value}), PeerError) << "no answer";
+  });
   int n_waiting = 0;
   while (n_waiting < 1000) {
     ASSERT_EQ(ioctl(hub.connection().fd(), FIONREAD, &n_waiting), 0);
@@ -111,8 +114,9 @@ TEST(RankLink, NamesRankZeroIfItTakesNoMessages) {
       std::this_thread::sleep_for(milliseconds(20));
     }
   });
-  EXPECT_TRUE(fails_with<PeerError>({"rank 0 of 2 stopped: it took nothing of a message for 2 s"},
-                                    [&] { hub.link().set("key", value); }));
+  EXPECT_TRUE(fails_with<PeerError>({"rank 0 of 2 stopped: it took nothing of a message for 2 s"}, [&] {
+    hub.link().request(MessageKind::kSet, {"key", value});
+  }));
   is_over = true;
   signs_of_life.join();
 }

@@ -1,5 +1,7 @@
 #include "dist/control/message.h"
 
+#include <netinet/in.h>
+#include <netinet/tcp.h>
 #include <sys/socket.h>
 
 #include <array>
@@ -11,7 +13,8 @@
 namespace b3dgs {
 namespace {
 
-constexpr int kMaxReads = 16;  // nobody who sends without end may keep the caller from others
+constexpr std::size_t kMaxBytes = std::size_t{1} << 30;  // of a message
+constexpr int kMaxReads = 16;                            // nobody who sends without end may keep the caller from others
 constexpr char kVanished[] = "its process ended without saying why (killed?), or the network to it failed";
 
 struct Header {
@@ -20,32 +23,30 @@ struct Header {
   std::uint32_t id;
 };
 
-/// Removes the first bytes of `from` and returns them.
-std::string_view take(std::string_view& from, std::size_t size) {
-  if (size > from.size()) throw Error("a damaged message");
-  const std::string_view taken = from.substr(0, size);
-  from.remove_prefix(size);
-  return taken;
-}
-
 template <class Value>
-Value take_value(std::string_view& from) {
+Value value_at(std::string_view bytes) {
   Value value;
-  std::memcpy(&value, take(from, sizeof value).data(), sizeof value);
+  if (bytes.size() < sizeof value) throw Error("a damaged message");
+  std::memcpy(&value, bytes.data(), sizeof value);
   return value;
 }
 
 /// The first message, removed from `bytes`; nothing if it is not complete.
-std::optional<Message> next_message(std::string_view& bytes, std::size_t max_message) {
+std::optional<Message> next_message(std::string_view& bytes, std::size_t max_bytes) {
   if (bytes.size() < sizeof(Header)) return std::nullopt;
-  std::string_view rest = bytes;
-  const auto header = take_value<Header>(rest);
-  if (header.bytes > max_message) throw Error("a message that is too long");
-  if (rest.size() < header.bytes) return std::nullopt;
-  std::string_view body = take(rest, header.bytes);
+  const auto header = value_at<Header>(bytes);
+  if (header.bytes > max_bytes) throw Error("a message that is too long");
+  if (bytes.size() - sizeof(Header) < header.bytes) return std::nullopt;
   Message message{header.kind, header.id, {}};
-  while (!body.empty()) message.parts.emplace_back(take(body, take_value<std::uint64_t>(body)));
-  bytes = rest;
+  std::string_view body = bytes.substr(sizeof(Header), header.bytes);
+  bytes.remove_prefix(sizeof(Header) + header.bytes);
+  while (!body.empty()) {
+    const auto size = value_at<std::uint64_t>(body);
+    body.remove_prefix(sizeof size);
+    if (size > body.size()) throw Error("a damaged message");
+    message.parts.emplace_back(body.substr(0, size));
+    body.remove_prefix(size);
+  }
   return message;
 }
 
@@ -65,24 +66,38 @@ std::string to_bytes(const Message& message) {
   return std::string(reinterpret_cast<const char*>(&header), sizeof header) + body;
 }
 
-bool Connection::receive(const std::function<void(const Message&)>& handle) {
+Connection::Connection(Socket socket, const RankLimits& limits, bool is_trusted)
+    : socket_(std::move(socket)), limits_(limits), is_trusted_(is_trusted) {
+  const int yes = 1;
+  setsockopt(socket_.fd(), IPPROTO_TCP, TCP_NODELAY, &yes, sizeof yes);
+}
+
+void Connection::receive(const std::function<void(const Message&)>& handle) {
   std::array<char, 65536> buffer;
-  bool has_come = false;
   for (int i = 0; i < kMaxReads; ++i) {
     const ssize_t n = recv(socket_.fd(), buffer.data(), buffer.size(), MSG_DONTWAIT);
     if (n < 0 && would_wait()) break;
     if (n < 0 && errno == EINTR) continue;
     if (n <= 0) throw Error(kVanished);
-    has_come = true;
+    if (is_trusted_) last_heard_ = Clock::now();
     received_.append(buffer.data(), static_cast<std::size_t>(n));
     std::string_view rest = received_;
-    while (const std::optional<Message> message = next_message(rest, max_message_)) handle(*message);
+    while (const auto message = next_message(rest, is_trusted_ ? kMaxBytes : kMaxUntrustedBytes)) {
+      if (message->kind != MessageKind::kBeat) handle(*message);
+    }
     received_.erase(0, received_.size() - rest.size());
   }
-  return has_come;
+  if (Clock::now() - last_heard_ > limits_.silence) {
+    throw Error(detail::concat("no sign of life for ", limits_.silence.count() / 1000, " s"));
+  }
 }
 
-bool Connection::flush() {
+void Connection::flush() {
+  const auto now = Clock::now();
+  if (is_trusted_ && now - last_beat_ >= limits_.beat()) {
+    queue({});
+    last_beat_ = now;
+  }
   std::size_t sent = 0;
   while (sent < unsent_.size()) {
     const ssize_t n = send(socket_.fd(), unsent_.data() + sent, unsent_.size() - sent, MSG_NOSIGNAL | MSG_DONTWAIT);
@@ -91,7 +106,10 @@ bool Connection::flush() {
     if (n > 0) sent += static_cast<std::size_t>(n);
   }
   unsent_.erase(0, sent);
-  return sent > 0;
+  if (sent > 0 || unsent_.empty()) last_taken_ = now;
+  if (now - last_taken_ > limits_.silence) {
+    throw Error(detail::concat("it took nothing of a message for ", limits_.silence.count() / 1000, " s"));
+  }
 }
 
 }  // namespace b3dgs

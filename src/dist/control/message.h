@@ -1,10 +1,12 @@
 // Messages between RankHub and RankLink, time limits, and the error that tells of another rank.
 #pragma once
 
+#include <algorithm>
 #include <chrono>
 #include <cstdint>
 #include <functional>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "core/check.h"
@@ -18,6 +20,9 @@ struct RankLimits {
   // A rank that learns that another one has failed, and is stuck elsewhere, for example in a GPU kernel that waits for
   // that rank, is ended after this time.
   std::chrono::milliseconds stuck{15000};
+
+  /// Between signs of life; also how long poll() waits.
+  std::chrono::milliseconds beat() const { return std::min(silence / 6, std::chrono::milliseconds(500)); }
 };
 
 /// Another rank has failed: "rank 2 of 4 stopped: out of memory".
@@ -69,34 +74,45 @@ struct Message {
 /// In the byte order of the machine: all ranks run one program on one kind of machine.
 std::string to_bytes(const Message& message);
 
-inline constexpr std::uint32_t kHelloId = 0;  // of the first request
-inline constexpr std::size_t kMaxMessage = std::size_t{1} << 30;
-inline constexpr char kProtocol[] = "b3dgs ranks 4";
+inline constexpr std::uint32_t kHelloId = 0;             // of the first request
+inline constexpr std::size_t kMaxUntrustedBytes = 4096;  // of a message
+inline constexpr char kProtocol[] = "b3dgs ranks 5";
 
-/// Messages over TCP. Nothing waits. What is thrown says what is wrong with the other end.
+/// Messages over TCP, for the poll() loops of RankHub and RankLink. Nothing waits. What is thrown says what is wrong
+/// with the other end; close() then.
 class Connection {
  public:
-  /// @param max_message  bytes of a message that is received; more is an error
-  explicit Connection(Socket socket, std::size_t max_message = kMaxMessage)
-      : socket_(std::move(socket)), max_message_(max_message) {}
+  /// @param is_trusted  the other end is known to be b3dgs: it may send long messages, has to show signs of life, and
+  ///                    gets some. Otherwise it is lost after limits.silence.
+  Connection(Socket socket, const RankLimits& limits, bool is_trusted);
 
   const Socket& socket() const { return socket_; }
-  void close() { socket_ = Socket(); }
-  void allow(std::size_t max_message) { max_message_ = max_message; }
+  void trust() { is_trusted_ = true; }
+  void close() {
+    socket_.close();
+    unsent_.clear();
+  }
 
-  /// Calls handle() with each message that has come, as far as they can be read in a short time. Returns whether
-  /// anything has come. @throws Error
-  bool receive(const std::function<void(const Message&)>& handle);
+  /// Calls handle() with each message that has come, as far as they can be read in a short time. @throws Error also if
+  /// nothing has come for too long
+  void receive(const std::function<void(const Message&)>& handle);
 
-  void queue(const Message& message) { unsent_ += to_bytes(message); }
+  void queue(const Message& message) {
+    if (socket_) unsent_ += to_bytes(message);
+  }
   bool has_unsent() const { return !unsent_.empty(); }
-  /// Sends of what is queued as much as the other end takes. Returns whether that is anything. @throws Error
-  bool flush();
+  /// Sends of what is queued as much as the other end takes, and a sign of life when it is time. @throws Error also if
+  /// it has taken nothing for too long
+  void flush();
 
  private:
+  using Clock = std::chrono::steady_clock;
+
   Socket socket_;
-  std::size_t max_message_;
+  RankLimits limits_;
+  bool is_trusted_;
   std::string received_, unsent_;
+  Clock::time_point last_heard_ = Clock::now(), last_taken_ = last_heard_, last_beat_ = last_heard_;
 };
 
 }  // namespace b3dgs

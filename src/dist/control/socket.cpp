@@ -3,9 +3,8 @@
 #include <ifaddrs.h>
 #include <netdb.h>
 #include <netinet/in.h>
-#include <netinet/tcp.h>
-#include <poll.h>
 #include <sys/socket.h>
+#include <sys/time.h>
 
 #include <array>
 #include <cerrno>
@@ -29,18 +28,26 @@ Addresses look_up(const std::string& address, int port) {
   return {found, &freeaddrinfo};
 }
 
-/// The numeric address and the port that the socket is bound to.
-std::pair<std::string, int> own_end(const Socket& socket) {
+/// The numeric address and the port; "" and 0 if it is none of IP.
+std::pair<std::string, int> numbers_of(const sockaddr* address) {
+  const bool is_v4 = address->sa_family == AF_INET;
+  if (!is_v4 && address->sa_family != AF_INET6) return {"", 0};
+  const auto length = static_cast<socklen_t>(is_v4 ? sizeof(sockaddr_in) : sizeof(sockaddr_in6));
+  std::array<char, NI_MAXHOST> host{};
+  std::array<char, NI_MAXSERV> service{"0"};
+  getnameinfo(address, length, host.data(), host.size(), service.data(), service.size(),
+              NI_NUMERICHOST | NI_NUMERICSERV);
+  return {host.data(), std::stoi(service.data())};
+}
+
+/// Of what the socket is bound to.
+std::pair<std::string, int> own_numbers_of(const Socket& socket) {
   sockaddr_storage own{};
   socklen_t length = sizeof own;
-  std::array<char, NI_MAXHOST> host{};
-  std::array<char, NI_MAXSERV> service{};
-  if (getsockname(socket.fd(), reinterpret_cast<sockaddr*>(&own), &length) != 0 ||
-      getnameinfo(reinterpret_cast<sockaddr*>(&own), length, host.data(), host.size(), service.data(), service.size(),
-                  NI_NUMERICHOST | NI_NUMERICSERV) != 0) {
+  if (getsockname(socket.fd(), reinterpret_cast<sockaddr*>(&own), &length) != 0) {
     io_error("cannot read the address of a socket: ", std::strerror(errno));
   }
-  return {host.data(), std::stoi(service.data())};
+  return numbers_of(reinterpret_cast<sockaddr*>(&own));
 }
 
 }  // namespace
@@ -66,11 +73,11 @@ Socket listen_at(const std::string& address, int port) {
 }
 
 int port_of(const Socket& socket) {
-  return own_end(socket).second;
+  return own_numbers_of(socket).second;
 }
 
 std::string own_address_of(const Socket& socket) {
-  return own_end(socket).first;
+  return own_numbers_of(socket).first;
 }
 
 std::string interface_with(const std::string& own_address) {
@@ -78,15 +85,7 @@ std::string interface_with(const std::string& own_address) {
   if (getifaddrs(&all) != 0) return "";
   const std::unique_ptr<ifaddrs, decltype(&freeifaddrs)> owner(all, &freeifaddrs);
   for (const ifaddrs* row = all; row != nullptr; row = row->ifa_next) {
-    if (row->ifa_addr == nullptr) continue;
-    const bool is_v4 = row->ifa_addr->sa_family == AF_INET;
-    if (!is_v4 && row->ifa_addr->sa_family != AF_INET6) continue;
-    std::array<char, NI_MAXHOST> host{};
-    const auto length = static_cast<socklen_t>(is_v4 ? sizeof(sockaddr_in) : sizeof(sockaddr_in6));
-    if (getnameinfo(row->ifa_addr, length, host.data(), host.size(), nullptr, 0, NI_NUMERICHOST) == 0 &&
-        own_address == host.data()) {
-      return row->ifa_name;
-    }
+    if (row->ifa_addr != nullptr && numbers_of(row->ifa_addr).first == own_address) return row->ifa_name;
   }
   return "";
 }
@@ -94,21 +93,12 @@ std::string interface_with(const std::string& own_address) {
 std::optional<Socket> try_to_connect(const std::string& address, int port, std::chrono::milliseconds limit) {
   const Addresses addresses = look_up(address, port);
   for (const addrinfo* row = addresses.get(); row != nullptr; row = row->ai_next) {
-    Socket socket(::socket(row->ai_family, row->ai_socktype | SOCK_CLOEXEC | SOCK_NONBLOCK, row->ai_protocol));
-    if (!socket) continue;
-    if (connect(socket.fd(), row->ai_addr, row->ai_addrlen) != 0) {
-      if (errno != EINPROGRESS) continue;
-      pollfd waiting{socket.fd(), POLLOUT, 0};
-      int error = 0;
-      socklen_t length = sizeof error;
-      if (poll(&waiting, 1, static_cast<int>(limit.count())) != 1 ||
-          getsockopt(socket.fd(), SOL_SOCKET, SO_ERROR, &error, &length) != 0 || error != 0) {
-        continue;
-      }
+    Socket socket(::socket(row->ai_family, row->ai_socktype | SOCK_CLOEXEC, row->ai_protocol));
+    const timeval time{limit.count() / 1000, limit.count() % 1000 * 1000};  // also of connect()
+    if (socket && setsockopt(socket.fd(), SOL_SOCKET, SO_SNDTIMEO, &time, sizeof time) == 0 &&
+        connect(socket.fd(), row->ai_addr, row->ai_addrlen) == 0) {
+      return socket;
     }
-    const int yes = 1;
-    setsockopt(socket.fd(), IPPROTO_TCP, TCP_NODELAY, &yes, sizeof yes);
-    return socket;
   }
   return std::nullopt;
 }

@@ -25,17 +25,16 @@ class Variables {
   Variables(const Environment& environment, std::string launcher)
       : environment_(environment), launcher_(std::move(launcher)) {}
 
-  bool has(const char* name) const { return !text(name).empty(); }
-
+  /// "" if it is not set.
   std::string text(const char* name) const {
     const char* const value = environment_(name);
     return value == nullptr ? "" : value;
   }
+  bool has(const char* name) const { return !text(name).empty(); }
 
   std::string required(const char* name) const {
-    const std::string value = text(name);
-    if (value.empty()) input_error("environment variable ", name, " is not set (expected from ", launcher_, ")");
-    return value;
+    if (!has(name)) input_error("environment variable ", name, " is not set (expected from ", launcher_, ")");
+    return text(name);
   }
 
   int number(const char* name, int least, int most) const {
@@ -48,29 +47,29 @@ class Variables {
     }
     return value;
   }
+  int number(const char* name, int least, int most, int otherwise) const {
+    return has(name) ? number(name, least, most) : otherwise;
+  }
 
-  void read_ranks(const char* rank, const char* size, const char* local_rank, RankPlace& place) const {
+  RankPlace ranks(const char* rank, const char* size, const char* local_rank) const {
+    RankPlace place;
     place.launcher = launcher_;
     place.size = number(size, 1, kMaxRanks);
     place.rank = number(rank, 0, kMaxRanks - 1);
     place.local_rank = number(local_rank, 0, kMaxRanks - 1);
+    constexpr char kContradict[] = "environment variables contradict each other: ";
     if (place.rank >= place.size) {
-      input_error("environment variables contradict each other: ", rank, '=', place.rank, ", but ", size, '=',
-                  place.size, " (ranks count from 0)");
+      input_error(kContradict, rank, '=', place.rank, ", but ", size, '=', place.size, " (ranks count from 0)");
     }
     if (place.local_rank > place.rank) {
-      input_error("environment variables contradict each other: ", local_rank, '=', place.local_rank, ", but ", rank,
-                  '=', place.rank);
+      input_error(kContradict, local_rank, '=', place.local_rank, ", but ", rank, '=', place.rank);
     }
+    return place;
   }
 
   /// MASTER_ADDR and MASTER_PORT, which mpirun and srun do not set.
   void read_optional_address(bool has_several_machines, RankPlace& place) const {
-    if (has("MASTER_PORT")) {
-      place.port = number("MASTER_PORT", 1, 65535);
-    } else if (!place.job.empty()) {
-      place.port = port_of_job(place.job);
-    }
+    place.port = number("MASTER_PORT", 1, 65535, place.job.empty() ? place.port : port_of_job(place.job));
     if (has("MASTER_ADDR")) {
       place.address = text("MASTER_ADDR");
     } else if (has_several_machines) {
@@ -85,21 +84,16 @@ class Variables {
 };
 
 /// RANK and WORLD_SIZE, as torchrun, start_ranks() and scripts set them.
-RankPlace read_torch_variables(const Environment& environment) {
-  const bool is_torchrun = Variables(environment, "").has("TORCHELASTIC_RUN_ID");
-  const bool is_own = Variables(environment, "").has("B3DGS_JOB");
+RankPlace read_torch_variables(const Environment& environment, bool is_own, bool is_torchrun) {
   const Variables variables(environment, is_own        ? "b3dgs --ranks"
                                          : is_torchrun ? "torchrun"
                                                        : "a launcher that sets RANK or WORLD_SIZE");
-  RankPlace place;
-  variables.read_ranks("RANK", "WORLD_SIZE", "LOCAL_RANK", place);
+  RankPlace place = variables.ranks("RANK", "WORLD_SIZE", "LOCAL_RANK");
   place.address = variables.required("MASTER_ADDR");
   place.port = variables.number("MASTER_PORT", 1, 65535);
   if (is_own) {
     place.job = variables.text("B3DGS_JOB");
-    if (variables.has("B3DGS_LISTENING_SOCKET")) {
-      place.listening_socket = variables.number("B3DGS_LISTENING_SOCKET", 0, 1 << 20);
-    }
+    place.listening_socket = variables.number("B3DGS_LISTENING_SOCKET", 0, 1 << 20, -1);
     return place;
   }
   // Without the count of restarts: agents of several machines may count differently. Run identifiers are often equal.
@@ -112,53 +106,42 @@ RankPlace read_torch_variables(const Environment& environment) {
 
 RankPlace read_openmpi_variables(const Environment& environment) {
   const Variables variables(environment, "mpirun");
-  RankPlace place;
-  variables.read_ranks("OMPI_COMM_WORLD_RANK", "OMPI_COMM_WORLD_SIZE", "OMPI_COMM_WORLD_LOCAL_RANK", place);
-  const int on_this_machine = variables.has("OMPI_COMM_WORLD_LOCAL_SIZE")
-                                  ? variables.number("OMPI_COMM_WORLD_LOCAL_SIZE", 1, kMaxRanks)
-                                  : place.size;
+  RankPlace place = variables.ranks("OMPI_COMM_WORLD_RANK", "OMPI_COMM_WORLD_SIZE", "OMPI_COMM_WORLD_LOCAL_RANK");
   place.job = variables.text("PMIX_NAMESPACE");
-  variables.read_optional_address(on_this_machine < place.size, place);
+  const int n_here = variables.number("OMPI_COMM_WORLD_LOCAL_SIZE", 1, kMaxRanks, place.size);
+  variables.read_optional_address(n_here < place.size, place);
   return place;
 }
 
 RankPlace read_slurm_variables(const Environment& environment) {
   const Variables variables(environment, "srun");
-  RankPlace place;
-  const char* const size = variables.has("SLURM_STEP_NUM_TASKS") ? "SLURM_STEP_NUM_TASKS" : "SLURM_NTASKS";
-  variables.read_ranks("SLURM_PROCID", size, "SLURM_LOCALID", place);
-  const char* const nodes = variables.has("SLURM_STEP_NUM_NODES") ? "SLURM_STEP_NUM_NODES" : "SLURM_NNODES";
-  const int machines = variables.has(nodes) ? variables.number(nodes, 1, kMaxRanks) : 1;
+  const auto first_of = [&](const char* name, const char* otherwise) { return variables.has(name) ? name : otherwise; };
+  RankPlace place = variables.ranks("SLURM_PROCID", first_of("SLURM_STEP_NUM_TASKS", "SLURM_NTASKS"), "SLURM_LOCALID");
   place.job = variables.text("SLURM_JOB_ID") + "." + variables.text("SLURM_STEP_ID");
-  variables.read_optional_address(machines > 1 && place.size > 1, place);
+  const int n_machines = variables.number(first_of("SLURM_STEP_NUM_NODES", "SLURM_NNODES"), 1, kMaxRanks, 1);
+  variables.read_optional_address(n_machines > 1 && place.size > 1, place);
   return place;
-}
-
-void check_same_ranks(const RankPlace& place, const RankPlace& other, const char* rank, const char* size) {
-  if (place.rank == other.rank && place.size == other.size) return;
-  input_error("environment variables contradict each other: RANK=", place.rank, " of WORLD_SIZE=", place.size, ", but ",
-              rank, '=', other.rank, " of ", size, '=', other.size, "; unset those of the launcher that is not used");
 }
 
 }  // namespace
 
 std::optional<RankPlace> read_rank_place(const Environment& environment) {
   const Variables variables(environment, "");
-  const bool has_torch = variables.has("RANK") || variables.has("WORLD_SIZE");
   const bool has_openmpi = variables.has("OMPI_COMM_WORLD_RANK") || variables.has("OMPI_COMM_WORLD_SIZE");
-  // A batch script of SLURM, too, has SLURM_PROCID and the number of tasks; only srun sets SLURM_STEP_ID.
-  const bool has_slurm = variables.has("SLURM_PROCID") && variables.has("SLURM_STEP_ID");
-  if (has_torch) {
-    const RankPlace place = read_torch_variables(environment);
+  if (variables.has("RANK") || variables.has("WORLD_SIZE")) {
+    const bool is_own = variables.has("B3DGS_JOB"), is_torchrun = variables.has("TORCHELASTIC_RUN_ID");
+    const RankPlace place = read_torch_variables(environment, is_own, is_torchrun);
     // mpirun and srun may start torchrun on each machine, and this program's own launcher: their ranks count others.
-    const bool is_nested = variables.has("TORCHELASTIC_RUN_ID") || variables.has("B3DGS_JOB");
-    if (has_openmpi && !is_nested) {
-      check_same_ranks(place, read_openmpi_variables(environment), "OMPI_COMM_WORLD_RANK", "OMPI_COMM_WORLD_SIZE");
-    }
-    return place;
+    if (!has_openmpi || is_own || is_torchrun) return place;
+    const RankPlace other = read_openmpi_variables(environment);
+    if (place.rank == other.rank && place.size == other.size) return place;
+    input_error("environment variables contradict each other: RANK=", place.rank, " of WORLD_SIZE=", place.size,
+                ", but OMPI_COMM_WORLD_RANK=", other.rank, " of OMPI_COMM_WORLD_SIZE=", other.size,
+                "; unset those of the launcher that is not used");
   }
   if (has_openmpi) return read_openmpi_variables(environment);
-  if (has_slurm) return read_slurm_variables(environment);
+  // A batch script of SLURM, too, has SLURM_PROCID and the number of tasks; only srun sets SLURM_STEP_ID.
+  if (variables.has("SLURM_PROCID") && variables.has("SLURM_STEP_ID")) return read_slurm_variables(environment);
   return std::nullopt;
 }
 

@@ -2,17 +2,18 @@
 
 #include <fcntl.h>
 #include <sys/prctl.h>
-#include <sys/random.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
-#include <array>
+#include <algorithm>
 #include <cerrno>
 #include <csignal>
 #include <cstdio>
 #include <cstring>
 #include <ctime>
+#include <random>
 #include <set>
+#include <utility>
 
 #include "core/check.h"
 #include "core/text.h"
@@ -26,15 +27,13 @@ using Clock = std::chrono::steady_clock;
 
 constexpr char kAddress[] = "127.0.0.1";
 constexpr int kCannotStart = 127;  // as shells say it
-constexpr std::array kPassedOn{SIGINT, SIGTERM, SIGHUP, SIGQUIT, SIGUSR1, SIGUSR2};
 
 /// Holds back SIGCHLD and the signals to pass on, for sigtimedwait().
 class BlockedSignals {
  public:
   BlockedSignals() {
     sigemptyset(&set_);
-    for (const int signal : kPassedOn) sigaddset(&set_, signal);
-    sigaddset(&set_, SIGCHLD);
+    for (const int signal : {SIGINT, SIGTERM, SIGHUP, SIGQUIT, SIGUSR1, SIGUSR2, SIGCHLD}) sigaddset(&set_, signal);
     pthread_sigmask(SIG_BLOCK, &set_, &before_);
   }
   ~BlockedSignals() { restore(); }
@@ -43,11 +42,11 @@ class BlockedSignals {
 
   void restore() const { pthread_sigmask(SIG_SETMASK, &before_, nullptr); }
 
-  /// The next signal, or 0 after a while without one.
+  /// The next signal to pass on; 0 if a process has ended, or after a while.
   int wait() const {
     const timespec limit{0, 200000000};
     const int signal = sigtimedwait(&set_, nullptr, &limit);
-    return signal > 0 ? signal : 0;
+    return signal > 0 && signal != SIGCHLD ? signal : 0;
   }
 
  private:
@@ -56,12 +55,9 @@ class BlockedSignals {
 
 /// Keeps strangers' processes from joining by mistake.
 std::string random_job() {
-  std::array<unsigned char, 16> bytes{};
-  if (getrandom(bytes.data(), bytes.size(), 0) != static_cast<ssize_t>(bytes.size())) {
-    io_error("cannot get random bytes: ", std::strerror(errno));
-  }
+  std::random_device random;
   std::string text;
-  for (const unsigned char byte : bytes) text += print_to_string("%02x", byte);
+  for (int i = 0; i < 4; ++i) text += print_to_string("%08x", random());
   return text;
 }
 
@@ -79,27 +75,13 @@ class WordArray {
   std::vector<char*> pointers_;
 };
 
-struct Job {
-  int size;
-  std::string id;
-  int port;
-  int listening_socket;
-};
-
-/// This process's environment with the variables that read_rank_place() reads.
-std::vector<std::string> environment_of(const Job& job, int rank) {
-  std::vector<std::string> variables{"RANK=" + std::to_string(rank),
-                                     "WORLD_SIZE=" + std::to_string(job.size),
-                                     "LOCAL_RANK=" + std::to_string(rank),
-                                     std::string("MASTER_ADDR=") + kAddress,
-                                     "MASTER_PORT=" + std::to_string(job.port),
-                                     "B3DGS_JOB=" + job.id};
-  if (rank == 0) variables.push_back("B3DGS_LISTENING_SOCKET=" + std::to_string(job.listening_socket));
+/// This process's environment, with `variables` ("NAME=value") in place of its own.
+std::vector<std::string> environment_with(std::vector<std::string> variables) {
+  const auto name_of = [](const std::string& variable) { return variable.substr(0, variable.find('=')); };
   std::set<std::string> names{"B3DGS_LISTENING_SOCKET"};
-  for (const std::string& variable : variables) names.insert(variable.substr(0, variable.find('=')));
+  for (const std::string& variable : variables) names.insert(name_of(variable));
   for (char** entry = environ; *entry != nullptr; ++entry) {
-    const std::string variable = *entry;
-    if (names.count(variable.substr(0, variable.find('='))) == 0) variables.push_back(variable);
+    if (names.count(name_of(*entry)) == 0) variables.emplace_back(*entry);
   }
   return variables;
 }
@@ -120,7 +102,7 @@ std::vector<std::string> environment_of(const Job& job, int rank) {
 
 class RankProcesses {
  public:
-  RankProcesses(int size, std::chrono::milliseconds grace) : pids_(static_cast<std::size_t>(size), 0), grace_(grace) {}
+  explicit RankProcesses(std::chrono::milliseconds grace) : grace_(grace) {}
   ~RankProcesses() {  // only after an exception do any run still
     kill_all(SIGKILL);
     for (const pid_t pid : pids_) {
@@ -130,20 +112,16 @@ class RankProcesses {
   RankProcesses(const RankProcesses&) = delete;
   RankProcesses& operator=(const RankProcesses&) = delete;
 
-  void add(int rank, pid_t pid) { pids_[static_cast<std::size_t>(rank)] = pid; }
+  void add(pid_t pid) { pids_.push_back(pid); }
 
   /// Passes signals on, and waits until all have ended. @return as start_ranks()
   int wait(const BlockedSignals& signals) {
     while (note_ends()) {
-      const int signal = signals.wait();
-      if (signal != 0 && signal != SIGCHLD) {
+      if (const int signal = signals.wait()) {
         passed_on_.insert(signal);
         kill_all(signal);
       }
-      if (result_ != 0 && !has_killed_ && Clock::now() > end_) {
-        has_killed_ = true;
-        kill_all(SIGKILL);
-      }
+      if (result_ != 0 && Clock::now() > end_ && !std::exchange(has_killed_, true)) kill_all(SIGKILL);
     }
     return result_;
   }
@@ -157,38 +135,37 @@ class RankProcesses {
 
   /// @return whether any still runs
   bool note_ends() {
-    bool any_runs = false;
     for (std::size_t rank = 0; rank < pids_.size(); ++rank) {
       int status = 0;
-      if (pids_[rank] > 0 && waitpid(pids_[rank], &status, WNOHANG) == pids_[rank]) {
+      if (pids_[rank] > 0 && waitpid(pids_[rank], &status, WNOHANG) > 0) {
         pids_[rank] = 0;
         note_end(rank, status);
       }
-      any_runs = any_runs || pids_[rank] > 0;
     }
-    return any_runs;
+    return std::any_of(pids_.begin(), pids_.end(), [](pid_t pid) { return pid > 0; });
   }
 
   void note_end(std::size_t rank, int status) {
-    const int code = WIFEXITED(status) ? WEXITSTATUS(status) : 128 + WTERMSIG(status);
+    const int signal = WIFSIGNALED(status) ? WTERMSIG(status) : 0;
+    const int code = signal > 0 ? 128 + signal : WEXITSTATUS(status);
     if (code == 0) return;
-    const std::string who = detail::concat("error: rank ", rank, " of ", pids_.size());
-    if (has_killed_ && code == 128 + SIGKILL) {
-      std::fprintf(stderr, "%s was killed: it still ran %lld s after another one had failed\n", who.c_str(),
-                   static_cast<long long>(grace_.count() / 1000));
-      return;
-    }
-    if (WIFSIGNALED(status) && passed_on_.count(WTERMSIG(status)) == 0) {
-      std::fprintf(stderr, "%s was killed by signal %d (%s)\n", who.c_str(), WTERMSIG(status),
-                   strsignal(WTERMSIG(status)));
+    std::string end;
+    if (has_killed_ && signal == SIGKILL) {
+      end = detail::concat("was killed: it still ran ", grace_.count() / 1000, " s after another one had failed");
+    } else if (signal > 0 && passed_on_.count(signal) == 0) {
+      end = detail::concat("was killed by signal ", signal, " (", strsignal(signal), ')');
     } else if (code == kCannotStart) {
-      std::fprintf(stderr, "%s could not be started\n", who.c_str());
+      end = "could not be started";
     }
+    if (!end.empty()) {
+      std::fputs(detail::concat("error: rank ", rank, " of ", pids_.size(), ' ', end, '\n').c_str(), stderr);
+    }
+    if (has_killed_ && signal == SIGKILL) return;
     if (result_ == 0) end_ = Clock::now() + grace_;
     if (result_ == 0 || result_ == PeerError::kExitCode) result_ = code;
   }
 
-  std::vector<pid_t> pids_;  // 0: has ended
+  std::vector<pid_t> pids_;  // by rank; 0: has ended
   std::chrono::milliseconds grace_;
   std::set<int> passed_on_;
   int result_ = 0;
@@ -202,24 +179,29 @@ int start_ranks(int size, const std::vector<std::string>& words, const StartOpti
   B3DGS_CHECK(size >= 1, "size is ", size);
   // Rank 0 inherits the socket, so that nobody can take the port in between.
   const Socket listening = listen_at(kAddress, 0);
-  const Job job{size, random_job(), port_of(listening), listening.fd()};
   std::vector<std::string> command{"b3dgs"};
   command.insert(command.end(), words.begin(), words.end());
   const WordArray arguments(command);
+  const std::string job = random_job();
 
   std::fflush(nullptr);
   const BlockedSignals signals;
   const pid_t parent = getpid();
-  RankProcesses ranks(size, options.grace);
+  RankProcesses ranks(options.grace);
   for (int rank = 0; rank < size; ++rank) {
-    const WordArray variables(environment_of(job, rank));
+    const int socket = rank == 0 ? listening.fd() : -1;
+    std::vector<std::string> own{detail::concat("RANK=", rank),
+                                 detail::concat("WORLD_SIZE=", size),
+                                 detail::concat("LOCAL_RANK=", rank),
+                                 detail::concat("MASTER_ADDR=", kAddress),
+                                 detail::concat("MASTER_PORT=", port_of(listening)),
+                                 "B3DGS_JOB=" + job};
+    if (rank == 0) own.push_back(detail::concat("B3DGS_LISTENING_SOCKET=", socket));
+    const WordArray variables(environment_with(std::move(own)));
     const pid_t pid = fork();
-    if (pid == 0) {
-      become_rank(options.program.c_str(), arguments.get(), variables.get(), parent,
-                  rank == 0 ? job.listening_socket : -1, signals);
-    }
+    if (pid == 0) become_rank(options.program.c_str(), arguments.get(), variables.get(), parent, socket, signals);
     if (pid < 0) io_error("cannot start rank ", rank, " of ", size, ": ", std::strerror(errno));
-    ranks.add(rank, pid);
+    ranks.add(pid);
   }
   return ranks.wait(signals);
 }

@@ -5,8 +5,8 @@
 
 #include <vector>
 
-#include "multi/rows/row_owners.h"
-#include "multi/splats/merge_splats.h"
+#include "multi/rows.h"
+#include "multi/splat_exchange.h"
 #include "support/gpu_test.h"
 
 namespace b3dgs {
@@ -36,7 +36,7 @@ TEST(RowOwnersOnGpu, EqualThoseOfTheCpu) {
     const RowOwners host = random_owners(rank, sources), device = random_owners(rank, on_gpu(sources));
     EXPECT_TRUE(are_same(device.owners(), host.owners()));
     EXPECT_TRUE(are_same(device.own(), host.own()));
-    EXPECT_EQ(device.n_of_ranks(), host.n_of_ranks());
+    EXPECT_EQ(device.n_most(), host.n_most());
     EXPECT_EQ(device.row_of_model(7), host.row_of_model(7));
     const torch::Tensor some = host.own().slice(0, 3, host.n_own(), 5).contiguous();
     EXPECT_TRUE(are_same(device.own_rows_of(on_gpu(some)), host.own_rows_of(some)));

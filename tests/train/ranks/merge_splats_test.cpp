@@ -1,5 +1,5 @@
 // Splats of several ranks in the order of one, without ranks.
-#include "multi/splats/merge_splats.h"
+#include "multi/splat_exchange.h"
 #include "support/approx.h"
 
 #include <gtest/gtest.h>

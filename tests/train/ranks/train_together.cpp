@@ -17,7 +17,7 @@
 #include "core/check.h"
 #include "dist/communicator.h"
 #include "multi/rank_stepper.h"
-#include "multi/rows/row_owners.h"
+#include "multi/rows.h"
 #include "multi/splats/splat_words.h"
 #include "support/rank_program.h"
 #include "support/same.h"
@@ -509,18 +509,18 @@ void check_scenes(Communicator& ranks) {
     void (*apply)(Scene&);
   };
   const std::vector<Change> changes{
-      {"5 train views there, 6 on rank 0", [](Scene& scene) { scene.train.pop_back(); }},
-      {"3 test views there, 2 on rank 0", [](Scene& scene) { scene.test.push_back(scene.train[0]); }},
-      {"train view 3 (other.png) is ", [](Scene& scene) { scene.train[3].name = "other.png"; }},
-      {" has another focal length, principal point or pose",
+      {"number of train views: 5 there, 6 on rank 0", [](Scene& scene) { scene.train.pop_back(); }},
+      {"number of test views: 3 there, 2 on rank 0", [](Scene& scene) { scene.test.push_back(scene.train[0]); }},
+      {"name of train view 3: \"other.png\" there, ", [](Scene& scene) { scene.train[3].name = "other.png"; }},
+      {": focal length, principal point, lens or pose of train view 5 (",
        [](Scene& scene) { scene.train[5].camera.cam_from_world.translation[1] += 1e-9; }},
-      {"the mask of train view 2 (", [](Scene& scene) { scene.train[2].mask_file = "/proc/self/exe"; }},  // any file
-      {"119 points there, 120 on rank 0",
+      {": mask of train view 2 (", [](Scene& scene) { scene.train[2].mask_file = "/proc/self/exe"; }},  // any file
+      {"number of points: 119 there, 120 on rank 0",
        [](Scene& scene) {
          scene.points.positions.resize(357);
          scene.points.colors.resize(357);
        }},
-      {"positions or colours of the points", [](Scene& scene) { scene.points.colors[8] ^= 1; }}};
+      {"positions or colours of points", [](Scene& scene) { scene.points.colors[8] ^= 1; }}};
   const SharedFolder folder(ranks);
   const int last = ranks.size() - 1;
   for (const Change& change : changes) {
