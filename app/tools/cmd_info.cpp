@@ -172,7 +172,10 @@ int run_info(const std::vector<std::string>& words) {
     describe_folder(path);
     return 0;
   }
-  const std::string start = read_start(path);
+  std::ifstream file(path, std::ios::binary);
+  if (!file) input_error("cannot open file: ", path);
+  std::string start(8, '\0');  // which identifies the format
+  file.read(start.data(), static_cast<std::streamsize>(start.size()));
   if (start.compare(0, 3, "ply") == 0 || splat_format(path) == SplatFormat::kSpz) {
     holds_splats(path) ? describe_splats(path) : describe_points(path);
     return 0;
