@@ -67,12 +67,10 @@ Evaluation evaluate_views(const RenderFn& render, torch::Device device, const st
     B3DGS_CHECK(view.image, "view ", view.name, " has no photograph to compare with");
     images.push_back(view.image);
   }
-  Image8 truth;
   const ReadingLoad load = device.is_cpu() ? ReadingLoad::kCpuTraining : ReadingLoad::kNothing;
   read_in_order(images, reading_threads(load), [&](std::size_t i, const std::uint8_t* rgb) {
     const View& view = views[i];
-    truth.width = view.camera.width;
-    truth.height = view.camera.height;
+    Image8 truth(view.camera.width, view.camera.height, 3);
     truth.pixels.assign(rgb, rgb + view.image->n_bytes());
     RenderedView rendered = render(to_camera_view(view.camera));
     const std::optional<ImageQuality> quality = compare_view(view, truth, colors, rendered, lpips);

@@ -108,7 +108,8 @@ TestScene like_a_trained_scene(std::int64_t n, std::int32_t width, std::int32_t 
   torch::manual_seed(41);
   TestScene scene;
   const auto w = static_cast<float>(width), h = static_cast<float>(height);
-  scene.view = PinholeView{{{1, 0, 0, 0, 1, 0, 0, 0, 1}}, {}, {}, 0.9f * w, 0.9f * w, 0.49f * w, 0.52f * h, width, height};
+  scene.view =
+      PinholeView{{{1, 0, 0, 0, 1, 0, 0, 0, 1}}, {}, {}, 0.9f * w, 0.9f * w, 0.49f * w, 0.52f * h, width, height};
   const torch::Tensor depth = torch::exp(torch::rand({n}) * 3.5 - 0.5);
   const torch::Tensor x = (torch::rand({n}) * 1.4 - 0.7) * depth, y = (torch::rand({n}) * 1.4 - 0.7) * depth;
   torch::Tensor log_scales = torch::randn({n, 3}) * 1.1 - 5.0 + torch::log(depth).unsqueeze(1);

@@ -131,9 +131,9 @@ class CudaSplit {
     cuda::keep_splats({n_gaussians, device.rows(splats.size()), device_sums.data<SplatGradSum>(), owned.record_arrays(),
                        owned.radii.data<std::int32_t>()},
                       context_);
-    cuda::add_scores({device.rows(splats.size()).splats, splats.size(), device_scores.data<ScoreSums>(),
-                      owned.score_arrays()},
-                     /*radii=*/nullptr, context_);
+    cuda::add_scores(
+        {device.rows(splats.size()).splats, splats.size(), device_scores.data<ScoreSums>(), owned.score_arrays()},
+        /*radii=*/nullptr, context_);
     return owned.to_host();
   }
 
