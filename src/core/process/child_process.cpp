@@ -102,6 +102,7 @@ int spawn(std::string program, std::vector<std::string> words, int input, int ou
     program = setpriv;
   }
   std::vector<char*> pointers;
+  pointers.reserve(words.size() + 1);
   for (std::string& word : words) pointers.push_back(word.data());
   pointers.push_back(nullptr);
 

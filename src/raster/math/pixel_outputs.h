@@ -36,6 +36,7 @@ B3DGS_HD void store_blended(const BlendForwardArgs& args, std::int32_t x, std::i
 inline constexpr int kScoreBits = 24;
 inline constexpr float kScoreUnits = static_cast<float>(1 << kScoreBits);  // units in a value of 1
 /// The largest number of units that one pixel adds to a sum: weights are at most kAlphaMax, errors at most 1.
+// NOLINTNEXTLINE(bugprone-incorrect-roundings): as score_units()
 inline constexpr std::uint32_t kScoreMax = static_cast<std::uint32_t>(kAlphaMax * kScoreUnits + 0.5f);
 
 /// Limits an error to [0, 1]; NaN becomes 0.
@@ -45,6 +46,7 @@ B3DGS_HD float clamp_error(float error) {
 
 /// Converts a value within [0, kAlphaMax] to units, rounded to nearest.
 B3DGS_HD std::uint32_t score_units(float value) {
+  // NOLINTNEXTLINE(bugprone-incorrect-roundings): not negative, and the same bits on a GPU
   return static_cast<std::uint32_t>(value * kScoreUnits + 0.5f);
 }
 

@@ -88,7 +88,8 @@ bool begins_with(const Bytes& bytes, const Segment& segment, std::uint8_t marker
          std::memcmp(bytes.data() + segment.begin + 4, text.data(), text.size()) == 0;
 }
 
-constexpr std::string_view kExif("Exif\0\0", 6), kColorProfile("ICC_PROFILE", 12);
+using namespace std::string_view_literals;
+constexpr std::string_view kExif = "Exif\0\0"sv, kColorProfile = "ICC_PROFILE\0"sv;
 
 struct Orientation {
   std::size_t at = 0;  // of its two bytes

@@ -69,6 +69,7 @@ std::vector<std::size_t> neighbours_of(const std::vector<SeedView>& views, std::
   std::sort(others.begin(), others.end());
   others.resize(std::min(kNeighbours, others.size()));
   std::vector<std::size_t> chosen;
+  chosen.reserve(others.size());
   for (const auto& [apart, other] : others) chosen.push_back(other);
   return chosen;
 }
