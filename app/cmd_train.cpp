@@ -265,7 +265,7 @@ int run_train(const std::vector<std::string>& words) {
   CommandLine line("train", "Train a scene.", "b3dgs train scenes/garden -m output/garden --eval");
   TrainCommandOptions options;
   line.add(options, "Run");
-  line.add(resolve_options().config, "Training", {"source_path"});
+  line.add(resolve_options().config, "Training", {"source_path"});  // defaults for the help; given_options() has values
   add_former_options(line);
   line.set_notes(presets_help());
   if (!line.parse(join_view_place(words))) return 0;

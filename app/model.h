@@ -63,8 +63,8 @@ LoadedModel load_model(const ModelOptions& options, bool needs_views = false);
 /// Adds the scene that the config names, and the poses that the model was trained with. @throws InputError
 void add_scene(LoadedModel& model, StatusLine& status, bool with_photographs = true);
 
-/// The same, or without the scene of the training the cameras of the model folder's cameras.json. Returns why there are
-/// no photographs, empty: there are. @throws InputError if the options name a scene that cannot be read
+/// The same, or cameras from the folder's cameras.json if the training's scene is missing. Returns why there are no
+/// photographs, or "". @throws InputError if the options name a scene that cannot be read
 std::string add_scene_or_cameras(LoadedModel& model, const ModelOptions& options, StatusLine& status);
 
 /// Adds views without photographs: those of cameras.json, or those of the scene if the options name a scene, a

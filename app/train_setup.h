@@ -28,10 +28,10 @@ void make_absolute(std::string& path);
 void require_movable(const ModelFolder& folder);
 
 /// Moves the files of an earlier training to replaced/, where they stay until drop_replaced_model(), so that they are
-/// not mistaken for those of a new one. A model that is there already, from a training that was stopped before it had a
-/// model of its own, stays instead of an unfinished one, which is removed. Files that the program has not written, or
-/// that were changed since, stay; where they would be mistaken, too, they are moved to a folder set_aside/replaced_1
-/// (_2, _3, ...), which a warning names. @throws as require_movable(), before anything is moved
+/// not mistaken for those of a new one. If replaced/ already holds a model because the training after it was stopped
+/// too early, that model stays and the unfinished one is removed. Files that the program has not written, or that were
+/// changed since, stay; any that would be mistaken are moved to set_aside/replaced_1 (_2, _3, ...), which a warning
+/// names. @throws as require_movable(), before anything is moved
 void put_model_aside(const ModelFolder& folder, StatusLine& status);
 
 /// Moves the program's own files among `parts` of a folder to replaced/ in it, but keeps what is there already.

@@ -12,7 +12,8 @@ namespace b3dgs {
 namespace {
 
 double largest_difference(const torch::Tensor& a, const torch::Tensor& b) {
-  return (a.to(torch::kFloat64) - b).abs().max().item<double>();
+  B3DGS_CHECK(a.sizes() == b.sizes(), "cannot compare ", a.sizes(), " and ", b.sizes());
+  return a.numel() == 0 ? 0 : (a.to(torch::kFloat64) - b).abs().max().item<double>();
 }
 
 }  // namespace

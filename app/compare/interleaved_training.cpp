@@ -172,7 +172,8 @@ double warm_up(const ComparisonPlan& plan, const Scene& scene) {
     config.kernel_check_interval = 2;  // the kernel choice `published` has no check before that
     Trainer(config, part, ModelFolder(folder.path()), hooks).run(kIterations);
     double loading_ms = 0;
-    for (const auto& check : read_train_log(ModelFolder(folder.path()).log()).events["kernel_check"]) {
+    const TrainHistory history = read_train_log(ModelFolder(folder.path()).log());
+    for (const auto& check : history.events["kernel_check"]) {
       if (check["warm_up_ms"].is_number()) loading_ms += check["warm_up_ms"].get<double>();
     }
     return loading_ms;

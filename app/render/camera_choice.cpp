@@ -194,7 +194,9 @@ void check_camera_options(const CommandLine& line, const CameraOptions& options)
   const auto allow = [&](const char* option, bool is_used, const char* use) {
     if (line.was_given(option) && !is_used) input_error("--", option, " is for ", use);
   };
-  allow("resolution", options.cameras.empty(), "the views of a scene; use --width and --height with --cameras");
+  if (line.was_given("resolution") && !options.cameras.empty()) {
+    input_error("-r is for the views of a scene; use --width and --height with --cameras");
+  }
   allow("frames", is_path(options),
         "--path interpolated, orbit and turntable; the others have one image for each view");
   allow("fov", around || is_fisheye, "--path orbit and turntable and --projection fisheye");

@@ -35,15 +35,33 @@ std::vector<std::string> split(const std::string& text, char separator) {
   return parts;
 }
 
-/// Whether an option, by any of its names, has a list as its value.
-bool is_list_option(const std::string& key) {
+struct NamedOption {
+  std::string name;
   bool is_list = false;
+};
+
+/// The option with this name, letter or other name. @throws InputError if there is none, or configurations may not
+/// differ in it
+NamedOption find_option(const std::string& key) {
+  NamedOption found;
+  std::vector<std::string> names;  // that may be meant
   const TrainConfig config;
   visit_fields(config, [&](const Option& option, const auto& value, const auto&, const char*) {
     using Value = std::decay_t<decltype(value)>;
-    is_list |= option.has_name(key) && !std::is_arithmetic_v<Value> && !std::is_same_v<Value, std::string>;
+    const std::string name(option.name);
+    if (std::find(std::begin(kShared), std::end(kShared), name) == std::end(kShared)) names.push_back(name);
+    constexpr bool kIsList = !std::is_arithmetic_v<Value> && !std::is_same_v<Value, std::string>;
+    if (option.has_name(key)) found = {name, kIsList};
   });
-  return is_list;
+  if (found.name.empty()) {
+    const std::string nearest = nearest_name(key, names);
+    input_error("unknown training option ", key,
+                nearest.empty() ? "; see b3dgs train --help-all" : "; did you mean " + nearest + "?");
+  }
+  if (std::find(names.begin(), names.end(), found.name) == names.end()) {
+    input_error(found.name, " must be the same for all configurations; set it for all with --", found.name);
+  }
+  return found;
 }
 
 /// Calls visit(option, group) for each option whose values differ.
@@ -61,7 +79,7 @@ void visit_differing(const TrainConfig& a, const TrainConfig& b, Visit&& visit) 
 }
 
 /// @throws InputError unless --kernel accepts the name
-void check_kernel(const std::string& entry, const std::string& name) {
+void check_kernel(const std::string& name) {
   std::vector<std::string> names{kNaiveKernels};
   std::string list, meant;
   const TrainConfig config;
@@ -76,7 +94,7 @@ void check_kernel(const std::string& entry, const std::string& name) {
   if (std::find(names.begin(), names.end(), name) != names.end()) return;
   for (const std::string& own : names) list += own + ", ";
   if (meant.empty()) meant = nearest_name(name, names);
-  input_error("--configs ", entry, ": unknown configuration \"", name, "\" (expected ", list, "or option=value)",
+  input_error("unknown configuration \"", name, "\" (expected ", list, "or option=value)",
               meant.empty() ? "" : "; did you mean " + meant + "?");
 }
 
@@ -100,20 +118,19 @@ std::pair<std::string, std::string> split_name(const std::string& entry) {
 
 /// Adds "culling=square", "combined" or "naive-kernels" as words of a command line. Lists are separated by slashes,
 /// since commas separate configurations.
-void add_part(const std::string& entry, const std::string& part, std::vector<std::string>& words) {
-  if (part.empty()) input_error("--configs ", entry, ": empty part; expected a kernel, naive-kernels or option=value");
+void add_part(const std::string& part, std::vector<std::string>& words) {
+  if (part.empty()) input_error("empty part; expected a kernel, naive-kernels or option=value");
   const std::size_t equals = part.find('=');
   if (part == kNaiveKernels) {
     words.insert(words.end(), {"--kernel=naive", "--backward_kernel=per-pixel", "--culling=square"});
   } else if (equals == std::string::npos) {
-    check_kernel(entry, part);
+    check_kernel(part);
     words.push_back("--kernel=" + part);
   } else {
-    std::string word = "--" + part;
-    if (is_list_option(part.substr(0, equals))) {
-      std::replace(word.begin() + static_cast<std::ptrdiff_t>(equals), word.end(), '/', ',');
-    }
-    words.push_back(word);
+    const NamedOption option = find_option(part.substr(0, equals));
+    std::string value = part.substr(equals + 1);
+    if (option.is_list) std::replace(value.begin(), value.end(), '/', ',');
+    words.push_back(detail::concat("--", option.name, "=", value));
   }
 }
 
@@ -137,23 +154,19 @@ Configuration parse_entry(const std::string& entry, const TrainConfig& base, con
   const auto [name, parts] = split_name(entry);
   Configuration configuration{name, {}};
   std::vector<std::string> words;
-  for (const std::string& part : split(parts, '+')) add_part(entry, present_part(part), words);
-  check_name(entry, name, parts);
   GivenOptions all = given;
   try {
+    for (const std::string& part : split(parts, '+')) add_part(present_part(part), words);
     CommandLine line("train", "");
     line.add(TrainConfig{}, "Training");
     line.parse(words);
-    for (const char* const option : kShared) {
-      if (!line.was_given(option)) continue;
-      input_error(option, " must be the same for all configurations; set it for all with --", option);
-    }
     all.update(line.given());
     configuration.config = resolve_options(all).config;
     limit_epochs(configuration.config, photographs, all);
   } catch (const InputError& error) {
     input_error("--configs ", entry, ": ", error.what());
   }
+  check_name(entry, name, parts);
   nlohmann::ordered_json shared = nlohmann::ordered_json::object();
   const nlohmann::ordered_json base_values = config_to_json(base);
   for (const char* const option : kShared) shared[option] = base_values.at(option);

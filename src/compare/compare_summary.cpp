@@ -2,12 +2,12 @@
 
 #include <algorithm>
 #include <cmath>
-#include <iterator>
 #include <optional>
 #include <set>
 #include <string>
 #include <utility>
 
+#include "compare/chance.h"
 #include "compare/compare_verdict.h"
 #include "core/check.h"
 
@@ -17,74 +17,8 @@ namespace {
 using Json = nlohmann::ordered_json;
 using Histories = std::vector<ConfigurationHistory>;
 
-// --- Means, and whether a difference is more than chance
-
-/// 97.5 % quantiles of Student's t distribution for 1, 2, ... degrees of freedom.
-constexpr double kStudentT[] = {12.706, 4.303, 3.182, 2.776, 2.571, 2.447, 2.365, 2.306, 2.262, 2.228,
-                                2.201,  2.179, 2.160, 2.145, 2.131, 2.120, 2.110, 2.101, 2.093, 2.086,
-                                2.080,  2.074, 2.069, 2.064, 2.060, 2.056, 2.052, 2.048, 2.045, 2.042};
-
-struct EffectLimits {
-  double floor = 0;     // several seeds: a smaller mean difference is not called one, however sure it is
-  double one_seed = 0;  // one seed: a smaller difference may be chance
-};
-
-/// 0.1 dB is 2.3 % of the squared error; docs/recipes.md trusts no smaller effect. With one seed: trainings of the same
-/// options have differed by 1 dB on `fox`.
-constexpr EffectLimits kPsnrLimits{0.1, 1};
-/// Runs in turns on one machine differ by 1 to 3 %. With one seed, the difference of two such runs has a standard
-/// deviation of up to 3 % x sqrt(2), so that 10 % are exceeded by chance in 2 of 100 comparisons at most.
-constexpr EffectLimits kTimeLimits{0.01, 0.1};
-
-/// What one seed can say if two runs of the baseline differ by `noise`: that is one difference of equals, which another
-/// one exceeds t(1) = 12.7 times in 5 of 100 comparisons.
-double limit_with_noise(double noise) {
-  return kStudentT[0] * noise;
-}
-
-EffectLimits time_limits(const std::optional<double>& noise) {
-  if (!noise) return kTimeLimits;
-  return {kTimeLimits.floor, std::max(kTimeLimits.floor, limit_with_noise(*noise))};
-}
-
 Json or_null(const std::optional<double>& value) {
   return value ? Json(*value) : Json(nullptr);
-}
-
-/// A spread; null without values.
-Json spread_of(const std::vector<double>& values) {
-  if (values.empty()) return nullptr;
-  double mean = 0;
-  for (const double value : values) mean += value / static_cast<double>(values.size());
-  const auto [min, max] = std::minmax_element(values.begin(), values.end());
-  return {{"mean", mean}, {"min", *min}, {"max", *max}, {"n", values.size()}};
-}
-
-const char* finding_of(double mean, double margin, double limit) {
-  if (mean - margin >= -limit && mean + margin <= limit) return "equal";
-  return std::fabs(mean) > margin && std::fabs(mean) >= limit ? "differs" : "unclear";
-}
-
-/// An effect; null without values.
-Json effect_of(const std::vector<double>& differences, const EffectLimits& limits) {
-  Json effect = spread_of(differences);
-  if (effect.is_null()) return effect;
-  const std::size_t n = differences.size();
-  const double mean = effect["mean"];
-  if (n == 1) {
-    const bool differs = std::fabs(mean) > limits.one_seed;
-    effect.update({{"interval", nullptr}, {"limit", limits.one_seed}, {"finding", differs ? "differs" : "unclear"}});
-    return effect;
-  }
-  double squares = 0;
-  for (const double own : differences) squares += (own - mean) * (own - mean);
-  const double standard_error = std::sqrt(squares / static_cast<double>(n - 1) / static_cast<double>(n));
-  // Beyond the table its last value, which is at most 4 % too large.
-  const double margin = kStudentT[std::min(n - 1, std::size(kStudentT)) - 1] * standard_error;
-  effect.update({{"interval", {mean - margin, mean + margin}},
-                 {"limit", limits.floor},
-                 {"finding", finding_of(mean, margin, limits.floor)}});
-  return effect;
 }
 
 // --- Time
@@ -288,6 +222,10 @@ std::optional<double> count_of(const LogPoint& point) {
   return point.count ? std::optional(static_cast<double>(*point.count)) : std::nullopt;
 }
 
+/// 0.1 dB is 2.3 % of the squared error; docs/recipes.md trusts no smaller effect. With one seed: trainings of the same
+/// options have differed by 1 dB on `fox`.
+constexpr EffectLimits kPsnrLimits{0.1, 1};
+
 struct Measure {
   const char* name;
   EffectLimits limits;
@@ -297,8 +235,8 @@ struct Measure {
 
 constexpr Measure kMeasures[] = {
     {kPsnrMeasure, kPsnrLimits, false, [](const LogPoint& point) { return point.test_psnr; }},
-    {"SSIM", {0.003, 0.03}, false, [](const LogPoint& point) { return point.test_ssim; }},
-    {"Gaussians", {0.02, 0.2}, true, count_of},
+    {kSsimMeasure, {0.003, 0.03}, false, [](const LogPoint& point) { return point.test_ssim; }},
+    {kCountMeasure, {0.02, 0.2}, true, count_of},
 };
 
 /// Empty if it was not measured after this iteration.

@@ -8,8 +8,8 @@
 
 namespace b3dgs {
 
-/// The measure of "quality" in compare.json that the verdict is about.
-inline constexpr const char* kPsnrMeasure = "PSNR, dB";
+/// The measures of "quality" in compare.json. The verdict is about the first.
+inline constexpr const char *kPsnrMeasure = "PSNR, dB", *kSsimMeasure = "SSIM", *kCountMeasure = "Gaussians";
 
 /// "summary" of compare.json, which the page and the terminal show. `configurations`: at least two, of which the first
 /// is the baseline; all have the same seeds. `iterations`: how many were requested of the longest.

@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
-#include <utility>
+#include <optional>
 #include <vector>
 
 #include "compare/compare_summary.h"
@@ -31,21 +31,24 @@ std::size_t seeds_started(const Json& summary) {
 }
 
 /// "saved 9.4 % of the training time of naive", "took 3.0 % longer than naive", "took as long as naive" or "shows no
-/// clear difference in training time from naive", with the interval or what one seed cannot tell.
-std::string saving_text(const Json& saved, const std::string& than) {
+/// clear difference in training time from naive", and in brackets the interval or what one seed cannot tell, and
+/// `times`.
+std::string saving_text(const Json& saved, const std::string& than, const std::string& times = "") {
   const double mean = saved["mean"];
-  const bool differs = saved["finding"] == "differs", lost = differs && mean < 0;
-  std::string text = lost                          ? "took " + percent(-mean) + " longer than " + than
-                     : differs                     ? "saved " + percent(mean) + " of the training time of " + than
-                     : saved["finding"] == "equal" ? "took as long as " + than
-                                                   : "shows no clear difference in training time from " + than;
+  const bool differs = saved["finding"] == "differs", lost = differs && mean < 0, equal = saved["finding"] == "equal";
+  const std::string text = lost      ? "took " + percent(-mean) + " longer than " + than
+                           : differs ? "saved " + percent(mean) + " of the training time of " + than
+                           : equal   ? "took as long as " + than
+                                     : "shows no clear difference in training time from " + than;
+  std::string notes = differs || equal ? "" : "time saved: " + percent(mean);
   if (const Json& interval = saved["interval"]; !interval.is_null()) {
     const double low = interval[lost ? 1 : 0], high = interval[lost ? 0 : 1], sign = lost ? -100 : 100;
-    text += print_to_string(" (95 %% interval %.1f to %.1f %%)", sign * low, sign * high);
+    notes += (notes.empty() ? "" : ", ") + print_to_string("95 %% interval %.1f to %.1f %%", sign * low, sign * high);
   } else if (!differs) {
-    text += " (" + percent(mean) + "; with one seed, less than " + percent(saved["limit"]) + " may be chance)";
+    notes += "; with one seed, less than " + percent(saved["limit"]) + " may be chance";
   }
-  return text;
+  if (!times.empty()) notes += (notes.empty() ? "" : "; ") + times;
+  return text + (notes.empty() ? "" : " (" + notes + ")");
 }
 
 /// "; load balancing alone: adaptive saved 20.0 % of the training time of shared-memory, the fastest kernel without
@@ -53,35 +56,44 @@ std::string saving_text(const Json& saved, const std::string& than) {
 std::string balancing_text(const Json& summary, const Json& ours) {
   const bool has_balanced = !ours["balanced_kernels"]["iterations"].is_null();
   const bool is_named = has_balanced || !ours["other_kernels"]["iterations"].is_null();
-  for (const Json& gain : summary["balancing"]) {
-    if (gain["name"] != ours["name"]) continue;
-    if (is_named && !has_balanced) return "; load balancing saved no time: no load-balanced kernel was used";
-    return "; load balancing alone: " + gain["name"].get<std::string>() + " " +
-           saving_text(gain["saved_by_balancing"], gain["unbalanced"]) + ", the fastest kernel without it";
+  const Json &gains = summary["balancing"], &missing = summary["missing_kernels"];
+  const auto is_ours = [&](const Json& own) { return own["name"] == ours["name"]; };
+  const auto gain = std::find_if(gains.begin(), gains.end(), is_ours);
+  if (gain == gains.end() && (missing.empty() || !ours["differs_in"].empty())) return "";
+  if (is_named && !has_balanced) return "; load balancing saved no time: no load-balanced kernel was used";
+  if (gain != gains.end()) {
+    return "; load balancing alone: " + ours["name"].get<std::string>() + " " +
+           saving_text((*gain)["saved_by_balancing"], (*gain)["unbalanced"]) + ", the fastest kernel without it";
   }
-  const Json& missing = summary["missing_kernels"];
-  if (missing.empty() || !ours["differs_in"].empty()) return "";
   return "; what load balancing contributes is unknown, since " + missing[0].get<std::string>() +
          (missing.size() > 1 ? " and others were" : " was") + " not trained";
+}
+
+/// One of the measures of "quality"; null if it was not measured.
+Json quality_of(const Json& compared, const char* measure) {
+  for (const Json& own : compared["quality"]) {
+    if (own["measure"] == measure) return own;
+  }
+  return nullptr;
 }
 
 /// How configuration i differs from the baseline in PSNR: at the end of each, or at an iteration that all have reached.
 /// Null if that is not known.
 Json psnr_gained(const Json& summary, std::size_t i) {
   if (!have_equal_lengths(summary)) return summary["results"][i]["psnr_gained"];
-  for (const Json& own : summary["compared"][i - 1]["quality"]) {
-    if (own["measure"] != kPsnrMeasure) continue;
-    return {{"mean", own["difference"]}, {"interval", own["interval"]}, {"finding", own["finding"]},
-            {"limit", own["tolerance"]}, {"n", own["baseline"]["n"]},   {"iteration", own["iteration"]}};
-  }
-  return nullptr;
+  const Json own = quality_of(summary["compared"][i - 1], kPsnrMeasure);
+  if (own.is_null()) return nullptr;
+  return {{"mean", own["difference"]}, {"interval", own["interval"]}, {"finding", own["finding"]},
+          {"limit", own["tolerance"]}, {"n", own["baseline"]["n"]},   {"iteration", own["iteration"]}};
 }
 
 /// " PSNR of the test views, compared with naive: fast -2.20 dB, same +0.05 dB (may be chance).", of all configurations
 /// that differ from the baseline in what they learn; "" if none does. The time says little about these without it.
 std::string psnr_sentence(const Json& summary) {
+  const std::size_t n_seeds = summary["done_by_seed"].size();
+  const bool is_of_one_length = have_equal_lengths(summary);  // then all were measured in the same seeds
   std::string text;
-  Json last;
+  Json last, of_one_seed;
   bool is_asked = false;
   for (std::size_t i = 1; i < summary["results"].size(); ++i) {
     if (!summary["compared"][i - 1]["learns_differently"]) continue;
@@ -89,11 +101,13 @@ std::string psnr_sentence(const Json& summary) {
     const Json gained = psnr_gained(summary, i);
     if (gained.is_null()) continue;
     last = gained;
+    if (gained["interval"].is_null()) of_one_seed = gained;
     text += (text.empty() ? "" : ", ") + summary["results"][i]["name"].get<std::string>() +
             print_to_string(" %+.2f dB", gained["mean"].get<double>());
     if (const Json& interval = gained["interval"]; !interval.is_null()) {
       text += print_to_string(" (95 %% interval %+.2f to %+.2f)", interval[0].get<double>(), interval[1].get<double>());
     }
+    if (!is_of_one_length) text += in_seeds(gained["n"], n_seeds);
     if (gained["finding"] != "differs") text += gained["finding"] == "equal" ? ", so equal" : ", which may be chance";
   }
   if (!is_asked) return "";
@@ -101,13 +115,14 @@ std::string psnr_sentence(const Json& summary) {
     return summary["holds_out_views"] ? " Quality has not been measured yet."
                                       : " No views were held out (--no_eval), so quality was not measured.";
   }
+  const std::string one_seed =
+      of_one_seed.is_null()
+          ? ""
+          : print_to_string(" One seed: differences below %.3g dB say nothing.", of_one_seed["limit"].get<double>());
   const bool is_earlier = last.contains("iteration") && last["iteration"] != summary["iterations"];
   return " PSNR of the test views" + (is_earlier ? " after " + last["iteration"].dump() + " iterations" : "") +
-         in_seeds(last["n"], summary["done_by_seed"].size()) + ", compared with " +
-         summary["baseline"].get<std::string>() + ": " + text + "." +
-         (last["interval"].is_null()
-              ? print_to_string(" One seed: differences below %.3g dB say nothing.", last["limit"].get<double>())
-              : "");
+         (is_of_one_length ? in_seeds(last["n"], n_seeds) : "") + ", compared with " +
+         summary["baseline"].get<std::string>() + ": " + text + "." + one_seed;
 }
 
 /// "inria 38.2 s, 28.90 dB, 931,000 Gaussians; fast 4.9 s, ..."; what is not known is left out.
@@ -123,34 +138,48 @@ std::string results_text(const Json& results) {
   return text;
 }
 
-/// "(adaptive 16.0 s, naive 40.0 s)", means over seeds.
-std::string times_text(const Json& ours) {
-  double ours_s = 0, baseline_s = 0;
-  const auto n = static_cast<double>(ours["by_seed"].size());
-  for (const Json& seed : ours["by_seed"]) {
-    ours_s += seed["ours_s"].get<double>() / n;
-    baseline_s += seed["baseline_s"].get<double>() / n;
-  }
-  const double smallest = std::min(ours_s, baseline_s);
-  return "(" + ours["name"].get<std::string>() + " " + format_seconds(ours_s, smallest) + ", " +
-         ours["baseline"].get<std::string>() + " " + format_seconds(baseline_s, smallest) + ")";
+/// Mean of "ours_s" or "baseline_s" over seeds; nothing without seeds.
+std::optional<double> mean_seconds(const Json& compared, const char* key) {
+  const Json& by_seed = compared["by_seed"];
+  if (by_seed.empty()) return std::nullopt;
+  double sum = 0;
+  for (const Json& seed : by_seed) sum += seed[key].get<double>();
+  return sum / static_cast<double>(by_seed.size());
 }
 
-/// Lines with aligned columns, the first to the left.
+/// "adaptive 16.0 s, naive 40.0 s", means over seeds, at least one.
+std::string times_text(const Json& ours) {
+  const double ours_s = mean_seconds(ours, "ours_s").value(), baseline_s = mean_seconds(ours, "baseline_s").value();
+  const double smallest = std::min(ours_s, baseline_s);
+  return ours["name"].get<std::string>() + " " + format_seconds(ours_s, smallest) + ", " +
+         ours["baseline"].get<std::string>() + " " + format_seconds(baseline_s, smallest);
+}
+
+/// Lines with aligned columns, the first to the left. Columns with nothing but "-" below the head are left out.
 std::string text_table(const std::vector<std::vector<std::string>>& rows) {
-  std::vector<std::size_t> widths(rows.front().size());
-  for (const std::vector<std::string>& row : rows) {
-    for (std::size_t i = 0; i < row.size(); ++i) widths[i] = std::max(widths[i], row[i].size());
+  std::vector<std::string> lines(rows.size());
+  for (std::size_t column = 0; column < rows.front().size(); ++column) {
+    const auto is_empty = [&](const std::vector<std::string>& row) { return row[column] == "-"; };
+    if (std::all_of(rows.begin() + 1, rows.end(), is_empty)) continue;
+    std::size_t width = 0;
+    for (const std::vector<std::string>& row : rows) width = std::max(width, row[column].size());
+    for (std::size_t i = 0; i < rows.size(); ++i) {
+      const std::string padding(width - rows[i][column].size(), ' ');
+      lines[i] += column == 0 ? rows[i][column] + padding : "  " + padding + rows[i][column];
+    }
   }
   std::string text;
-  for (const std::vector<std::string>& row : rows) {
-    for (std::size_t i = 0; i < row.size(); ++i) {
-      const std::string padding(widths[i] - row[i].size(), ' ');
-      text += i == 0 ? row[i] + padding : "  " + padding + row[i];
-    }
-    text += "\n";
-  }
+  for (const std::string& line : lines) text += line + "\n";
   return text;
+}
+
+std::optional<double> mean_of(const Json& spread) {
+  return spread.is_null() ? std::nullopt : std::optional(spread["mean"].get<double>());
+}
+
+/// "-" without a value.
+std::string cell(const char* format, const std::optional<double>& value) {
+  return value ? print_to_string(format, *value) : "-";
 }
 
 }  // namespace
@@ -171,8 +200,8 @@ std::string verdict(const Json& summary) {
       *std::find_if(compared.begin(), compared.end(), [&](const Json& own) { return own["name"] == summary["ours"]; });
   if (ours["saved_overall"].is_null()) return "No result yet: not every configuration has been trained.";
   const std::string baseline = summary["baseline"];
-  std::string text = ours["name"].get<std::string>() + " " + saving_text(ours["saved_overall"], baseline) + " " +
-                     times_text(ours) + balancing_text(summary, ours);
+  std::string text = ours["name"].get<std::string>() + " " +
+                     saving_text(ours["saved_overall"], baseline, times_text(ours)) + balancing_text(summary, ours);
   if (const Json& noise = summary["machine_spread"]; noise.is_number()) {
     text += "; two runs of " + baseline + " differ by " + percent(noise);
   }
@@ -188,12 +217,17 @@ std::string summary_table(const Json& summary) {
                                               "training s", "time saved", "95 % interval", "time", "PSNR dB", "PSNR",
                                               "SSIM", "Gaussians"}};
   for (std::size_t i = 0; i < summary["results"].size(); ++i) {
-    const Json& own = summary["results"][i];
-    const Json saved = i == 0 || !compares_times ? Json() : summary["compared"][i - 1]["saved_overall"];
+    const Json &own = summary["results"][i], &compared = summary["compared"][i == 0 ? 0 : i - 1];
+    const Json saved = i == 0 || !compares_times ? Json() : compared["saved_overall"];
     const Json gained = i == 0 ? Json() : psnr_gained(summary, i);
-    const auto mean = [&](const char* key, const char* format) {
-      return own[key].is_null() ? "-" : print_to_string(format, own[key]["mean"].get<double>());
+    // Trainings that are compared need not be complete: a column is over the iterations and seeds that all have done.
+    const auto value = [&](const char* measure, const char* of_result) {
+      if (!compares_times) return mean_of(own[of_result]);
+      const Json quality = quality_of(compared, measure);
+      return quality.is_null() ? std::nullopt : mean_of(quality[i == 0 ? "baseline" : "ours"]);
     };
+    const std::optional<double> seconds =
+        compares_times ? mean_seconds(compared, i == 0 ? "baseline_s" : "ours_s") : mean_of(own["seconds"]);
     std::string share = "-", interval = "-", finding = "-";
     if (!saved.is_null()) {
       share = percent(saved["mean"]);
@@ -204,8 +238,9 @@ std::string summary_table(const Json& summary) {
       }
     }
     const std::string psnr = gained.is_null() ? "-" : gained["finding"].get<std::string>();
-    rows.push_back({own["name"], format_count(own["iterations"].get<std::int64_t>()), mean("seconds", "%.2f"), share,
-                    interval, finding, mean("psnr", "%.2f"), psnr, mean("ssim", "%.4f"), mean("gaussians", "%.0f")});
+    rows.push_back({own["name"], format_count(own["iterations"].get<std::int64_t>()), cell("%.2f", seconds), share,
+                    interval, finding, cell("%.2f", value(kPsnrMeasure, "psnr")), psnr,
+                    cell("%.4f", value(kSsimMeasure, "ssim")), cell("%.0f", value(kCountMeasure, "gaussians"))});
   }
   return text_table(rows);
 }

@@ -216,9 +216,13 @@ void write_comparison(const Comparison& comparison) {
 }
 
 std::string describe_comparison(const Comparison& comparison) {
-  return summary_table(comparison.summary) + "times do not include reading the scene (" +
-         format_seconds(comparison.plan.reading_s, 0) + ") or evaluation, saving and checkpoints (" +
-         format_seconds(comparison.output_s(), 0) + ")\n" + comparison.summary["verdict"].get<std::string>() + "\n";
+  const Json& summary = comparison.summary;
+  const bool has_savings = have_equal_lengths(summary) && summary["done"] > 0;
+  return summary_table(summary) +
+         (has_savings ? "time saved: share of " + summary["baseline"].get<std::string>() + "'s training time\n" : "") +
+         "times do not include reading the scene (" + format_seconds(comparison.plan.reading_s, 0) +
+         ") or evaluation, saving and checkpoints (" + format_seconds(comparison.output_s(), 0) + ")\n" +
+         summary["verdict"].get<std::string>() + "\n";
 }
 
 }  // namespace b3dgs

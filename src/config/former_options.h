@@ -20,7 +20,7 @@ nlohmann::ordered_json present_options(nlohmann::ordered_json options);
 /// The present name of the option's value; null if `value` is no former one.
 const char* present_name(const std::string& option, const std::string& value);
 
-/// A line for each of them among the options, unless it has the value that it always has now, and for each former name:
+/// A line for each former option among these, unless it has the value now fixed, and for each former name:
 /// "--strategy balanced is now --strategy budget".
 std::vector<std::string> describe_former_options(const nlohmann::ordered_json& options);
 

@@ -1,4 +1,5 @@
-// The values of the training options. Defaults are those of the original 3DGS code unless a comment says otherwise.
+// The values of the training options. Defaults are those of the original 3DGS code unless a comment says otherwise;
+// `b3dgs train` starts from a preset (option_layers.h), not from these alone.
 // train_options.h has the options' names, ranges and help texts.
 #pragma once
 
@@ -50,7 +51,6 @@ struct TrainConfig {
   bool white_background = false;
   bool random_background = false;
   bool antialiasing = false;
-  bool pose_opt = false;
   double near_plane = 0.2;  // kTypicalDepth (scene/cameras/coordinate_frame.h) is 5
 
   // Schedule
@@ -79,6 +79,7 @@ struct TrainConfig {
   double opacity_lr = 0.025;  // 0.05 in early versions of the original code
   double scaling_lr = 0.005;
   double rotation_lr = 0.001;
+  bool pose_opt = false;
 
   // Loss
   double lambda_dssim = 0.2;

@@ -25,7 +25,7 @@ B3DGS_HD std::array<std::uint32_t, 4> philox4x32(std::array<std::uint32_t, 4> co
   return counter;
 }
 
-/// Numbers of different streams are independent.
+/// Numbers of different streams are independent. Add at the end: the value is part of every number.
 enum class RandomStream : std::uint32_t {
   kViewOrder,
   kBackground,
@@ -40,7 +40,7 @@ enum class RandomStream : std::uint32_t {
 struct RandomKey {
   std::int64_t seed = 0;
   RandomStream stream{};
-  std::uint32_t iteration = 0;
+  std::uint32_t iteration = 0;  // or another counter of the stream
 };
 
 /// Four independent 32-bit words for each row.

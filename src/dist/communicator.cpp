@@ -162,7 +162,8 @@ torch::Tensor Communicator::all_to_all_rows(const torch::Tensor& rows, const std
 }
 
 torch::Tensor Communicator::all_gather_rows(const torch::Tensor& rows, const std::vector<std::int64_t>& counts) {
-  // c10d's own gathering is no faster: in a ring with copies (Gloo), and of one number from each rank.
+  // c10d's own gathering takes the same number of rows from each rank, and Gloo's is slow (a ring with copies). Within
+  // a machine this sends as many bytes.
   const std::vector<torch::Tensor> to_each(static_cast<std::size_t>(size_), rows);
   return all_to_all_rows(torch::cat(to_each), std::vector(to_each.size(), rows.size(0)), counts);
 }

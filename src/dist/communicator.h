@@ -82,7 +82,7 @@ class Communicator {
   void barrier(const std::string& label) { exchange(label, ""); }
 
   // Tensors: contiguous, of any type, on the device of connect(). Rows are along the first dimension; all ranks agree
-  // on the type and on the other dimensions. Results are new tensors; with one rank, the input itself.
+  // on the type and on the other dimensions. Results are new tensors; all_to_all_rows() of one rank returns its input.
 
   /// The first send[0] rows go to rank 0, the next send[1] to rank 1, and so on. Returns what comes, receive[r] rows
   /// from rank r, in this order.

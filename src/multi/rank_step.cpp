@@ -263,7 +263,7 @@ void RankStepper::keep_own_splats(Part& part) {
   if (part.refines_poses) gather_pose_gradients(part, grads);
 }
 
-// --- What is learned of photographs with the Gaussians, of which every rank learns the same ---
+// --- Appearance and poses, of which every rank learns the same ---
 
 void RankStepper::gather_pose_gradients(const Part& part, const std::vector<torch::Tensor>& splat_grads) {
   // What each splat adds to the gradient of the camera, added up where the view was rendered.

@@ -45,7 +45,7 @@ Json describe(const Scene& scene, const Json& fingerprint) {
 /// The first difference between two descriptions that differ.
 std::string find_difference(const Json& there, const Json& first) {
   std::size_t i = 0;
-  while (there[i] == first[i]) ++i;
+  while (i + 1 < there.size() && there[i].dump() == first[i].dump()) ++i;  // as texts: 0.0 is not -0.0
   const std::string what = there[i][0].get<std::string>();
   const Json &here = there[i][1], &other = first[i][1];
   return here.is_structured() ? what : detail::concat(what, ": ", here.dump(), " there, ", other.dump(), " on rank 0");

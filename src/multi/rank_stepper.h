@@ -2,7 +2,7 @@
 // moments and statistics. With the same --batch, what is learned does not depend on the number of ranks: byte for byte
 // under the conditions in docs/distributed.md, else up to rounding.
 //
-//   rank_step.cpp     one step, of all its views at a time or some of them; who renders them, and their losses
+//   rank_step.cpp     one step, its views all at once or in parts; who renders them, and their losses
 //   rank_model.cpp    the model distributed to the ranks and gathered for files; density control
 //   rank_stepper.cpp  what rank 0 does for all, and what ranks agree on, such as that all read the same scene
 //

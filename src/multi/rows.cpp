@@ -2,8 +2,6 @@
 
 #include <torch/types.h>
 
-#include <c10/util/accumulate.h>
-
 #include <algorithm>
 #include <limits>
 #include <utility>
@@ -26,7 +24,7 @@ torch::Tensor order_by_rank(const torch::Tensor& owners) {
 }
 
 std::int64_t bytes_per_row(const torch::Tensor& rows) {
-  return c10::multiply_integers(rows.sizes().slice(1)) * static_cast<std::int64_t>(rows.element_size());
+  return row_elements(rows) * static_cast<std::int64_t>(rows.element_size());
 }
 
 /// Calls work(begin, end) for pieces of the model's rows.
@@ -153,8 +151,8 @@ std::int64_t bytes_to_move_rows(const std::vector<torch::Tensor*>& tensors, cons
     largest = std::max(largest, n_most * row);
     growth += std::max<std::int64_t>(0, after.n_own() - before.n_own()) * row;
   }
-  // A tensor exists in its old and its new size at the same time; what it sends and receives lies in pieces, of which a
-  // rank may own all rows; tensors before it may have grown.
+  // Old and new tensor exist at the same time, and earlier tensors may have grown. Buffers to send and receive hold
+  // pieces; a rank may own all rows of one.
   return largest + growth + 4 * std::min(piece_bytes * before.size(), largest);
 }
 

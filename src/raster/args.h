@@ -1,6 +1,7 @@
-// Inputs and outputs of the rasterizer and of its passes. The structs hold pointers and sizes only; the caller owns the
-// memory, which is contiguous and on one device. Shapes are given beside the pointers: N Gaussians, M splats (Gaussians
-// seen in the view), K = (sh_degree_max + 1)^2 SH coefficients per channel, H x W pixels.
+// Inputs and outputs of the rasterizer and of its passes; those of projection and binning, which differ by device, are
+// in cpu/passes.h and cuda/passes.h. The structs hold pointers and sizes only; the caller owns the memory, which is
+// contiguous and on one device. Shapes are given beside the pointers: N Gaussians, M splats (Gaussians seen in the
+// view), K = (sh_degree_max + 1)^2 SH coefficients per channel, H x W pixels.
 #pragma once
 
 #include <cstdint>
@@ -214,9 +215,9 @@ struct AddScoresArgs {
   ScoreArrays out{};
 };
 
-// Views that are split at the splats: rows of an array, so that Gaussians can be projected by one rasterizer and drawn
-// by another. A Gaussian that crosses the seam of a panorama has one row, too, of its first splat
-// (math/project_splat.h): whoever draws the rows makes the second, and adds its sums to those of the first.
+// Views whose splats one rasterizer projects, to rows of an array, and another renders. A Gaussian across the seam of a
+// panorama also has a single row, that of its first splat (math/project_splat.h): the renderer makes the second, and
+// adds its sums to those of the first.
 
 /// Numbers of splats of a view.
 struct SplatCounts {
@@ -266,7 +267,7 @@ struct alignas(16) SplatGradSum {
 };
 static_assert(sizeof(SplatGradSum) == 48, "three 16-byte words");
 
-/// Keeps the sums of splats that were drawn elsewhere, for a later backward projection.
+/// Keeps sums of splats rendered elsewhere, for a later backward projection.
 struct KeepSplatsArgs {
   std::int64_t n_gaussians = 0;               // N
   SplatRows rows{};                           // as projected: Splat::gaussian < N, each at most once

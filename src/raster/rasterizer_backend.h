@@ -47,7 +47,7 @@ struct LastView {
   }
 };
 
-/// Rasterizer (torch/rasterizer.h) without tensors: that describes the functions of the same name. All arrays are in
+/// As Rasterizer, without tensors; torch/rasterizer.h describes the functions of the same name. All arrays are in
 /// memory of the device. On a GPU the passes are asynchronous: only forward(), project(), wait_for_projections() and
 /// forward_splats() wait, for numbers of splats and pairs and for valid colours. On the CPU they use thread_count()
 /// threads (core/parallel.h); results do not depend on their number.

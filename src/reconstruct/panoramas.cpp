@@ -7,6 +7,7 @@
 #include <iterator>
 #include <map>
 #include <opencv2/core/matx.hpp>
+#include <set>
 #include <utility>
 
 #include "core/check.h"
@@ -205,10 +206,12 @@ ColmapModel join_faces(const ColmapModel& faces, const CheckedPhotographs& panor
 std::size_t join_models(const fs::path& from, const fs::path& to, const CheckedPhotographs& panoramas) {
   std::vector<ColmapModel> models;
   std::error_code error;
-  for (const fs::directory_entry& entry : fs::directory_iterator(from, error)) {
-    if (!colmap_format(entry.path())) continue;
+  std::set<fs::path> folders;  // in their order, which models of one size keep
+  for (const fs::directory_entry& entry : fs::directory_iterator(from, error)) folders.insert(entry.path());
+  for (const fs::path& folder : folders) {
+    if (!colmap_format(folder)) continue;
     try {
-      models.push_back(join_faces(read_colmap_model(entry.path(), /*tracks=*/true), panoramas));
+      models.push_back(join_faces(read_colmap_model(folder, /*tracks=*/true), panoramas));
     } catch (const InputError&) {
       continue;  // cut off, as in order_models()
     }

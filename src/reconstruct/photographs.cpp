@@ -99,7 +99,7 @@ bool copy_photograph(const fs::path& from, const fs::path& to) {
   return upright.has_value();
 }
 
-/// COLMAP's list of photographs has one name per line, from which it removes blanks at both ends.
+/// COLMAP removes blanks at both ends of the names in its list, one per line. At the end there is an extension.
 void check_name(const fs::path& folder, const std::string& name) {
   if (detail::one_line(name) == name && name[0] != ' ') return;
   input_error((folder / name).string(), ": expected a name without ",
@@ -232,7 +232,7 @@ std::vector<CameraGroup> group_by_camera(const CheckedPhotographs& photographs, 
     group.is_single_camera = true;
     group.names.push_back(photographs.names[i]);
   }
-  if (groups.size() > kMostSizes) return all;
+  if (groups.size() > kMostSizes) return all;  // and extract_command() gives each photograph its own camera
   std::vector<CameraGroup> result;
   for (auto& [size, group] : groups) result.push_back(std::move(group));
   return result;

@@ -34,6 +34,27 @@ std::string text_of(const Json& json, int indent) {
   return json.dump(indent, ' ', false, Json::error_handler_t::replace);
 }
 
+/// Earlier versions had a stage for each group of photographs: "features 0", "features 1", ... Adds such a stage to the
+/// one of all groups. False if it is another stage.
+bool join_groups(Json& stages, const Json& stage) {
+  if (stage["stage"].get<std::string>().rfind("features ", 0) != 0 || !stage["settings"].is_object()) return false;
+  if (stages.empty() || stages.back()["stage"] != "features") {
+    stages.push_back(
+        {{"stage", "features"}, {"settings", stage["settings"]}, {"done", true}, {"notes", Json::object()}});
+    for (const char* of_group : {"cameras", "photographs"}) stages.back()["settings"].erase(of_group);
+    stages.back()["settings"]["groups"] = Json::array();
+  }
+  Json& all = stages.back();
+  if (!all["settings"].is_object() || !all["settings"]["groups"].is_array()) return false;
+  if (all["done"] == true && stage["done"] == false) {
+    all["done"] = false;
+    all["notes"] = stage["notes"];  // its camera
+    all["notes"]["groups"] = all["settings"]["groups"].size();
+  }
+  all["settings"]["groups"].push_back(stage["settings"].value("photographs", Json()));
+  return true;
+}
+
 }  // namespace
 
 StageRecord::StageRecord(std::filesystem::path file) : file_(std::move(file)) {
@@ -41,7 +62,7 @@ StageRecord::StageRecord(std::filesystem::path file) : file_(std::move(file)) {
   if (!record || (*record)["version"] != kVersion) return;
   for (const Json& stage : (*record)["stages"]) {
     if (!is_stage(stage)) return;
-    stages_.push_back(stage);
+    if (!join_groups(stages_, stage)) stages_.push_back(stage);
   }
 }
 

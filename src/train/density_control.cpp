@@ -39,8 +39,8 @@ void Stepper::run_density_control() {
 void Stepper::run_round(int iteration) {
   begin_round();
   const std::vector<MemoryRemedy> remedies{together(training_.wait_for_files()), together(training_.free_scratch())};
-  // A second time without growth, so that pruning still takes place. The Gaussians may be as many in all then, and
-  // still more in one of several processes: a third time without new ones.
+  // The second try prunes but does not grow the model. Its total may be unchanged, yet one of several processes may
+  // hold more: the third try adds none.
   for (int n_failures = 0;; ++n_failures) {
     try {
       with_remedies(remedies, [&] { plan_and_apply(iteration, /*adds=*/n_failures < 2); });

@@ -47,7 +47,7 @@ void Stepper::step() {
   std::vector<MemoryRemedy> remedies;
   if (is_alone()) remedies = training_.remedies();
   for (bool is_taken = false; !is_taken;) {
-    before_ = {state_, state_.adam.steps};
+    before_ = {static_cast<const StepPosition&>(state_), state_.adam.steps};
     try {
       take_step();
       is_taken = true;
@@ -105,6 +105,7 @@ void Stepper::learn_view(const TrainView& view) {
   settings.camera_gradient = training_.views.poses.refines(view.index, iteration);
   RenderedView rendered;
   try {
+    // On a GPU, forward() then also applies deferred updates (DeferredSh is the ColorPass).
     settings = optimizer_.begin_view(state_.gaussians, state_.adam, settings);
     rendered = training_.rasterizer.forward(state_.gaussians, view.camera, settings);
   } catch (const InvalidGaussianError&) {
@@ -147,7 +148,7 @@ void Stepper::learn_view(const TrainView& view) {
 }
 
 void Stepper::finish_step(const torch::Tensor& model_rows) {
-  if (optimizer_.n_kept_views() > 0) {
+  if (optimizer_.n_kept_views() > 0) {  // else backward_and_step() has stepped
     optimizer_.step_views(adam_rates(config_, training_.scene.extent, state_.iteration), state_.gaussians, state_.adam,
                           &training_.timer);
   }
@@ -278,7 +279,7 @@ void Stepper::save_statistics() {
 
 void Stepper::roll_back() {
   training_.timer.cancel();
-  if (state_.adam.steps != before_.adam_steps) {
+  if (state_.adam.steps != before_.adam_steps) {  // begin_adam_step() was called: Gaussians may have changed
     training_.is_consistent = false;
     return;
   }

@@ -62,7 +62,7 @@ class Stepper {
   torch::Device load_device() const { return is_alone() ? training_.device : torch::Device(torch::kCPU); }
   /// Once the state has Gaussians: at the start, or from a checkpoint.
   virtual void adopt_model() {}
-  /// Makes what is learned of photographs, unless that of a checkpoint fits, and drops what no option asks for.
+  /// Makes the appearance state, unless that of a checkpoint fits; drops it if no option asks for it.
   void prepare_appearance();
   /// Applies the deferred optimizer updates, which is part of training.
   void flush() {

@@ -1,4 +1,5 @@
-// Views at a part of their size, for training from coarse to fine (src/config/coarse_schedule.h).
+// The training views as a step uses them: the photograph on the device, the camera with its refined pose, and both at a
+// part of their size while training goes from coarse to fine (--coarse_scale, src/config/coarse_schedule.h).
 #pragma once
 
 #include <torch/types.h>
@@ -40,9 +41,6 @@ class ViewReducer {
   torch::Tensor truth_, truth_room_, valid_, valid_room_;
   std::map<std::pair<const Image8*, int>, std::int64_t> n_valid_;  // of a mask at a scale
 };
-
-// The training views as a step uses them: the photograph on the device, the camera with its refined pose, and both at a
-// part of their size while training goes from coarse to fine (--coarse_scale).
 
 class TrainingViews {
  public:

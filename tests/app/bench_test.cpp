@@ -57,6 +57,7 @@ TEST(BenchReport, DifferencesAreRelativeToTheLargestMagnitude) {
   EXPECT_EQ(relative_difference(values(0.5f, -4), values(1, -4)), 0.125);
   EXPECT_EQ(relative_difference(values(0.5f, -4), values(1, -4), 5), 0.1);
   EXPECT_EQ(relative_difference(values(0, 0), values(0, 0)), 0);
+  EXPECT_EQ(relative_difference(torch::zeros({5, 0, 3}), torch::zeros({5, 0, 3})), 0) << "SH degree 0";
   EXPECT_EQ(relative_difference(values(0, 1), values(0, 0)), HUGE_VAL);
   EXPECT_TRUE(std::isnan(relative_difference(values(1, std::numeric_limits<float>::quiet_NaN()), values(1, 2))));
 }

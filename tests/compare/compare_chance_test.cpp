@@ -103,7 +103,7 @@ Called called_in_report(const nlohmann::ordered_json& data) {
 
 Called called_on_terminal(const std::string& text) {
   const std::string row = part_of(text, "\nb ", "\na");  // ends before the next configuration, or at the end
-  const std::string line = row.substr(0, row.find('\n', 1));
+  const std::string line = row.substr(0, row.find('\n', 1)) + " ";
   return {test::contains(line, " faster ") || test::contains(line, " slower "), test::contains(line, " differs ")};
 }
 

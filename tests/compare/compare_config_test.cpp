@@ -129,11 +129,12 @@ TEST(CompareConfig, RejectsInvalidEntriesWithAReason) {
   expect_rejected("naive,naive", "occurs twice");
   expect_rejected("naive,", "empty part");
   expect_rejected("naive,combined+", "empty part");
-  expect_rejected("naive,combined+culing=square", "did you mean --culling?");
-  expect_rejected("naive,combined+culling_mode=square", "did you mean --culling?");
+  expect_rejected("naive,combined+culing=square", "did you mean culling?");
+  expect_rejected("naive,combined+culling_mode=square", "did you mean culling?");
   expect_rejected("naive,combined+culling=round",
                   "--configs combined+culling=round: invalid value for --culling (expected one of");
   expect_rejected("naive,combined+seed=3", "must be the same for all");
+  expect_rejected("naive,combined+s=1", "source_path must be the same for all");
   expect_rejected("naive,combined+data_factor=3", "must be the same for all");
   for (const char* read_once : {"masks=none", "invert_masks=true", "mask_mode=segment", "host_memory_gb=2"}) {
     expect_rejected(std::string("naive,other:naive+") + read_once, "must be the same for all configurations");
@@ -145,7 +146,9 @@ TEST(CompareConfig, RejectsInvalidEntriesWithAReason) {
   expect_rejected("naive,compare.json:combined", "is the name of a file that the comparison writes");
   expect_rejected("report.html:naive,combined", "is the name of a file that the comparison writes");
   expect_rejected("a:naive,a:combined", "a occurs twice; rename one of them: NAME:combined");
-  expect_rejected("naive,combined+seeed=3", "did you mean --seed?");
+  for (const char* other : {"seeed=3", "help=1", "data=foo"}) {
+    expect_rejected(std::string("naive,combined+") + other, "; see b3dgs train --help-all");
+  }
 }
 
 }  // namespace

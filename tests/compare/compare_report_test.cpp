@@ -90,7 +90,32 @@ TEST(CompareReport, TheTableOnTheTerminalSaysWhatIsMoreThanChance) {
   EXPECT_TRUE(test::contains(several, "20.0 %  20.0 to 20.0 %  faster")) << several;
   const std::string one =
       describe_comparison(comparison_of({{"naive", {steady_history(10)}}, {"combined", {steady_history(9.5)}}}));
-  EXPECT_TRUE(test::contains(one, "5.0 %              -  unclear")) << one;
+  EXPECT_TRUE(test::contains(one, "5.0 %  unclear")) << one;
+  EXPECT_TRUE(test::contains(one, "\ntime saved: share of naive's training time\n")) << one;
+}
+
+TEST(CompareReport, TheTableOnTheTerminalHasNoEmptyColumns) {
+  Comparison one = comparison_of({{"naive", {steady_history(10)}}, {"combined", {steady_history(8)}}});
+  const std::string text = describe_comparison(one);
+  for (const char* head : {"interval", "PSNR", "SSIM", "Gaussians"}) EXPECT_FALSE(test::contains(text, head)) << text;
+  EXPECT_TRUE(test::contains(text, "iterations  training s  time saved    time\n")) << text;
+  one.configurations[1].config.iterations /= 2;
+  one.summary = summarize_comparison(one.configurations, 100);
+  EXPECT_FALSE(test::contains(describe_comparison(one), "time saved")) << describe_comparison(one);
+}
+
+TEST(CompareReport, TheTableOnTheTerminalShowsTrainingsThatAreNotComplete) {
+  TrainHistory naive = steady_history(10), ours = steady_history(8);
+  for (TrainHistory* own : {&naive, &ours}) {
+    own->points.back().test_psnr = own == &naive ? 25 : 23;
+    own->points.back().test_ssim = 0.75;
+    own->points.back().count = 1234;
+  }
+  // No training is complete, and of the second seed only naive has begun.
+  const std::string text =
+      describe_comparison(comparison_of({{"naive", {naive, naive}}, {"combined", {ours, TrainHistory{}}}}));
+  EXPECT_TRUE(test::contains(text, " 1.00           -       -    25.00        -  0.7500       1234\n")) << text;
+  EXPECT_TRUE(test::contains(text, " 0.80      20.0 %  faster    23.00  differs  0.7500       1234\n")) << text;
 }
 
 class ReportInBrowser : public ::testing::Test {
@@ -133,7 +158,9 @@ TEST_F(ReportInBrowser, ShowsRunToRunVariationBesideEveryDifference) {
                                                 {"mine", {ours, ours}},
                                                 {"naive_again", {again, again}}}));
   if (text.empty()) GTEST_SKIP() << "chromium is not installed";
+  EXPECT_EQ(text.find("95 %: the interval"), text.rfind("95 %: the interval")) << "once is enough";
   expect_in_order(text, {"two runs of naive differ by 2.0 %.",
+                         "at least the limit (1.0 % of the time, 0.1 dB).",
                          "Results",
                          "Quality",
                          "25.00 (25.00 to 25.00)",
@@ -263,6 +290,7 @@ TEST_F(ReportInBrowser, DrawsAllChartsOfAComparisonAndOfATraining) {
   const std::string text = shown(plan.root() / "report.html");
   if (text.empty()) GTEST_SKIP() << "chromium is not installed";
   expect_in_order(text, {"11 charts",
+                         "10.0 % of the time, 1 dB, 0.03 SSIM, 20.0 % of the Gaussians.",
                          "Results",
                          "photograph &lt;/script&gt;&lt;img src=x&gt;.jpg",
                          "naive, PSNR 24.5 dB",

@@ -3,6 +3,7 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 
 #include "compare/synthetic_histories.h"
@@ -12,6 +13,27 @@ namespace {
 
 using namespace test;
 using Json = nlohmann::ordered_json;
+
+std::vector<std::string> sorted_keys(const Json& json) {
+  std::vector<std::string> keys;
+  for (const auto& [key, value] : json.items()) keys.push_back(key);
+  std::sort(keys.begin(), keys.end());
+  return keys;
+}
+
+TEST(CompareSummary, ItsKeysStay) {
+  const Json summary = summarize_pair({history(10, 10)}, {history(8, 8)});
+  using Keys = std::vector<std::string>;
+  EXPECT_EQ(sorted_keys(summary),
+            (Keys{"balancing", "baseline", "beside_paper", "compared", "done", "done_by_seed", "holds_out_views",
+                  "iterations", "machine_spread", "missing_kernels", "ours", "repetition", "results", "verdict"}));
+  EXPECT_EQ(sorted_keys(summary["compared"][0]),
+            (Keys{"balanced_kernels", "baseline", "by_seed", "differs_in", "has_own_kernel", "inflection",
+                  "learns_differently", "machine_spread", "name", "other_kernels", "quality", "saved_after_inflection",
+                  "saved_before_inflection", "saved_overall"}));
+  EXPECT_EQ(sorted_keys(summary["results"][0]),
+            (Keys{"complete_seeds", "gaussians", "iterations", "name", "psnr", "psnr_gained", "seconds", "ssim"}));
+}
 
 TEST(CompareSummary, SplitsTimeSavedAtTheKernelSwitch) {
   const Json saved = summarize_pair({history(10, 10)}, {with_switch(history(8, 9.5), 2001)})["compared"][0];
@@ -274,13 +296,20 @@ TEST(FinalResults, AreTheVerdictWhereLengthsDiffer) {
   };
   EXPECT_EQ(text(of_two_lengths()),
             "Not finished. So far: inria 4.0 s, 28.50 dB, 950,000 Gaussians; fast 0.8 s, 28.75 dB, 200,000 "
-            "Gaussians. PSNR of the test views in 1 of 2 seeds, compared with inria: fast +0.75 dB, which may be "
+            "Gaussians. PSNR of the test views, compared with inria: fast +0.75 dB in 1 of 2 seeds, which may be "
             "chance. One seed: differences below 1 dB say nothing.");
   std::vector<ConfigurationHistory> complete = of_two_lengths();
   complete[1].by_seed[1] = complete[1].by_seed[0];
   EXPECT_EQ(text(complete),
             "inria 4.0 s, 28.50 dB, 950,000 Gaussians; fast 0.8 s, 28.75 dB, 200,000 Gaussians. PSNR of the test "
             "views, compared with inria: fast +0.25 dB (95 % interval -6.10 to +6.60), which may be chance.");
+  complete.push_back(of_two_lengths()[1]);
+  complete.back().name = "short";
+  const std::string of_three = text(complete);
+  EXPECT_NE(of_three.find("fast +0.25 dB (95 % interval -6.10 to +6.60), which may be chance, short +0.75 dB in 1 of 2 "
+                          "seeds, which may be chance. One seed: differences below 1 dB say nothing."),
+            std::string::npos)
+      << of_three;
   EXPECT_EQ(text({of_length("inria", 4000, {history(1, 1)}), of_length("fast", 1000, {history(0.8, 1, 1000)})}),
             "inria 4.0 s; fast 0.8 s. No views were held out (--no_eval), so quality was not measured.");
   for (ConfigurationHistory& own : complete) own.by_seed = {TrainHistory{}, TrainHistory{}};

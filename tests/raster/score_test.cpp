@@ -109,7 +109,7 @@ TEST(Score, OfTheTorchLayerIsTheRasterizersAndChecksItsTensors) {
   rasterizer.score(error, without);
   EXPECT_TRUE(test::same(without.error_sum, scores.error_sum)) << "the sum of weights is optional";
   EXPECT_TRUE(
-      fails_with<LogicError>({"error_sum is", "expected ["}, [&] { rasterizer.score(error, make_scores(n + 1)); }));
+      fails_with<LogicError>({"error_sum is [", "expected ["}, [&] { rasterizer.score(error, make_scores(n + 1)); }));
 }
 
 }  // namespace

@@ -2,6 +2,7 @@
 #include <gtest/gtest.h>
 
 #include <map>
+#include <nlohmann/json.hpp>
 
 #include "core/check.h"
 #include "core/files/folders.h"
@@ -198,11 +199,35 @@ TEST_F(FilesInAScene, AnEmptyOrLockedWorkFolderIsUsed) {
   EXPECT_TRUE(fs::exists(scene() / "sparse/0/images.bin"));
 }
 
+/// Makes of the record that of the previous version, which had a stage for each group of photographs.
+void split_groups(const fs::path& record) {
+  using Json = nlohmann::ordered_json;
+  Json json = Json::parse(read_bytes(record)), stages = Json::array();
+  for (const Json& stage : json["stages"]) {
+    if (stage["stage"] != "features") {
+      stages.push_back(stage);
+      continue;
+    }
+    for (const Json& names : stage["settings"]["groups"]) {
+      Json group = stage;
+      group["stage"] = "features " + std::to_string(stages.size() - 1);
+      group["settings"].erase("groups");
+      group["settings"].update({{"cameras", "8x6"}, {"photographs", names}});
+      group["notes"].erase("groups");
+      stages.push_back(group);
+    }
+  }
+  json["stages"] = stages;
+  write_bytes(record, json.dump(1));
+}
+
 TEST_F(FilesInAScene, ScenesOfEarlierVersionsGoOn) {
+  write_photographs(options_.input, 2, 6, 8);  // a second group
   for (const char* command : {"exhaustive_matcher", "mapper", "none"}) {
     options_.output = (folder_ / command).string();
     fail_in(command);
     fs::remove(scene() / ".b3dgs-files");
+    split_groups(scene() / "reconstruct/stages.json");
     for (const fs::directory_entry& entry : fs::directory_iterator(options_.input)) {
       const fs::path placed = scene() / "images" / entry.path().filename();
       fs::remove(placed);

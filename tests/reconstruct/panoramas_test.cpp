@@ -137,6 +137,24 @@ TEST(Panoramas, AreJoinedFromTheirFaces) {
   EXPECT_EQ(model.points[0].image_ids, (std::vector<std::uint32_t>{1, 2, 3, 4, 5, 6}));
 }
 
+TEST(Panoramas, ModelsOfOneSizeKeepTheirOrder) {
+  const TempDir folder;
+  const Truth truth(6);
+  for (std::size_t i = 0; i < 6; ++i) {  // each without another panorama
+    ColmapModel model = truth.faces;
+    const auto first = model.images.begin() + static_cast<std::ptrdiff_t>(i * truth.n_faces);
+    model.images.erase(first, first + static_cast<std::ptrdiff_t>(truth.n_faces));
+    model.points.clear();
+    write_colmap_model(folder / "models" / std::to_string(i), model, ColmapFormat::kBinary);
+  }
+  EXPECT_EQ(join_models(folder / "models", folder / "joined", truth.panoramas), 6u);
+  for (std::size_t i = 0; i < 6; ++i) {
+    const ColmapModel model = read_colmap_model(folder / "joined" / std::to_string(i));
+    EXPECT_EQ(model.images.size(), 5u);
+    for (const ColmapImage& image : model.images) EXPECT_NE(image.name, truth.panoramas.names[i]);
+  }
+}
+
 TEST(Panoramas, TheFacesShowThemAndTheirCamerasAreThoseOfTheModel) {
   // A panorama of one bright column, left of its middle: in the middle of the face to the left.
   const TempDir folder;

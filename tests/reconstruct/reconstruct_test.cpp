@@ -2,6 +2,8 @@
 
 #include <gtest/gtest.h>
 
+#include <nlohmann/json.hpp>
+
 #include "core/check.h"
 #include "reconstruct/fake_programs.h"
 #include "scene/images/image.h"
@@ -125,6 +127,20 @@ TEST_F(Reconstruct, AnExtractionThatEndedBeforeItsCameraWasKnownBeginsAgain) {
   for (const std::size_t call : {0u, 1u}) {
     EXPECT_EQ(programs_.calls()[call].find("existing_camera_id"), std::string::npos);
   }
+  EXPECT_EQ(read_bytes(scene() / "reconstruct/database.db").find('x'), std::string::npos);
+}
+
+TEST_F(Reconstruct, AnExtractionThatEndedBeforeItsDatabaseWasEmptiedBeginsAgain) {
+  options_.camera_per = "photo";
+  programs_.set_colmap_prelude("if [ $1 = feature_extractor ]; then exit 3; fi");
+  EXPECT_TRUE(fails({"feature_extractor failed"}));
+  programs_.set_colmap_prelude("");
+  const fs::path file = scene() / "reconstruct/stages.json";
+  nlohmann::ordered_json record = nlohmann::ordered_json::parse(read_bytes(file));
+  record["stages"].back()["notes"] = nlohmann::ordered_json::object();
+  write_bytes(file, record.dump());
+  write_bytes(scene() / "reconstruct/database.db", "x of other options\n");
+  EXPECT_EQ(commands_of_call(), kAll);
   EXPECT_EQ(read_bytes(scene() / "reconstruct/database.db").find('x'), std::string::npos);
 }
 

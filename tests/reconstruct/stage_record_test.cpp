@@ -75,6 +75,52 @@ TEST_F(StageRecordTest, ADamagedFileIsAnEmptyRecord) {
   }
 }
 
+/// The stages of a file of the previous version, as it wrote them.
+std::string stages_of_groups(const std::string& done_of_last) {
+  return R"({"version": 1, "stages": [
+    {"stage": "photographs", "settings": {}, "done": true, "notes": {}},
+    {"stage": "features 0", "settings": {"colmap": "COLMAP 3.8", "camera_model": "OPENCV", "camera_per": "size",
+     "max_features": 8192, "cameras": "360x300", "photographs": ["d.png", "e.png"]},
+     "done": true, "notes": {"camera": 1}},
+    {"stage": "features 1", "settings": {"colmap": "COLMAP 3.8", "camera_model": "OPENCV", "camera_per": "size",
+     "max_features": 8192, "cameras": "400x300", "photographs": ["a.png"]},
+     "notes": {"camera": 2}, "done": )" +
+         done_of_last + "}";
+}
+
+TEST_F(StageRecordTest, GroupsOfThePreviousVersionAreOneStage) {
+  const Json settings{{"colmap", "COLMAP 3.8"},
+                      {"camera_model", "OPENCV"},
+                      {"camera_per", "size"},
+                      {"max_features", 8192},
+                      {"groups", {{"d.png", "e.png"}, {"a.png"}}}};
+  const std::string matches = R"(, {"stage": "matches", "settings": 1, "done": true, "notes": {}}]})";
+  test::write_bytes(folder_ / "stages.json", stages_of_groups("true") + matches);
+  StageRecord done = open();
+  EXPECT_TRUE(done.is_done("photographs", Json::object(), true));
+  EXPECT_TRUE(done.is_done("features", settings, true));
+  EXPECT_TRUE(done.is_done("matches", 1, true));
+
+  test::write_bytes(folder_ / "stages.json", stages_of_groups("false") + "]}");
+  StageRecord begun = open();
+  EXPECT_TRUE(begun.is_done("photographs", Json::object(), true));
+  EXPECT_FALSE(begun.is_done("features", settings, true));
+  EXPECT_TRUE(begun.was_begun());
+  EXPECT_EQ(begun.notes(), (Json{{"camera", 2}, {"groups", 1}}));
+}
+
+TEST_F(StageRecordTest, DamagedGroupsOfThePreviousVersionAreNotDone) {
+  const std::string end = R"(, "done": true, "notes": {}})", group = R"({"stage": "features 0", "settings": )";
+  for (const std::string& stages :
+       {group + "3" + end, group + "{}" + end, group + R"({"photographs": 3})" + end + ", " + group + "[]" + end,
+        R"({"stage": "features", "settings": 3)" + end + ", " + group + "{}" + end,
+        R"({"stage": "features", "settings": {"groups": 3})" + end + ", " + group + "{}" + end,
+        R"({"stage": "features", "settings": {})" + end + ", " + group + R"({"groups": 3})" + end}) {
+    test::write_bytes(folder_ / "stages.json", R"({"version": 1, "stages": [)" + stages + "]}");
+    EXPECT_FALSE(open().is_done("features", {{"groups", {{"a.png"}}}}, true)) << stages;
+  }
+}
+
 TEST_F(StageRecordTest, NamesThatAreNoUtf8AreFoundAgain) {
   const Json settings{{"name", "gr\xfcn.jpg"}};
   {

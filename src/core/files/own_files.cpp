@@ -159,8 +159,8 @@ bool OwnFiles::is_own(const fs::path& file) {
   return is_own(name_of(file));
 }
 
-/// Appends to the record; `entry` null: no longer there. A line that is missing after a failure makes a file the
-/// user's, which is safe.
+/// Appends to the record; `entry` null: removed. If a failure loses a line, the file counts as the user's, which is
+/// safe.
 void OwnFiles::record(const std::string& name, const Entry* entry) {
   const Entry values = entry != nullptr ? *entry : Entry{};
   const char* kind = entry == nullptr ? "-" : values.is_growing ? "g" : "f";

@@ -50,6 +50,8 @@ struct OptionSpec {
              : std::is_same_v<Value, std::int64_t> ? Kind::kInt64
              : std::is_same_v<Value, double>       ? Kind::kNumber
                                                    : Kind::kText;
+      static_assert(std::is_same_v<Value, bool> || std::is_same_v<Value, int> || std::is_same_v<Value, std::int64_t> ||
+                    std::is_same_v<Value, double> || std::is_same_v<Value, std::string>);
     }
   }
 

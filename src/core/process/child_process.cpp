@@ -34,7 +34,7 @@ constexpr std::array kSignals{SIGINT, SIGTERM, SIGHUP};
 
 std::mutex users_mutex;
 int users = 0;
-std::array<struct sigaction, kSignals.size()> before;  // written only while our handler is not installed
+std::array<struct sigaction, kSignals.size()> actions_before;  // written only while our handler is not installed
 std::atomic<int> last_signal{0};
 static_assert(std::atomic<int>::is_always_lock_free);
 
@@ -46,11 +46,11 @@ extern "C" void note_signal(int signal, siginfo_t* info, void* context) {
   const int saved_errno = errno;
   last_signal = signal;
   for (std::size_t i = 0; i < kSignals.size(); ++i) {
-    if (kSignals[i] != signal || is(before[i], SIG_DFL)) continue;
-    if ((before[i].sa_flags & SA_SIGINFO) != 0) {
-      before[i].sa_sigaction(signal, info, context);
+    if (kSignals[i] != signal || is(actions_before[i], SIG_DFL)) continue;
+    if ((actions_before[i].sa_flags & SA_SIGINFO) != 0) {
+      actions_before[i].sa_sigaction(signal, info, context);
     } else {
-      before[i].sa_handler(signal);
+      actions_before[i].sa_handler(signal);
     }
   }
   errno = saved_errno;
@@ -91,7 +91,7 @@ bool begins_as_program(const std::string& file) {
   return std::memcmp(first.data(), "\177ELF", 4) == 0 || std::memcmp(first.data(), "#!", 2) == 0;
 }
 
-/// Starts a program. If this process is killed, it ends, too, where util-linux is installed: otherwise COLMAP, for
+/// Starts a program. It ends if this process is killed, where util-linux is installed: otherwise COLMAP, for
 /// example, would go on alone, and keep its database locked. `input` -1: none. Both outputs may be the same. @return
 /// the error number, or 0
 int spawn(std::string program, std::vector<std::string> words, int input, int output, int errors, pid_t& pid) {
@@ -143,8 +143,8 @@ EndingSignals::EndingSignals() {
   if (users++ > 0) return;
   last_signal = 0;
   for (std::size_t i = 0; i < kSignals.size(); ++i) {
-    sigaction(kSignals[i], nullptr, &before[i]);
-    if (is(before[i], SIG_IGN)) continue;
+    sigaction(kSignals[i], nullptr, &actions_before[i]);
+    if (is(actions_before[i], SIG_IGN)) continue;
     struct sigaction action {};
     action.sa_sigaction = note_signal;
     action.sa_flags = SA_SIGINFO;
@@ -158,8 +158,8 @@ EndingSignals::~EndingSignals() {
   if (--users > 0) return;
   bool ends_process = false;
   for (std::size_t i = 0; i < kSignals.size(); ++i) {
-    if (!is(before[i], SIG_IGN)) sigaction(kSignals[i], &before[i], nullptr);
-    ends_process = ends_process || (is(before[i], SIG_DFL) && kSignals[i] == last_signal);
+    if (!is(actions_before[i], SIG_IGN)) sigaction(kSignals[i], &actions_before[i], nullptr);
+    ends_process = ends_process || (is(actions_before[i], SIG_DFL) && kSignals[i] == last_signal);
   }
   if (ends_process) std::raise(last_signal);
 }
@@ -180,8 +180,8 @@ Child::Child(const std::vector<std::string>& argv, OnChildLine on_line, const st
   Pipe text = open_pipe(), input, data;
   if (has_input) input = open_pipe();
   if (on_bytes_) data = open_pipe();
-  // Lets these pipes hold 1 MiB, which Linux lets every user have, instead of 64 KiB: of a frame of 25 MB (3840 x 2160
-  // px), the writer then waits for the reader a sixteenth as often. Where it is refused, they stay as they are.
+  // Lets these pipes hold 1 MiB, which Linux lets every user have, instead of 64 KiB: writing a frame of 25 MB (3840 x
+  // 2160 px) then waits a sixteenth as often. If refused, they stay as they are.
   for (const Descriptor* bulk : {&input.write_end, &data.write_end}) {
     if (*bulk) fcntl(bulk->fd(), F_SETPIPE_SZ, 1 << 20);
   }
@@ -203,6 +203,7 @@ Child::~Child() {
 }
 
 bool Child::write(const void* data, std::size_t bytes) {
+  B3DGS_CHECK(!is_reaped_, "write() after finish()");
   const char* from = static_cast<const char*>(data);
   while (bytes > 0) {
     end_if_asked();

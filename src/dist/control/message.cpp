@@ -14,7 +14,7 @@ namespace b3dgs {
 namespace {
 
 constexpr std::size_t kMaxBytes = std::size_t{1} << 30;  // of a message
-constexpr int kMaxReads = 16;                            // nobody who sends without end may keep the caller from others
+constexpr int kMaxReads = 16;                            // an endless sender must not starve the others
 constexpr char kVanished[] = "its process ended without saying why (killed?), or the network to it failed";
 
 struct Header {
@@ -66,8 +66,8 @@ std::string to_bytes(const Message& message) {
   return std::string(reinterpret_cast<const char*>(&header), sizeof header) + body;
 }
 
-Connection::Connection(Socket socket, const RankLimits& limits, bool is_trusted)
-    : socket_(std::move(socket)), limits_(limits), is_trusted_(is_trusted) {
+Connection::Connection(Socket socket, const RankLimits& limits, bool is_trusted, std::chrono::milliseconds patience)
+    : socket_(std::move(socket)), limits_(limits), is_trusted_(is_trusted), last_heard_(Clock::now() + patience) {
   const int yes = 1;
   setsockopt(socket_.fd(), IPPROTO_TCP, TCP_NODELAY, &yes, sizeof yes);
 }

@@ -16,12 +16,12 @@ namespace b3dgs {
 
 struct RankLimits {
   std::chrono::milliseconds join{300000};    // from the start until all ranks have joined
-  std::chrono::milliseconds silence{12000};  // without a sign of life, a rank counts as lost
+  std::chrono::milliseconds silence{12000};  // without a heartbeat, a rank counts as lost
   // A rank that learns that another one has failed, and is stuck elsewhere, for example in a GPU kernel that waits for
   // that rank, is ended after this time.
   std::chrono::milliseconds stuck{15000};
 
-  /// Between signs of life; also how long poll() waits.
+  /// Between heartbeats; also how long poll() waits.
   std::chrono::milliseconds beat() const { return std::min(silence / 6, std::chrono::milliseconds(500)); }
 };
 
@@ -62,7 +62,7 @@ enum class MessageKind : std::uint32_t {
   kReply,         // to the request of the same id
   kFailure,       // rank, cause
   // both ways
-  kBeat,  // sign of life
+  kBeat,  // heartbeat
 };
 
 struct Message {
@@ -78,16 +78,20 @@ inline constexpr std::uint32_t kHelloId = 0;             // of the first request
 inline constexpr std::size_t kMaxUntrustedBytes = 4096;  // of a message
 inline constexpr char kProtocol[] = "b3dgs ranks 5";
 
-/// Messages over TCP, for the poll() loops of RankHub and RankLink. Nothing waits. What is thrown says what is wrong
-/// with the other end; close() then.
+/// Messages over TCP, for the poll() loops of RankHub and RankLink. Nothing blocks. An error says what is wrong with
+/// the other end; call close() then.
 class Connection {
  public:
-  /// @param is_trusted  the other end is known to be b3dgs: it may send long messages, has to show signs of life, and
+  /// @param is_trusted  the other end is known to be b3dgs: it may send long messages, has to send heartbeats, and
   ///                    gets some. Otherwise it is lost after limits.silence.
-  Connection(Socket socket, const RankLimits& limits, bool is_trusted);
+  /// @param patience    by how much later than limits.silence the first message may come
+  Connection(Socket socket, const RankLimits& limits, bool is_trusted, std::chrono::milliseconds patience = {});
 
   const Socket& socket() const { return socket_; }
-  void trust() { is_trusted_ = true; }
+  void trust() {
+    is_trusted_ = true;
+    last_heard_ = Clock::now();
+  }
   void close() {
     socket_.close();
     unsent_.clear();
@@ -101,8 +105,8 @@ class Connection {
     if (socket_) unsent_ += to_bytes(message);
   }
   bool has_unsent() const { return !unsent_.empty(); }
-  /// Sends of what is queued as much as the other end takes, and a sign of life when it is time. @throws Error also if
-  /// it has taken nothing for too long
+  /// Sends as much of the queue as the other end takes, and a heartbeat when it is due. @throws Error also if it has
+  /// taken nothing for too long
   void flush();
 
  private:
@@ -112,7 +116,7 @@ class Connection {
   RankLimits limits_;
   bool is_trusted_;
   std::string received_, unsent_;
-  Clock::time_point last_heard_ = Clock::now(), last_taken_ = last_heard_, last_beat_ = last_heard_;
+  Clock::time_point last_heard_, last_taken_ = Clock::now(), last_beat_ = last_taken_;
 };
 
 }  // namespace b3dgs

@@ -3,6 +3,7 @@
 #include <sys/socket.h>
 
 #include <algorithm>
+#include <atomic>
 #include <cerrno>
 #include <list>
 #include <utility>
@@ -79,7 +80,7 @@ class Server final : public RankHub {
     wake_.reset();
   }
 
-  /// One at a time: nobody who connects without end may keep the thread from the others.
+  /// One at a time: endless connections must not starve the others.
   void accept_one() {
     // A launcher may start all ranks anew while this rank 0 still ends: they have to wait for the next one.
     if (failure_ && n_joined_ == size()) listening_.close();

@@ -34,7 +34,8 @@ RankLink::RankLink(const std::string& address, int port, int rank, int size, con
       size_(size),
       limits_(limits),
       place_(detail::concat(address, " port ", port)),
-      connection_(connect_until(address, port, Clock::now() + limits.join), limits, /*is_trusted=*/true) {
+      // An inherited socket accepts before the hub has started: rank 0 may be slow to open its GPU.
+      connection_(connect_until(address, port, Clock::now() + limits.join), limits, /*is_trusted=*/true, limits.join) {
   own_address_ = own_address_of(connection_.socket());
   thread_ = std::thread([this] { run(); });
   try {
@@ -114,7 +115,7 @@ void RankLink::throw_if_failed_locked() {
   std::rethrow_exception(failure_);
 }
 
-/// The thread: reads, sends signs of life and what is left, and notices that rank 0 is lost.
+/// The thread: reads, sends heartbeats and what is left, and notices that rank 0 is lost.
 void RankLink::run() {
   std::unique_lock lock(mutex_);
   while (!is_stopping_) {

@@ -1,7 +1,6 @@
 // The control connections between ranks: RankLink of each rank, and RankHub, their server, a thread of rank 0.
 #pragma once
 
-#include <atomic>
 #include <chrono>
 #include <condition_variable>
 #include <cstdint>

@@ -5,6 +5,7 @@
 #include <cstddef>
 #include <cstdint>
 
+#include "config/batch_steps.h"
 #include "core/vec.h"
 #include "raster/args.h"
 
@@ -44,7 +45,7 @@ B3DGS_HD void pack_splat_word(const PackSplatsArgs& args, std::int64_t k) {
 
 /// Splats of one view, of which each rank has sent a list, in the order of the Gaussians: the order of one rank.
 struct MergeSplatsArgs {
-  static constexpr int kMaxLists = 32;  // as many as there can be ranks: each renders a view of a step (kMaxBatch)
+  static constexpr int kMaxLists = kMaxBatch;  // as many as there can be ranks: each renders a view of a step
 
   const std::int32_t* words = nullptr;  // [rows received, kRowWords]
   int n_lists = 0;

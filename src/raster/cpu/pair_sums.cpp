@@ -24,14 +24,14 @@ namespace HWY_NAMESPACE {
 namespace {
 
 /// A tile in the backward blend. Padding has no last splat and no gradient.
-struct TileGradients : TilePlanes {
+struct TileGradients : TileLayout {
   HWY_ALIGN float transmittance[kCapacity], behind[kCapacity];  // ReverseState
   HWY_ALIGN float red[kCapacity], green[kCapacity], blue[kCapacity], depth[kCapacity];
   HWY_ALIGN std::int32_t last[kCapacity];
   std::int32_t row_last[cpu::kMaxTileSide];  // largest `last` of each row
   std::int32_t tile_last = -1;               // and of the tile
 
-  HWY_INLINE TileGradients(const BlendBackwardArgs& args, std::int64_t tile) : TilePlanes(args.grid, tile) {
+  HWY_INLINE TileGradients(const BlendBackwardArgs& args, std::int64_t tile) : TileLayout(args.grid, tile) {
     const int n = rows * stride;
     for (float* plane : {behind, red, green, blue, depth}) std::fill(plane, plane + n, 0.0f);
     std::fill(transmittance, transmittance + n, 1.0f);
@@ -108,11 +108,11 @@ HWY_INLINE SplatGrad backward_onto(TileGradients& tile, const Splat& splat, cons
 }
 
 /// A tile while it is scored. Padding is finished.
-struct TileErrors : TilePlanes {
+struct TileErrors : TileLayout {
   HWY_ALIGN float transmittance[kCapacity];  // as in PixelState
   HWY_ALIGN float error[kCapacity];
 
-  HWY_INLINE TileErrors(const ScoreArgs& args, std::int64_t tile) : TilePlanes(args.grid, tile) {
+  HWY_INLINE TileErrors(const ScoreArgs& args, std::int64_t tile) : TileLayout(args.grid, tile) {
     std::fill(transmittance, transmittance + rows * stride, kClosedPixel);
     std::fill(error, error + rows * stride, 0.0f);
     for (int row = 0; row < rows; ++row) {

@@ -171,7 +171,7 @@ void project_backward(const ProjectBackwardArgs& args, const PairSums<SplatGrad>
 
 /// Gradient with respect to the camera's pose. `out`: [kCameraGradients].
 void camera_gradient(const ProjectBackwardArgs& args, const PairSums<SplatGrad>& sums, double* out);
-/// The same in two halves, for splats that were drawn elsewhere: what each of M adds, and the sum, in their order.
+/// The same in two halves, for splats rendered elsewhere: what each of M adds, and the sum, in their order.
 /// `parts`: [M, kCameraGradients].
 void camera_parts(const ProjectBackwardArgs& args, const SplatRows& rows, const SplatGradSum* splat_grads,
                   float* parts);

@@ -8,7 +8,7 @@
 //                     block reserves its entries in a list at once
 //   3. sort_lists     sorts each list (sort_lists.cu)
 //
-// With `keep_slots`, find_slots_kernel then looks up the slot of each entry: the first slot of its splat (a scan over
+// With `with_slots`, find_slots_kernel then looks up the slot of each entry: the first slot of its splat (a scan over
 // Gaussians) plus the number of the splat's tiles in front of this one.
 
 #include <thrust/iterator/counting_iterator.h>

@@ -44,6 +44,8 @@ inline LaunchContext make_launch_context(cudaStream_t stream, DeviceMemory& memo
 template <class T>
 class DeviceBuffer {
  public:
+  DeviceBuffer() = default;
+  DeviceBuffer(DeviceBuffer&&) = delete;
   /// At least n elements with undefined contents; reallocates if n exceeds the capacity.
   T* resize(std::int64_t n, const LaunchContext& context) {
     if (n > capacity_) {

@@ -297,7 +297,7 @@ void project_backward(const ProjectBackwardCudaArgs& args, const LaunchContext& 
 void keep_splat_records(const ProjectBackwardCudaArgs& args, std::int32_t* n_records, const SplatRecordArrays& out,
                         const LaunchContext& context);
 
-/// The same for splats that were drawn elsewhere.
+/// The same for splats rendered elsewhere.
 void keep_splats(const KeepSplatsArgs& args, const LaunchContext& context);
 
 /// Gradient with respect to the camera's pose (math/gaussian_grad.h).

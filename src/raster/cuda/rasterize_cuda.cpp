@@ -40,7 +40,7 @@ class CudaBackend final : public RasterizerBackend {
         color_splats(args, colored_reader_.begin(), context);
         colored_reader_.mark(context);
       }
-      bin_view("Gaussian", lists);
+      bin_view(/*widest=*/"Gaussian", lists);
     } catch (...) {
       if (has_pass) side_.join(context);
       throw;
@@ -112,7 +112,7 @@ class CudaBackend final : public RasterizerBackend {
     sums_.are_zero = false;
     load_rows(rows, args, context);
     number_view(args.out, context);
-    bin_view("the Gaussian of splat", context);
+    bin_view(/*widest=*/"the Gaussian of splat", context);
     draw(out, context);
     state_.n_given_rows = rows.n_splats;
   }
@@ -433,7 +433,7 @@ class CudaBackend final : public RasterizerBackend {
     DeviceBuffer<SplatGradSum> splats, pairs;
     DeviceBuffer<double> camera_parts, camera;
     DeviceBuffer<std::int32_t> n_records;
-    bool are_zero = false;  // rows of `splats` that have a splat, as the projection wrote them
+    bool are_zero = false;  // the projection zeroes rows of `splats` that have a splat, and nothing was added since
   } sums_;
   /// Projections that were queued.
   struct {

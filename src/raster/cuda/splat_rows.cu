@@ -1,14 +1,13 @@
-// What passes over splats do besides projecting and blending them: a thread per row, which is a Gaussian or a splat,
-// unless another is named.
+// Passes over splats other than projection and blending: a thread per row, which is a Gaussian or a splat, unless
+// noted.
 //
-//   copy_seen                 after projection, for a view split at the splats: each splat from its Gaussian's row
+//   copy_seen                 after projection, for a view rendered elsewhere: each splat from its Gaussian's row
 //   copy_second_colors        of a panorama: from a Gaussian's first splat to its second
 //   join_second               of a panorama: adds the sums of a Gaussian's second splat to those of its first
 //   invert_depths             for inverse depth (math/project_splat.h), and their gradients
 //   sum_splat_grads           for deterministic gradients: sums those of each splat's pairs in a fixed order. A warp
-//   per
-//                             splat: lanes take the pairs in turn, and the lanes are summed with shuffles
-//   keep_splat_records        for a later backward projection; keep_splats: of splats drawn elsewhere
+//                             per splat: lanes take the pairs in turn, and the lanes are summed with shuffles
+//   keep_splat_records        for a later backward projection; keep_splats: rendered elsewhere
 
 #include "raster/cuda/launch.cuh"
 #include "raster/cuda/passes.h"

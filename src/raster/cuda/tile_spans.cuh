@@ -90,8 +90,8 @@ struct BlockCounters {
 };
 
 /// Counts the splats of a block: in `n_splats`, and, if they are to be drawn, in the lengths of their tiles' lists.
-/// `rows`: as in share_spans(). Barriers: one; to draw, two more and those of the scan, and there must be another
-/// before the next call.
+/// `rows`: as in share_spans(). Barriers: one; to draw, two more and those of the scan. May be called again at
+/// once: the last barrier is behind all reads of shared memory.
 template <int kThreads>
 __device__ __forceinline__ void count_splats(SpanTasks<kThreads>& tasks, const TileGrid& grid, const TileRows& rows,
                                              std::int32_t* list_growth, std::int64_t* n_splats) {

@@ -1,5 +1,5 @@
-// What the host reads of a view in the middle of a forward pass, the errors that follow from it, and a stream for
-// passes beside others.
+// What the host reads of a view during a forward pass, the errors that follow from it, and a stream for concurrent
+// passes.
 #pragma once
 
 #include <atomic>
@@ -75,7 +75,7 @@ class CountsReader {
   Event written_ = make_event();
 };
 
-/// A stream for passes beside others; its blocks start first.
+/// A high-priority stream for concurrent passes.
 class SideStream {
  public:
   SideStream() {

@@ -61,7 +61,7 @@ __device__ __forceinline__ unsigned warp_transpose(unsigned bits) {
   return bits;
 }
 
-/// op(...op(op(value of lane 0, of lane 1), of lane 2)..., of this lane).
+/// Inclusive prefix over the lanes, combined in a tree: `op` must be associative and commutative.
 template <class Value, class Op>
 __device__ __forceinline__ Value warp_prefix(Value value, Op&& op) {
 #pragma unroll

@@ -4,6 +4,7 @@
 
 #include <cmath>
 #include <cstdint>
+#include <type_traits>
 
 #include "raster/args.h"
 #include "raster/math/antialiasing.h"

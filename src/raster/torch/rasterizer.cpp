@@ -41,7 +41,7 @@ Rasterizer::Rasterizer(torch::Device device) : device_(device) {
   input_error("device ", device.str(), " is not supported: this build's LibTorch has no CUDA; use --device cpu");
 }
 
-/// Not made before, so that a GPU is not initialised before.
+/// Made on first use: only then is a GPU initialised.
 RasterizerBackend& Rasterizer::backend() const {
   if (backend_ == nullptr && device_.is_cpu()) backend_ = cpu::make_rasterizer();
 #if B3DGS_TORCH_CUDA

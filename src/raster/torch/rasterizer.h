@@ -223,8 +223,8 @@ torch::Tensor camera_parts(const GaussianTensors& gaussians, const ViewSplats& s
                            const CameraView& view, const RenderSettings& settings);
 
 /// Their sum over all splats of a view, a new tensor [6] double: what backward() would have computed if rows are in the
-/// order of project(). Of a panorama on the CPU up to rounding: there backward() adds what each of a Gaussian's two
-/// splats adds, but only the sums of both together come back to the owner.
+/// order of project(). Equal only up to rounding for a panorama on the CPU: there backward() adds a Gaussian's two
+/// splats separately, but the owner gets only their sum.
 torch::Tensor sum_camera_parts(const torch::Tensor& parts);
 
 }  // namespace b3dgs

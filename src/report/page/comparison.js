@@ -45,14 +45,6 @@ function results_section({summary: {results}}) {
 
 // --- Quality
 
-/// When a difference is more than chance: see compare_summary.h.
-const criterion = ({seeds, summary}) => (seeds.length > 1
-  ? "95 %: the interval of the mean difference over the seeds (Student's t, the runs of a seed paired). \"Differs\", " +
-    "\"faster\", \"slower\": it excludes 0, and the mean is at least 1 % of the time, 0.1 dB, 0.003 SSIM or 2 % of " +
-    "the Gaussians. \"Equal\": it lies within these limits. \"Unclear\": neither."
-  : "With one seed, differences below " + (summary.repetition ? "12.7 times the run-to-run variation, " : "10 % of the " +
-    "time, ") + "1 dB, 0.03 SSIM or 20 % of the Gaussians may be chance (\"unclear\"); --seeds 0,1,2 tells more.");
-
 const measure_text = (measure) => (measure === "Gaussians" ? count_text
                                    : (x) => x.toFixed(measure === "SSIM" ? 4 : 2));
 
@@ -72,7 +64,7 @@ function quality_section(data) {
   });
   if (tables.length === 0) return soft("Quality has not been measured yet.");
   const runs = first_runs(data), n_values = runs[0].curves.test_psnr.filter((psnr) => psnr !== null).length;
-  return [tables, soft(criterion(data)), measures_half ? soft(kMeasuredHalf) : [],
+  return [tables, measures_half ? soft(kMeasuredHalf) : [],
           n_values === 0 ? soft("No test views were held out (--no_eval), so there is no PSNR.")
           : n_values > 1 ? curve_figure(kQuantities.psnr, runs) : []];  // the tables have a single value
 }
@@ -133,7 +125,7 @@ function time_table(data) {
                                              differences_cell(data, own, i)])];
   return [table(["configuration", "training time", ...shown(kSavedHead), "differs in"], rows,
                 {marked: 1 + compared.findIndex((own) => own.name === summary.ours)}),
-          soft(`Time saved is a share of ${summary.baseline}'s training time. ${criterion(data)}` +
+          soft(`Time saved is a share of ${summary.baseline}'s training time.` +
                (has_switch ? " The switch is the first timing check after which another forward kernel was used; " +
                              "before and after it are means over the seeds that have both." : ""))];
 }
@@ -247,6 +239,22 @@ function paper_section({summary}) {
 
 // --- The page
 
+/// When a difference is more than chance, with the limits of what has been measured.
+function criterion({compared, machine_spread}) {
+  const {saved_overall: saved, quality} = compared[0];
+  if (!saved) return [];
+  const limits = [`${percent_text(saved.limit)} of the time`, ...quality.map(({measure, tolerance, baseline}) =>
+      (measure === "Gaussians" ? `${percent_text(tolerance / baseline.mean)} of the Gaussians`
+                               : `${Number(tolerance.toPrecision(3))} ${measure.split(", ").pop()}`))].join(", ");
+  return soft(saved.interval
+    ? "95 %: the interval of the mean difference over the seeds (Student's t, the runs of a seed paired). \"Differs\", " +
+      `"faster", "slower": it excludes 0, and the mean is at least the limit (${limits}). "Equal": it lies within ` +
+      "the limits. \"Unclear\": neither."
+    : `With one seed, smaller differences than these may be chance ("unclear"): ${limits}. ` +
+      (machine_spread === null ? "" : "They are 12.7 times the run-to-run variation, or fixed limits if these are " +
+                                      "larger. ") + "--seeds 0,1,2 tells more.");
+}
+
 function options_table({options, summary}) {
   if (options.length === 0) return soft("The configurations have the same options.");
   return table(["option", ...summary.results.map((own) => own.name)], options, {words: true});
@@ -268,7 +276,7 @@ function comparison_page(data) {
   const note = () => (is_of_one_length ? [] : soft(`Compared over the first ${count_text(summary.done)} iterations, ` +
     "which all configurations have done, and so not at the end of the longer ones."));
   return [`Comparison on ${scene}`, summary.verdict, [
-    what_was_compared(data, is_of_one_length),
+    what_was_compared(data, is_of_one_length), criterion(summary),
     section("Results", results_section(data)),
     section("Photographs and renders", preview_section(data)),
     section("Quality", note(), quality_section(data)),

@@ -1,4 +1,5 @@
 // The sections that the reports of a training and of a comparison share. Where data is missing, a sentence says so.
+// `element`, `table` and `Charts` are of src/page.
 
 const paragraph = (text) => element("p", {}, text);
 const soft = (text) => element("p", {class: "soft"}, text);
@@ -202,14 +203,14 @@ function load_figure(events, field, name, caption) {
 }
 
 /// Of up to four measurements, evenly over the training.
-function load_histograms(events, field, name, item, caption) {
+function load_histograms(events, field, name, counted, caption) {
   const filled = events.filter((event) => event[field].log2_bins.length > 0), n = Math.min(4, filled.length);
   if (n === 0) return [];
   const chosen = Array.from({length: n}, (_, i) => filled[n > 1 ? Math.floor(i * (filled.length - 1) / (n - 1)) : 0]);
   return Charts.figure("histograms", {
     title: `Distribution of ${name}`, x_label: name, item: "Gaussians",
     panels: chosen.map((event) => ({name: `iteration ${count_text(event.iteration)}`, counts: event[field].log2_bins})),
-  }, `Share of ${item} ${caption} Each bin is twice as wide as the one before.`);
+  }, `Share of ${counted} ${caption} Each bin is twice as wide as the one before.`);
 }
 
 function load_section({load_statistics: loads}) {

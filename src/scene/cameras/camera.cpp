@@ -20,7 +20,7 @@ double determinant(const OpenGlMatrix& m) {
 }
 
 // The scale of the rotation part.
-double check_matrix(const OpenGlMatrix& m, const std::string& place) {
+double checked_scale(const OpenGlMatrix& m, const std::string& place) {
   for (const double value : m) {
     if (!(std::abs(value) <= kMaxCoordinate)) {
       input_error(place, ": expected 16 finite numbers of at most ", kMaxCoordinate, ", found ", value, kRemedy);
@@ -135,9 +135,9 @@ Camera Camera::scaled_to(int new_width, int new_height) const {
 }
 
 Pose pose_from_opengl(const OpenGlMatrix& camera_to_world, const std::string& place) {
-  const double scale = check_matrix(camera_to_world, place);
+  const double scale = checked_scale(camera_to_world, place);
   Pose pose;
-  for (int column = 0; column < 3; ++column) {  // row of the inverse
+  for (int column = 0; column < 3; ++column) {  // row of the inverse, whose y and z point the other way
     const double sign = (column == 0 ? 1 : -1) / scale;
     for (int row = 0; row < 3; ++row) pose.rotation[3 * column + row] = sign * camera_to_world[4 * row + column];
   }

@@ -1,5 +1,5 @@
-// Lenses: for undistortion, and of cameras that photographs keep, instead of the pinhole of undistorted ones. The
-// formulas are those of raster/math/lens.h.
+// Lenses, for undistortion and for cameras that keep theirs instead of an undistorted pinhole. The formulas are those
+// of raster/math/lens.h.
 #pragma once
 
 #include <array>

@@ -67,7 +67,7 @@ class UndistorterCache {
   const std::int64_t max_bytes_;
   std::vector<std::unique_ptr<Group>> groups_;
   std::mutex mutex_;
-  std::vector<Group*> kept_;  // that used last at the end
+  std::vector<Group*> kept_;  // last used at the end
   std::int64_t kept_bytes_ = 0;
 };
 

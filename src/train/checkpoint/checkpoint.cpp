@@ -87,8 +87,8 @@ std::vector<Row> rows_of(TrainState& state) {
   return rows;
 }
 
-/// Those of a state that is only read.
-std::vector<Row> rows_of(const TrainState& state) {
+/// Those that are defined.
+std::vector<Row> defined_rows(const TrainState& state) {
   std::vector<Row> rows = rows_of(const_cast<TrainState&>(state));
   rows.erase(std::remove_if(rows.begin(), rows.end(), [](const Row& row) { return !row.tensor->defined(); }),
              rows.end());
@@ -102,11 +102,11 @@ void take_tensors(std::vector<std::pair<std::string, torch::Tensor>>& tensors, T
   std::set<std::string> parts;
   std::size_t next = 0;
   for (const Row& row : rows_of(state)) {
+    if (row.presence == Presence::kFollows && parts.count(row.part()) == 0) continue;
     if (next < tensors.size() && tensors[next].first == row.name) {
       *row.tensor = std::move(tensors[next++].second);
       parts.insert(row.part());
-    } else if (row.presence == Presence::kAlways ||
-               (row.presence == Presence::kFollows && parts.count(row.part()) > 0)) {
+    } else if (row.presence != Presence::kLeads) {
       input_error(place, ": tensor ", row.name, " is missing",
                   next < tensors.size() ? ", found " + tensors[next].first : std::string());
     }
@@ -123,7 +123,7 @@ void check_tensors(const TrainState& state, std::int64_t n, const TrainConfig& c
   }
   const std::map<std::int64_t, std::int64_t> sizes{
       {kGaussians, n}, {kViews, n_views}, {kRest, sh_coefficient_count(config.sh_degree) - 1}};
-  for (const Row& row : rows_of(state)) {
+  for (const Row& row : defined_rows(state)) {
     const torch::Tensor& tensor = *row.tensor;
     std::vector<std::int64_t> wanted = row.shape;
     for (std::int64_t& size : wanted) {
@@ -187,7 +187,7 @@ Json checkpoint_header(const TrainConfig& config, const TrainState& state, const
 
 std::vector<CheckpointTensor> checkpoint_tensors(const TrainState& state) {
   std::vector<CheckpointTensor> tensors;
-  for (const Row& row : rows_of(state)) {
+  for (const Row& row : defined_rows(state)) {
     // The tensors of a checkpoint are written from one device.
     tensors.push_back({{row.name, row.tensor->scalar_type(), row.tensor->sizes().vec()},
                        row.is_on_host ? row.tensor->to(state.gaussians.means.device()) : *row.tensor});
@@ -197,7 +197,7 @@ std::vector<CheckpointTensor> checkpoint_tensors(const TrainState& state) {
 
 std::int64_t checkpoint_bytes(const TrainState& state) {
   std::int64_t bytes = 0;
-  for (const Row& row : rows_of(state)) {
+  for (const Row& row : defined_rows(state)) {
     bytes += row.tensor->element_size() * row_elements(*row.tensor) *
              (row.shape.front() == kGaussians ? state.n_gaussians() : row.tensor->size(0));
   }
@@ -229,7 +229,7 @@ Checkpoint read_checkpoint(const std::filesystem::path& path, const Scene& scene
                 scene.train.size());
   }
   check_tensors(state, header.n_gaussians, checkpoint.config, static_cast<std::int64_t>(scene.train.size()), place);
-  for (const Row& row : rows_of(std::as_const(state))) {
+  for (const Row& row : defined_rows(state)) {
     if (!row.is_on_host) *row.tensor = row.tensor->to(device);
   }
   return checkpoint;

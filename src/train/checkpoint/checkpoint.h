@@ -105,9 +105,8 @@ nlohmann::ordered_json checkpoint_header(const TrainConfig& config, const TrainS
 
 using TakePiece = std::function<void(const void* piece, std::size_t bytes)>;
 
-/// A tensor to be written: `values`, or one that is in memory only while `read` passes its bytes, in pieces. All of a
-/// file are of one kind; those that are read, are read on the calling thread, in order, unless the file cannot be
-/// written.
+/// A tensor to be written: `values`, or one that is in memory only while `read` passes its bytes, in pieces. A file has
+/// one kind only. `read` is called on the calling thread, in file order, unless the file cannot be written.
 struct CheckpointTensor {
   TensorEntry entry;
   torch::Tensor values;

@@ -1,4 +1,5 @@
-// Everything that changes from step to step, and so the content of a checkpoint.
+// Everything that changes from step to step, and so the content of a checkpoint. Numbers such as the iteration are in
+// StateValues (model/checkpoint/checkpoint_header.h).
 #pragma once
 
 #include <cstdint>

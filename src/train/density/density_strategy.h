@@ -62,7 +62,7 @@ class DensityStrategy {
   virtual DensityPlan plan(int iteration) const = 0;
 
   /// Adds the view to the statistics. Must neither allocate nor fail: with one view a step, this comes after the first
-  /// change, from where on a step is not rolled back.
+  /// change, after which a step is not rolled back.
   virtual void after_view(const DensityView& /*seen*/, DensityStatistics& /*statistics*/) const {}
 
   /// May change parameters in place (noise on the means); called for each iteration of the step, with the same

@@ -83,7 +83,7 @@ class ImageStore {
 
  private:
   struct Streamed;
-  /// What brings the views that are not resident, and all from `from` on.
+  /// Streams views that are not resident, and all from `from` on.
   std::unique_ptr<Streamed> make_streamed(std::int32_t from) const;
   TrainView take_on_gpu(std::int32_t index, const std::vector<std::int32_t>& streamed);
   bool is_resident(std::int32_t index) const { return stored_view(index).truth.defined(); }

@@ -21,7 +21,7 @@ struct LossArgs {
   const std::uint8_t* valid = nullptr;  // [H, W] 0 = pixel is ignored; null = all count
   std::int64_t n_valid = 0;             // pixels that count
   LossWeights weights{};
-  float* grad = nullptr;       // [H, W, 3] out, dL/d(rendered); null = only the value is wanted
+  float* grad = nullptr;       // [H, W, 3] out, dL/d(rendered); null, on the CPU only: the value is enough
   float* workspace = nullptr;  // loss_workspace_size() floats
 };
 

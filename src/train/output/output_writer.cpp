@@ -2,7 +2,9 @@
 
 #include <algorithm>
 #include <limits>
+#include <utility>
 
+#include "core/text.h"
 #include "train/gaussians/gaussian_model.h"
 
 #if B3DGS_TORCH_CUDA
@@ -69,7 +71,7 @@ void OutputWriter::add(WrittenFile file, std::function<void()> work) {
     } catch (const IoError& error) {
       file.error = error.what();
     } catch (const std::exception& error) {
-      file.error = file.path.string() + ": could not be written: " + error.what();
+      file.error = file.path.string() + ": could not be written: " + first_line(error.what());
     }
     work = {};  // frees its memory before it counts as done
     const std::lock_guard lock(mutex_);

@@ -13,7 +13,6 @@
 #include <nlohmann/json.hpp>
 #include <string>
 #include <string_view>
-#include <utility>
 #include <vector>
 
 #include "core/task_queue.h"
@@ -58,7 +57,7 @@ class OutputWriter {
     if (queue_ != nullptr) queue_->finish();
   }
 
-  /// Files that have been written, or could not be, since the last call.
+  /// Files that have been written, or could not be, for whatever reason, since the last call.
   std::vector<WrittenFile> take();
 
  private:

@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <tuple>
 
 #include "core/check.h"
 #include "core/text.h"
@@ -131,9 +132,10 @@ ColorTransform fit_colors(const torch::Tensor& rendered, const Image8& truth, co
   if (n_valid == 0) return kSameColors;
   constexpr double kRidge = 1e-6;
   const torch::Tensor matrix = torch::from_blob(products.data(), {4, 4}, torch::kFloat64) / n_valid;
+  // linalg_solve() would throw if a render that diverged makes the matrix singular.
   const torch::Tensor added =
-      torch::linalg_solve(matrix + kRidge * torch::eye(4, torch::kFloat64),
-                          torch::from_blob(sides.data(), {3, 4}, torch::kFloat64).t() / n_valid);
+      std::get<0>(torch::linalg_solve_ex(matrix + kRidge * torch::eye(4, torch::kFloat64),
+                                         torch::from_blob(sides.data(), {3, 4}, torch::kFloat64).t() / n_valid));
   ColorTransform transform = kSameColors;
   torch::from_blob(transform.data(), {3, 4}, torch::kFloat64).add_(added.t());
   return transform;

@@ -188,6 +188,13 @@ TEST_F(CheckpointFiles, WithTensorsThatDoNotFitAreRefused) {
   file = good;
   file.tensors.emplace_back("more", torch::zeros({1}));
   EXPECT_TRUE(refused(file, "more"));
+  const auto n_views = static_cast<std::int64_t>(scene.train.size());
+  file = good;
+  file.tensors.emplace_back("poses.steps", torch::zeros({n_views}, torch::kInt32));
+  EXPECT_TRUE(refused(file, "unknown tensor poses.steps")) << "without the poses";
+  file = good;
+  file.tensors.emplace_back("appearance.m", torch::zeros({n_views, 3, 4}));
+  EXPECT_TRUE(refused(file, "unknown tensor appearance.m")) << "without the exposures";
   file = good;
   file.header.erase("iteration");
   EXPECT_TRUE(refused(file, "iteration"));

@@ -108,10 +108,14 @@ void check_gathering(Communicator& ranks) {
   for (const std::int64_t n : {0, 1, 1023, 1024, 1025, 5000}) {
     check_round_robin(ranks, n);
     const torch::Tensor wide = random_words({n, 6});
-    const std::vector<torch::Tensor> tensors{
-        wide.view(torch::kFloat32).view({n, 2, 3}), wide.select(1, 0).contiguous(), wide.view(torch::kInt64),
-        wide.select(1, 1).to(torch::kUInt8),        wide.select(1, 2) > 0,          torch::empty({n, 0, 3}),
-        wide.t().contiguous().t().select(1, 2)};
+    const std::vector<torch::Tensor> tensors{wide.view(torch::kFloat32).view({n, 2, 3}),
+                                             wide.select(1, 0).contiguous(),
+                                             wide.view(torch::kInt64),
+                                             wide.select(1, 1).to(torch::kUInt8),
+                                             wide.select(1, 2) > 0,
+                                             torch::empty({n, 0, 3}),
+                                             wide.to(torch::kFloat64),
+                                             wide.t().contiguous().t().select(1, 2)};
     for (const RowOwners& owners : {round_robin(ranks, n), random_owners(ranks, n)}) {
       check_owners(owners, n);
       for (const torch::Tensor& whole : tensors) {

@@ -34,12 +34,12 @@ namespace HWY_NAMESPACE {
 namespace {
 
 /// A tile while it is blended. Pixels outside the image count as finished.
-struct TilePixels : TilePlanes {
+struct TilePixels : TileLayout {
   HWY_ALIGN float transmittance[kCapacity];  // as in PixelState: negated when finished
   HWY_ALIGN float red[kCapacity], green[kCapacity], blue[kCapacity], depth[kCapacity];
   HWY_ALIGN std::int32_t last[kCapacity];
 
-  HWY_INLINE TilePixels(const TileGrid& grid, std::int64_t tile) : TilePlanes(grid, tile) {
+  HWY_INLINE TilePixels(const TileGrid& grid, std::int64_t tile) : TileLayout(grid, tile) {
     for (int row = 0; row < rows; ++row) {
       float* const t = transmittance + row * stride;
       std::fill(t, t + columns, 1.0f);

@@ -86,15 +86,15 @@ HWY_INLINE Lanes exp2_of(Lanes a) {
   return Lanes(hn::BitCast(d, hn::Add(hn::BitCast(di, p), exponent)));
 }
 
-/// One tile as planes of pixels, in rows that are padded to whole vectors.
-struct TilePlanes {
+/// How planes of a tile's pixels are laid out: in rows that are padded to whole vectors.
+struct TileLayout {
   static constexpr int kCapacity = cpu::kMaxTileSide * cpu::kMaxTileSide;
   Rect rect;          // pixels of the tile that are in the image
   int rows, columns;  // number of them
   int row_vectors;    // SIMD vectors per row
   int stride;         // pixels per row, with padding
 
-  HWY_INLINE TilePlanes(const TileGrid& grid, std::int64_t tile)
+  HWY_INLINE TileLayout(const TileGrid& grid, std::int64_t tile)
       : rect(tile_pixels(grid, static_cast<std::int32_t>(tile))),
         rows(rect.y_end - rect.y_begin),
         columns(rect.x_end - rect.x_begin),

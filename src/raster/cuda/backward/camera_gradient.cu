@@ -4,7 +4,7 @@
 //     kernel, of one block, adds the sums of the blocks.
 //   Shared memory: a sum per warp.
 //   Barriers: one in the first kernel, one per halving in the second.
-// For splats that were drawn elsewhere, the first kernel also stores what each splat adds; add_parts_kernel, in its
+// For splats rendered elsewhere, the first kernel also stores what each splat adds; add_parts_kernel, in its
 // place, adds these numbers in the same order.
 // All sums are in double and in an order that follows from the number of splats alone.
 
