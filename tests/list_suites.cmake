@@ -7,6 +7,10 @@ string(REGEX MATCHALL "(^|\n)[A-Za-z0-9_/]+\\." suites "${list}")
 
 # Skipped is a suite of which every test was, and none failed.
 set(skipped "\\[  PASSED  \\] 0 tests\\.\n(\\[  SKIPPED \\][^\n]*\n)+$")
+set(environment OMP_WAIT_POLICY=passive)
+if(NOT LABELS MATCHES gpu)  # --device auto shall be the CPU
+  list(APPEND environment CUDA_VISIBLE_DEVICES=)
+endif()
 set(text)
 foreach(suite IN LISTS suites)
   string(REGEX REPLACE "[\n.]" "" suite "${suite}")
@@ -16,6 +20,6 @@ foreach(suite IN LISTS suites)
   endif()
   string(APPEND text "add_test([==[${suite}]==] [==[${PROGRAM}]==] [==[--gtest_filter=${suite}.*]==])\n"
     "set_tests_properties([==[${suite}]==] PROPERTIES WORKING_DIRECTORY [==[${FOLDER}]==] TIMEOUT 1800 RUN_SERIAL ${alone}\n"
-    "  LABELS [==[${LABELS}]==] ENVIRONMENT OMP_WAIT_POLICY=passive SKIP_REGULAR_EXPRESSION [==[${skipped}]==])\n")
+    "  LABELS [==[${LABELS}]==] ENVIRONMENT [==[${environment}]==] SKIP_REGULAR_EXPRESSION [==[${skipped}]==])\n")
 endforeach()
 file(WRITE ${OUTPUT} "${text}")

@@ -80,7 +80,8 @@ std::string help_entry(const OptionRow& row) {
   std::vector<std::string> parts;
   for (const auto& [name, value] : row.values.items()) parts.push_back(name + " " + option_value_text(value));
   if (parts.empty()) parts.emplace_back();
-  parts[0] = std::string(row.summary) + (row.values.empty() ? "" : ": ") + parts[0];
+  const std::string summary = row.summary;
+  parts[0] = summary + (summary.empty() || row.values.empty() ? "" : ": ") + parts[0];
   std::string text;
   for (const std::string& line : wrapped_list(std::string("  ") + row.name, parts, /*columns=*/110))
     text += line + "\n";

@@ -119,7 +119,9 @@ TEST(ColmapReader, ReadsTextAsOtherProgramsWriteIt) {
               "# comment\n\n5, 1, 0, 0, 0, 0, 0, +2.5e0, 0, left/a, b.png\n\n"
               "\t4 1 0 0 0 0 0 3 0 c.png\r\n  718.0 54.0 -1 706.0 56.0 1 \r\n"
               "6 1 0 0 0 0 0 1 0 last.png");
-  write_bytes(folder / "points3D.txt", "0 1 2 3 4 5 6 0.5 0 0 1 0 \n 1 1 2 3 4 5 255 -1\n");
+  write_bytes(folder / "points3D.txt",
+              "\xEF\xBB\xBF"
+              "0 1 2 3 4 5 6 0.5 0 0 1 0 \n 1 1 2 3 4 5 255 -1\n");
   const ColmapModel model = read_colmap_model(folder.path());
   EXPECT_EQ(model.cameras.at(0).params, (std::vector<double>{50, 50, 32, 24}));
   ASSERT_EQ(model.images.size(), 3u);

@@ -121,6 +121,7 @@ bool FileReader::read_line(std::string_view& line) {
   }
   if (!long_line_.empty()) line = long_line_;
   ++line_number_;
+  if (line_number_ == 1 && line.substr(0, 3) == "\xEF\xBB\xBF") line.remove_prefix(3);  // a byte order mark
   if (!line.empty() && line.back() == '\r') line.remove_suffix(1);
   return true;
 }
