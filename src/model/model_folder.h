@@ -67,7 +67,7 @@ class ModelFolder {
   }
   std::filesystem::path cameras() const { return root_ / "cameras.json"; }
   std::filesystem::path poses() const { return root_ / "poses.json"; }              // refined poses (cameras_json.h)
-  std::filesystem::path photographs() const { return root_ / "photographs.json"; }  // fingerprints (photographs.h)
+  std::filesystem::path photographs() const { return root_ / "photographs.json"; }  // photograph_fingerprint()
   std::filesystem::path exposures() const { return root_ / "exposure.json"; }       // of the last PLY
   std::filesystem::path exposures(int iteration) const { return ply(iteration).replace_filename("exposure.json"); }
   std::filesystem::path log() const { return root_ / "train.jsonl"; }

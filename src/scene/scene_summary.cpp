@@ -4,6 +4,7 @@
 
 #include "core/check.h"
 #include "core/text.h"
+#include "scene/cameras/camera_lens.h"
 #include "scene/scene_model.h"
 #include "scene/view_image.h"
 
@@ -48,12 +49,18 @@ std::string describe_cameras(const ColmapModel& model) {
 }
 
 std::string describe_distortion(const SceneOrigin& origin) {
-  const std::size_t n_kept = count_sources(origin, [](const ViewSource& s) { return !s.camera.is_pinhole(); });
+  const auto is_kept = [](const ViewSource& s) { return !s.camera.is_pinhole(); };
+  const std::size_t n_kept = count_sources(origin, is_kept);
   const std::size_t n_removed =
       count_sources(origin, [](const ViewSource& s) { return s.camera.is_pinhole() && !s.file_camera.is_pinhole(); });
   Texts texts;
   if (n_kept > 0) {
     texts.push_back(concat(n_kept, n_kept == 1 ? " image is" : " images are", " used as photographed, in the lens"));
+    const ViewSource& first = *std::find_if(origin.sources.begin(), origin.sources.end(), is_kept);
+    if (first.camera.lens.kind != LensKind::kEquirectangular) {
+      texts.back() += concat(" (--lenses ", origin.options.lenses, "); undistorted, ", first.name, " would show ",
+                             print_to_string("%.0f", 100 * undistorted_share(first.camera)), "% of its pixels");
+    }
   }
   if (n_removed > 0 && origin.options.load_images) {
     double share = 0;

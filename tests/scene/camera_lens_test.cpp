@@ -212,7 +212,7 @@ TEST_F(LensScene, KeepsPhotographsAsTheyAre) {
   EXPECT_EQ(view.camera.lens.k[1], -0.004);
   EXPECT_EQ(view.valid, nullptr);
   EXPECT_EQ(view.image->read()->pixels[300], 300 * 7 % 251);
-  EXPECT_TRUE(says(scene, "1 image is used as photographed"));
+  EXPECT_TRUE(says(scene, "1 image is used as photographed, in the lens (--lenses "));
 }
 
 TEST_F(LensScene, UndistortsUnlessAskedOtherwise) {

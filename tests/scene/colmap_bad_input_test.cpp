@@ -42,7 +42,7 @@ TEST_F(DamagedModel, NamesAFolderWithoutAModel) {
 TEST_F(DamagedModel, NamesTheMissingFile) {
   write(sample_model());
   fs::remove(folder_ / "points3D.bin");
-  EXPECT_TRUE(refuses({file("points3D.bin"), "No such file"}));
+  EXPECT_TRUE(refuses({file("points3D.bin"), "file not found"}));
 }
 
 TEST_F(DamagedModel, RejectsEveryTruncationOfEveryBinaryFile) {

@@ -53,7 +53,8 @@ class FileReader {
   /// Characters up to a zero byte, which is skipped.
   std::string read_c_string();
 
-  /// The next line without "\n" or "\r\n", the first without a byte order mark; false at the end of the file. The view is valid until the next call.
+  /// The next line without "\n" or "\r\n", the first without a byte order mark; false at the end of the file. The view
+  /// is valid until the next call.
   bool read_line(std::string_view& line);
   /// "FILE:LINE" of the line that was read last.
   std::string place() const;

@@ -106,7 +106,7 @@ Pose pose_from_json(const Json& entry, const std::string& prefix, const std::str
   return {rotation_from_quaternion(qvec), entry.at(prefix + "tvec").get<std::array<double, 3>>()};
 }
 
-/// `what` a model folder calls the file.
+/// `what`: the file's name in a model folder.
 Json read_json(const fs::path& path, const char* what) {
   std::ifstream file(path);
   if (!file) input_error(path.string(), ": cannot be opened (expected the ", what, " of a model folder)");
@@ -253,9 +253,11 @@ CameraFile read_camera_path(const Json& json, const std::string& file, ImageSize
     result.cameras.push_back({"", Camera::with_field_of_view(size.width, size.height, *fov, pose)});
     check_camera(result.cameras.back().camera, place);
   }
-  const std::optional<double> fps = values.positive("fps", kMaxFps), seconds = values.positive("seconds", 1e6);
-  if (seconds) result.fps = std::clamp(static_cast<double>(result.cameras.size()) / *seconds, 1e-3, kMaxFps);
-  if (fps) result.fps = *fps;
+  if (const auto fps = values.positive("fps", kMaxFps)) {
+    result.fps = *fps;
+  } else if (const auto seconds = values.positive("seconds", 1e6)) {
+    result.fps = std::clamp(static_cast<double>(result.cameras.size()) / *seconds, 1e-3, kMaxFps);
+  }
   return result;
 }
 

@@ -45,9 +45,10 @@ struct Header {
 
   std::size_t position_bytes() const { return version == 1 ? 6 : 9; }
   std::size_t rotation_bytes() const { return version < 3 ? 3 : 4; }
+  /// Of the arrays after the header.
   std::size_t bytes() const {
     return count * (position_bytes() + 1 + 3 + 3 + rotation_bytes() + sh_rest_count(sh_degree));
-  }  // of arrays
+  }
 };
 constexpr std::size_t kHeaderBytes = 16;
 static_assert(sizeof(Header) == kHeaderBytes);
@@ -58,12 +59,13 @@ std::string decompress(const std::string& compressed, std::size_t most, const st
   z_stream stream{};
   B3DGS_CHECK(inflateInit2(&stream, kGzipWindow) == Z_OK, "zlib cannot start");
   const std::unique_ptr<z_stream, int (*)(z_stream*)> at_end(&stream, inflateEnd);
-  std::string content(most, '\0');
+  std::string content;  // grows with what arrives, whatever the header claims
   std::size_t n_in = 0, n_out = 0;
   int result = Z_OK;
   while (result != Z_STREAM_END && n_out < most) {
+    if (n_out == content.size()) content.resize(std::min(most, std::max(2 * n_out, std::size_t{1} << 20)));
     const auto in = static_cast<uInt>(std::min(kMostAtOnce, compressed.size() - n_in));
-    const auto out = static_cast<uInt>(std::min(kMostAtOnce, most - n_out));
+    const auto out = static_cast<uInt>(std::min(kMostAtOnce, content.size() - n_out));
     stream.next_in = reinterpret_cast<Bytef*>(const_cast<char*>(compressed.data() + n_in));
     stream.avail_in = in;
     stream.next_out = reinterpret_cast<Bytef*>(content.data() + n_out);

@@ -218,16 +218,16 @@ struct TextWriter {
 };
 
 template <class Record>
-std::string content_of(std::vector<Record> records, ColmapFormat format) {
+std::string content_of(const std::vector<Record>& records, ColmapFormat format) {
   if (format == ColmapFormat::kBinary) {
     BinaryWriter writer;
     writer.number(static_cast<std::uint64_t>(records.size()));
-    for (Record& record : records) visit(writer, record);
+    for (Record record : records) visit(writer, record);
     return std::move(writer.bytes);
   }
   TextWriter writer{
       detail::concat(kKind<Record>.header, "# Number of ", kKind<Record>.many, ": ", records.size(), "\n")};
-  for (Record& record : records) {
+  for (Record record : records) {
     visit(writer, record);
     writer.text += "\n";
   }
@@ -337,6 +337,12 @@ ColmapModel read_colmap_model(const fs::path& folder, bool tracks) {
   if (!format) {
     input_error(folder.string(),
                 ": no COLMAP model found (expected cameras, images and points3D, as .bin or .txt files)");
+  }
+  for (const char* stem : {"cameras", "images", "points3D"}) {
+    const fs::path file = file_of(folder, stem, *format);
+    if (fs::exists(file)) continue;
+    input_error(file.string(), ": file not found; a COLMAP model has the files cameras, images and points3D, all ",
+                file.extension().string());
   }
   FileReader cameras(file_of(folder, "cameras", *format)), images(file_of(folder, "images", *format)),
       points(file_of(folder, "points3D", *format));

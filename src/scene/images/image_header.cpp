@@ -152,7 +152,8 @@ std::optional<ImageSize> image_size_from_header(const Bytes& bytes) {
   } else if (is_jpeg(bytes)) {
     for (const Segment& segment : segments_of(bytes)) {
       if (segment.marker == kStartOfScan) break;
-      if (!is_start_of_frame(segment.marker) || segment.end - segment.begin < 9) continue;
+      if (!is_start_of_frame(segment.marker)) continue;
+      if (segment.end - segment.begin < 9) break;
       size = {static_cast<int>(value_at(bytes, segment.begin + 7, 2)),
               static_cast<int>(value_at(bytes, segment.begin + 5, 2))};  // after marker, length and precision
       break;

@@ -234,9 +234,9 @@ void fill(const std::vector<SeedView>& views, std::vector<Seed>& seeds) {
   for (std::size_t i = 0; i < seeds.size(); ++i) {
     Seed& seed = seeds[i];
     if (seed.depth) continue;
-    const auto distance = [&](const Seed& other) { return std::hypot(other.x - seed.x, other.y - seed.y); };
-    const auto nearest = std::min_element(clear.begin(), clear.end(),
-                                          [&](const Seed& a, const Seed& b) { return distance(a) < distance(b); });
+    const auto pixels_apart = [&](const Seed& other) { return std::hypot(other.x - seed.x, other.y - seed.y); };
+    const auto nearest = std::min_element(
+        clear.begin(), clear.end(), [&](const Seed& a, const Seed& b) { return pixels_apart(a) < pixels_apart(b); });
     const Camera& camera = views[seed.view].camera;
     const auto try_depth = [&](double depth) {
       if (may_be(views, point_at(camera, seed.x, seed.y, depth))) seed.depth = depth;
