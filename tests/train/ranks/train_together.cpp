@@ -3,6 +3,7 @@
 #include <torch/types.h>
 
 #include <atomic>
+#include <chrono>
 #include <cmath>
 #include <cstdlib>
 #include <filesystem>
@@ -11,6 +12,7 @@
 #include <memory>
 #include <optional>
 #include <string>
+#include <thread>
 #include <utility>
 #include <vector>
 
@@ -19,6 +21,7 @@
 #include "multi/rank_stepper.h"
 #include "multi/rows.h"
 #include "multi/splats/splat_words.h"
+#include "support/files.h"
 #include "support/rank_program.h"
 #include "support/same.h"
 #include "support/temp_dir.h"
@@ -422,6 +425,12 @@ void check_failure(Communicator& ranks) {
     found = error.what();
   } catch (const InputError& error) {
     found = error.what();
+  }
+  // Rank 0, which removes the folder, waits for those that still look for a checkpoint in it.
+  const auto mark = [&](int rank) { return folder / ("failed_" + std::to_string(rank)); };
+  test::write_bytes(mark(ranks.rank()), "");
+  for (int rank = 0; ranks.is_first() && rank < ranks.size(); ++rank) {
+    while (!fs::exists(mark(rank))) std::this_thread::sleep_for(std::chrono::milliseconds(10));
   }
   const std::string whose =
       ranks.rank() == last ? "" : detail::concat("rank ", last, " of ", ranks.size(), " stopped: ");
