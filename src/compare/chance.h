@@ -9,12 +9,12 @@ namespace b3dgs {
 
 /// docs/compare.md names all limits, too.
 struct EffectLimits {
-  double floor = 0;     // several seeds: a smaller mean difference is not called one, however sure it is
+  double floor = 0;     // several seeds: a smaller mean difference never counts, however certain
   double one_seed = 0;  // one seed: a smaller difference may be chance
 };
 
-/// What one seed can say if two runs of the baseline differ by `noise`: that is one difference of equals, which another
-/// one exceeds t(1) = 12.7 times in 5 of 100 comparisons.
+/// The limit for one seed if two runs of the baseline differ by `noise`: another pair of equal runs differs by over
+/// t(1) = 12.7 x `noise` in 5 of 100 comparisons.
 double limit_with_noise(double noise);
 
 /// Of the share of time saved. `noise`: that of two runs of the baseline, if it was trained twice.
