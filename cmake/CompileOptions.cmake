@@ -30,6 +30,7 @@ endif()
 
 if(B3DGS_SANITIZE)  # under which GCC 12 takes parts of std::regex for uninitialized
   target_compile_options(b3dgs_options INTERFACE $<$<COMPILE_LANGUAGE:CXX>:-fsanitize=address,undefined
-    -fno-sanitize-recover=all -fno-omit-frame-pointer -Wno-maybe-uninitialized>)
+    -fno-sanitize-recover=all -fno-omit-frame-pointer>
+    $<$<COMPILE_LANG_AND_ID:CXX,GNU>:-Wno-maybe-uninitialized>)
   target_link_options(b3dgs_options INTERFACE -fsanitize=address,undefined)
 endif()

@@ -198,14 +198,14 @@ void measure_loss(const LoadedModel& before, SplatCloud exported, const std::vec
     psnr_between += image_quality(other, to_image8(own), view.valid.get())->psnr;
   }
   status.clear();
-  const double divisor = std::max(1.0, n);
+  if (n == 0) return print_line("PSNR", "not measured: masks leave out every pixel of all views");
   if (is_cropped) {
     print_line("PSNR", "not measured: the photographs show more than --crop leaves");
   } else {
-    print_line("PSNR", "%.2f dB, before %.2f dB: %.2f dB lost (mean of %.0f %s)", psnr_after / divisor,
-               psnr_before / divisor, std::max(0.0, (psnr_before - psnr_after) / divisor), n, what);
+    print_line("PSNR", "%.2f dB, before %.2f dB: %.2f dB lost (mean of %.0f %s)", psnr_after / n, psnr_before / n,
+               std::max(0.0, (psnr_before - psnr_after) / n), n, what);
   }
-  print_line("renders", "%.2f dB, those after against those before%s", psnr_between / divisor,
+  print_line("renders", "%.2f dB, those after against those before%s", psnr_between / n,
              is_cropped ? ", both cropped" : "");
 }
 

@@ -38,10 +38,11 @@ std::vector<std::string> split(const std::string& text, char separator) {
 struct NamedOption {
   std::string name;
   bool is_list = false;
+  const char* prefix = "";  // "no_" of a negated flag
 };
 
-/// The option with this name, letter or other name. @throws InputError if there is none, or configurations may not
-/// differ in it
+/// The option with this name, letter or other name; of a flag, also the negated name. @throws InputError if there is
+/// none, or configurations may not differ in it
 NamedOption find_option(const std::string& key) {
   NamedOption found;
   std::vector<std::string> names;  // that may be meant
@@ -52,10 +53,12 @@ NamedOption find_option(const std::string& key) {
     if (std::find(std::begin(kShared), std::end(kShared), name) == std::end(kShared)) names.push_back(name);
     constexpr bool kIsList = !std::is_arithmetic_v<Value> && !std::is_same_v<Value, std::string>;
     if (option.has_name(key)) found = {name, kIsList};
+    const bool is_negated = std::is_same_v<Value, bool> && (key.rfind("no_", 0) == 0 || key.rfind("no-", 0) == 0);
+    if (is_negated && option.has_name(key.substr(3))) found = {name, kIsList, "no_"};
   });
   if (found.name.empty()) {
     const std::string nearest = nearest_name(key, names);
-    input_error("unknown training option ", key,
+    input_error("unknown training option \"", key, "\"",
                 nearest.empty() ? "; see b3dgs train --help-all" : "; did you mean " + nearest + "?");
   }
   if (std::find(names.begin(), names.end(), found.name) == names.end()) {
@@ -130,7 +133,7 @@ void add_part(const std::string& part, std::vector<std::string>& words) {
     const NamedOption option = find_option(part.substr(0, equals));
     std::string value = part.substr(equals + 1);
     if (option.is_list) std::replace(value.begin(), value.end(), '/', ',');
-    words.push_back(detail::concat("--", option.name, "=", value));
+    words.push_back(detail::concat("--", option.prefix, option.name, "=", value));
   }
 }
 

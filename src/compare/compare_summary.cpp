@@ -84,8 +84,8 @@ Json kernel_part(const ConfigurationHistory& baseline, const ConfigurationHistor
     int n = 0;
     double before_s = 0, after_s = 0;
     for (const KernelPeriod& period : kernel_periods(after)) {
-      const int until = std::min({period.until, before.last_iteration(), after.last_iteration()});
-      if (done_by_seed[seed] == 0 || until <= period.from || is_balanced_kernel(period.kernel) != is_balanced) continue;
+      const int until = std::min(period.until, done_by_seed[seed]);
+      if (until <= period.from || is_balanced_kernel(period.kernel) != is_balanced) continue;
       kernels.insert(period.kernel);
       n += until - period.from;
       before_s += seconds_between(before, period.from, until);
@@ -98,7 +98,7 @@ Json kernel_part(const ConfigurationHistory& baseline, const ConfigurationHistor
   return {{"names", kernels}, {"iterations", spread_of(iterations)}, {"saved_against_baseline", spread_of(saved)}};
 }
 
-/// One configuration compared with another, over the seeds that have started.
+/// One configuration compared with another, over the iterations of each seed that all configurations have done.
 Json compare_times(const ConfigurationHistory& baseline, const ConfigurationHistory& ours, const Repetition& repetition,
                    const std::vector<int>& done_by_seed) {
   SavedShares overall, before, after;
@@ -106,9 +106,9 @@ Json compare_times(const ConfigurationHistory& baseline, const ConfigurationHist
   Json by_seed = Json::array();
   for (std::size_t seed = 0; seed < done_by_seed.size(); ++seed) {
     const TrainHistory &base = baseline.by_seed[seed], &own = ours.by_seed[seed];
-    const int until = std::min(base.last_iteration(), own.last_iteration());
+    const int until = done_by_seed[seed];
     const auto saved = saved_between(base, own, 0, until);
-    if (done_by_seed[seed] == 0 || !saved) continue;
+    if (!saved) continue;
     overall.add(*saved, repetition, seed, 0, until);
     by_seed.push_back({{"until", until}, {"baseline_s", elapsed_at(base, until)}, {"ours_s", elapsed_at(own, until)}});
     const std::optional<int> at = first_kernel_switch(own);

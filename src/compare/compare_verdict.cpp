@@ -138,16 +138,22 @@ std::string results_text(const Json& results) {
   return text;
 }
 
-/// Mean of "ours_s" or "baseline_s" over seeds; nothing without seeds.
+/// Mean of "ours_s" or "baseline_s" over the seeds that have come farthest: a seed that has just begun would lower it.
+/// Nothing without seeds.
 std::optional<double> mean_seconds(const Json& compared, const char* key) {
-  const Json& by_seed = compared["by_seed"];
-  if (by_seed.empty()) return std::nullopt;
+  int until = 0;
+  for (const Json& seed : compared["by_seed"]) until = std::max(until, seed["until"].get<int>());
   double sum = 0;
-  for (const Json& seed : by_seed) sum += seed[key].get<double>();
-  return sum / static_cast<double>(by_seed.size());
+  int n = 0;
+  for (const Json& seed : compared["by_seed"]) {
+    if (seed["until"] != until) continue;
+    sum += seed[key].get<double>();
+    ++n;
+  }
+  return n == 0 ? std::nullopt : std::optional(sum / n);
 }
 
-/// "adaptive 16.0 s, naive 40.0 s", means over seeds, at least one.
+/// "adaptive 16.0 s, naive 40.0 s", as by mean_seconds(), of at least one seed.
 std::string times_text(const Json& ours) {
   const double ours_s = mean_seconds(ours, "ours_s").value(), baseline_s = mean_seconds(ours, "baseline_s").value();
   const double smallest = std::min(ours_s, baseline_s);
@@ -220,7 +226,7 @@ std::string summary_table(const Json& summary) {
     const Json &own = summary["results"][i], &compared = summary["compared"][i == 0 ? 0 : i - 1];
     const Json saved = i == 0 || !compares_times ? Json() : compared["saved_overall"];
     const Json gained = i == 0 ? Json() : psnr_gained(summary, i);
-    // Trainings that are compared need not be complete: a column is over the iterations and seeds that all have done.
+    // Trainings that are compared need not be complete: a column is over iterations and seeds that all have done.
     const auto value = [&](const char* measure, const char* of_result) {
       if (!compares_times) return mean_of(own[of_result]);
       const Json quality = quality_of(compared, measure);

@@ -29,6 +29,7 @@ TEST(CompareConfig, AnEntryIsAKernelOrOptions) {
   EXPECT_EQ(entries[2].config.opacity_lr, 0.5);
   EXPECT_TRUE(entries[2].config.random_background);
   EXPECT_EQ(entries[2].config.kernel, base.kernel);
+  EXPECT_TRUE(parse("a:no-antialiasing=false,naive", base)[0].config.antialiasing) << "a negated flag";
   const auto mixed = parse("naive,mixed:kernel_candidates=combined/shared-memory", base);
   EXPECT_EQ(mixed[1].config.kernel_candidates, (std::vector<std::string>{"combined", "shared-memory"}))
       << "commas separate configurations";

@@ -1,7 +1,10 @@
 // The headline of a comparison, for synthetic histories.
 #include <gtest/gtest.h>
 
+#include <sstream>
+
 #include "compare/compare_summary.h"
+#include "compare/compare_verdict.h"
 #include "compare/synthetic_histories.h"
 
 namespace b3dgs {
@@ -181,6 +184,29 @@ TEST(Verdict, SaysIfSeedsAreMissing) {
             "Not finished: 4000 of 4000 iterations in 1 of 3 seeds. So far: ours saved 20.0 % of the training time of "
             "naive (ours 32.0 s, naive 40.0 s).");
   EXPECT_EQ(summarize_pair({TrainHistory{}}, {TrainHistory{}})["done"], 0);
+}
+
+/// The first four cells of the line that begins with `name`.
+std::string times_in_table(const nlohmann::ordered_json& summary, const std::string& name) {
+  const std::string table = summary_table(summary);
+  std::istringstream line(table.substr(table.find("\n" + name) + 1));
+  std::string text, word;
+  for (int i = 0; i < 4 && line >> word; ++i) text += word + " ";
+  return text;
+}
+
+TEST(SummaryTable, TimesAreThoseOfOneNumberOfIterations) {
+  const nlohmann::ordered_json in_a_turn =
+      summarize_comparison({trained("naive", {history(10, 10)}), trained("shared-memory", {history(9, 9)}),
+                            trained("combined", {history(8, 8, 2000)})},
+                           4000);
+  EXPECT_EQ(times_in_table(in_a_turn, "naive"), "naive 30,000 20.00 - ");
+  EXPECT_EQ(times_in_table(in_a_turn, "shared-memory"), "shared-memory 30,000 18.00 10.0 ");
+  EXPECT_EQ(times_in_table(in_a_turn, "combined"), "combined 30,000 16.00 20.0 ");
+  const nlohmann::ordered_json second_seed_begun =
+      summarize_pair({history(10, 10), history(10, 10, 1000)}, {history(8, 8), history(8, 8, 1000)});
+  EXPECT_EQ(times_in_table(second_seed_begun, "naive"), "naive 30,000 40.00 - ");
+  EXPECT_EQ(times_in_table(second_seed_begun, "ours"), "ours 30,000 32.00 20.0 ");
 }
 
 }  // namespace

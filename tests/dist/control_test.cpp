@@ -183,6 +183,21 @@ TEST(Control, NamesARankThatIsSilent) {
   EXPECT_TRUE(fails_with<PeerError>({"rank 1 of 2 stopped: no sign of life"}, [&] { link->exchange("step", {""}); }));
 }
 
+TEST(Control, RankZeroMayStartLongAfterTheOthers) {
+  RankLimits limits;
+  limits.silence = milliseconds(3000);
+  Socket listening = listen_at("127.0.0.1", 0);
+  std::vector<std::future<std::size_t>> ranks;
+  for (int rank = 0; rank < 2; ++rank) {
+    ranks.push_back(std::async(std::launch::async, [rank, limits, port = port_of(listening)] {
+      return RankLink("127.0.0.1", port, rank, 2, "job", limits).exchange("step", {""}).size();
+    }));
+  }
+  std::this_thread::sleep_for(limits.silence * 3 / 2);
+  const std::unique_ptr<RankHub> hub = start_rank_hub(std::move(listening), 2, "job", limits);
+  for (std::future<std::size_t>& rank : ranks) EXPECT_EQ(rank.get(), 2u);
+}
+
 TEST(Control, NamesRankZeroIfTheHubVanishes) {
   Socket listening = listen_at("127.0.0.1", 0);
   std::future<void> rank1 = std::async(std::launch::async, [port = port_of(listening)] {

@@ -95,10 +95,11 @@ function saved_cells(own, n_seeds) {
           at ? when + in_seeds(at.n, n_seeds) : "none"];
 }
 
-/// "40.1 s", with several seeds "40.1 s (39.8 to 40.4)".
+/// "40.1 s", with several seeds "40.1 s (39.8 to 40.4)": of the seeds that have come farthest.
 function seconds_cell({by_seed}, key) {
-  const all = by_seed.map((seed) => seed[key]);
-  if (all.length === 0) return "-";
+  if (by_seed.length === 0) return "-";
+  const until = Math.max(...by_seed.map((seed) => seed.until));
+  const all = by_seed.filter((seed) => seed.until === until).map((seed) => seed[key]);
   const mean = all.reduce((sum, s) => sum + s, 0) / all.length, low = Math.min(...all), high = Math.max(...all);
   return seconds_text(mean, low) + (all.length > 1 ? ` (${low.toFixed(1)} to ${high.toFixed(1)})` : "");
 }
@@ -240,19 +241,22 @@ function paper_section({summary}) {
 // --- The page
 
 /// When a difference is more than chance, with the limits of what has been measured.
-function criterion({compared, machine_spread}) {
+function criterion({compared, machine_spread, done_by_seed}) {
   const {saved_overall: saved, quality} = compared[0];
   if (!saved) return [];
-  const limits = [`${percent_text(saved.limit)} of the time`, ...quality.map(({measure, tolerance, baseline}) =>
-      (measure === "Gaussians" ? `${percent_text(tolerance / baseline.mean)} of the Gaussians`
-                               : `${Number(tolerance.toPrecision(3))} ${measure.split(", ").pop()}`))].join(", ");
-  return soft(saved.interval
-    ? "95 %: the interval of the mean difference over the seeds (Student's t, the runs of a seed paired). \"Differs\", " +
-      `"faster", "slower": it excludes 0, and the mean is at least the limit (${limits}). "Equal": it lies within ` +
-      "the limits. \"Unclear\": neither."
-    : `With one seed, smaller differences than these may be chance ("unclear"): ${limits}. ` +
+  const limits = [{...saved, text: `${percent_text(saved.limit)} of the time`}, ...quality.map((own) => ({...own, text:
+      own.measure === "Gaussians" ? `${percent_text(own.tolerance / own.baseline.mean)} of the Gaussians`
+                                  : `${Number(own.tolerance.toPrecision(3))} ${own.measure.split(", ").pop()}`}))];
+  const text = (has_interval) =>
+      limits.filter((own) => (own.interval !== null) === has_interval).map((own) => own.text).join(", ");
+  const of_seeds = text(true), of_one_seed = text(false);
+  return soft((of_seeds &&
+      "95 %: the interval of the mean difference over the seeds (Student's t, the runs of a seed paired). \"Differs\", " +
+      `"faster", "slower": it excludes 0, and the mean is at least the limit (${of_seeds}). "Equal": it lies within ` +
+      'the limits. "Unclear": neither. ') + (of_one_seed &&
+      `With one seed, smaller differences than these may be chance ("unclear"): ${of_one_seed}. ` +
       (machine_spread === null ? "" : "They are 12.7 times the run-to-run variation, or fixed limits if these are " +
-                                      "larger. ") + "--seeds 0,1,2 tells more.");
+                                      "larger. ") + (done_by_seed.length > 1 ? "" : "--seeds 0,1,2 tells more.")));
 }
 
 function options_table({options, summary}) {
