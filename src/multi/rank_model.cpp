@@ -27,8 +27,15 @@ std::vector<torch::Tensor*> row_tensors(TrainState& state) {
   return tensors;
 }
 
-/// Why there is no memory for work(); "" if there is.
-std::string lack_of_memory(const std::function<void()>& work) {
+/// Waits for the device.
+std::int64_t checksum_of(const RowEdit& edit) {
+  const torch::Tensor weights = torch::arange(1, edit.sources.size(0) + 1, edit.sources.options());
+  return 31 * ((edit.sources + 1) * weights).sum().item<std::int64_t>() + edit.n_kept;
+}
+
+}  // namespace
+
+std::string RankStepper::lack_of_memory(const std::function<void()>& work) {
   try {
     work();
   } catch (const OutOfMemoryError& error) {
@@ -38,14 +45,6 @@ std::string lack_of_memory(const std::function<void()>& work) {
   }
   return "";
 }
-
-/// Waits for the device.
-std::int64_t checksum_of(const RowEdit& edit) {
-  const torch::Tensor weights = torch::arange(1, edit.sources.size(0) + 1, edit.sources.options());
-  return 31 * ((edit.sources + 1) * weights).sum().item<std::int64_t>() + edit.n_kept;
-}
-
-}  // namespace
 
 void RankStepper::adopt_model() {
   const torch::Device device = training_.device;

@@ -173,12 +173,12 @@ void RankStepper::exchange_records(Part& part, StepRecord record, int last) {
       part.views[v].n_splats += other.n_splats[v] + other.n_second[v];
     }
   }
+  add_rendered(rendered_before);
+  check_projections(records);  // a step that failed is repeated: its counts are not of whole views
   for (const Part::View& view : part.views) {
     model_ratios_.add(view.n_splats, 0, state_.n_gaussians());
     note_visibility(view.id.index, view.n_splats == 0);
   }
-  add_rendered(rendered_before);
-  check_projections(records);
 }
 
 void RankStepper::render_own_views(Part& part) {

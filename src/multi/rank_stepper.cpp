@@ -142,11 +142,13 @@ RenderedView RankStepper::project_and_render(const CameraView& view, const Rende
   std::vector<std::vector<std::int64_t>> counts;
   for (const StepRecord& other : records) counts.push_back({other.n_splats[0]});
   std::vector<ViewSplats> splats;
-  try {
+  const std::string lack = lack_of_memory([&] {
     splats_.pack({own}, {0}, owners_.own());
     splats = splats_.to_renderers(counts);
-  } catch (const OutOfMemoryError& error) {  // not to be repeated by this rank alone: the others are in the exchange
-    throw PeerError(ranks_.rank(), ranks_.size(), error.what());
+  });
+  if (!lack.empty()) {  // not to be repeated by this rank alone: the others are in the exchange
+    ranks_.stop_others(lack);
+    throw PeerError(ranks_.rank(), ranks_.size(), lack);
   }
   if (splats.empty()) return {};
   return training_.rasterizer.forward_splats(splats.front(), view, settings);

@@ -148,6 +148,8 @@ class RankStepper final : public Stepper {
   /// Calls work(), which allocates and exchanges nothing. @throws OutOfMemoryError on all ranks if that fails on one
   void allocate_together(const std::function<void()>& work);
   [[noreturn]] void throw_out_of_memory(std::size_t rank, const std::string& reason);
+  /// Why there is no memory for work(); "" if there is.
+  static std::string lack_of_memory(const std::function<void()>& work);
 
   // rank_stepper.cpp
   void serve_renders();

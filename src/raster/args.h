@@ -84,7 +84,7 @@ struct RenderSettings {
   bool antialiasing = false;              // see antialiasing.h
   bool keep_for_backward = true;          // false saves memory and time if backward() will not be called
   bool depth_gradient = true;             // false saves GPU memory if no gradient with respect to depth follows
-  bool inverse_depth = false;             // the depth image is the sum of weight over camera-space z, 1 / world units
+  bool inverse_depth = false;             // the depth image is the sum of weight over depth, 1 / world units
   bool camera_gradient = false;           // backward() also computes the gradient with respect to the camera's pose
   StageRecorder* stages = nullptr;        // notified when a stage begins; may be null
   cuda::ColorPass* color_pass = nullptr;  // on CUDA: computes the splats' colours; null: the projection does

@@ -140,7 +140,7 @@ class Stepper {
   /// Renders the view of the current iteration and compares it with its photograph. Keeps the gradients of its splats,
   /// or takes the step along them, see keeps_gradients().
   void learn_view(const TrainView& view);
-  /// Takes the step along the gradients that were kept, and what belongs to it. Cannot fail, and allocates nothing.
+  /// Takes the step along the gradients that were kept, and what belongs to it.
   /// `model_rows`: see DensityStrategy::after_step().
   void finish_step(const torch::Tensor& model_rows = {});
 

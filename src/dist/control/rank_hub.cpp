@@ -57,7 +57,7 @@ class Server final : public RankHub {
       for (Peer& peer : peers_) {
         attempt(peer, [&] { peer.connection.receive([&](const Message& message) { handle(peer, message); }); });
       }
-      if (n_joined_ < size() && Clock::now() - start > limits_.join) report_missing();
+      if (!failure_ && n_joined_ < size() && Clock::now() - start > limits_.join) report_missing();
       for (Peer& peer : peers_) attempt(peer, [&] { peer.connection.flush(); });
       peers_.remove_if([](const Peer& peer) { return !peer.connection.socket() && peer.rank < 0; });
       if (!is_stopping_) continue;

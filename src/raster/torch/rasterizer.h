@@ -52,7 +52,7 @@ inline int sh_degree_of(const GaussianTensors& gaussians) {
 /// A rendered view: float tensors on the rasterizer's device, overwritten by its next forward().
 struct RenderedView {
   torch::Tensor color;  // [H, W, 3] RGB, not clamped
-  torch::Tensor depth;  // [H, W] sum of weight times camera-space z, world units
+  torch::Tensor depth;  // [H, W] sum of weight times Splat::depth, or over it (inverse_depth)
   torch::Tensor alpha;  // [H, W] 1 - final transmittance
 };
 

@@ -203,7 +203,8 @@ void GaussianOptimizer::step_views(const AdamRates& rates, GaussianTensors& gaus
     torch::Tensor on_gpu;  // freed in the order of the stream
     if (grad_args.lenses != nullptr) {
       constexpr std::int64_t kWords = sizeof(ViewLens) / sizeof(float);
-      on_gpu = torch::from_blob(lenses.data(), {n_views, kWords}, torch::kFloat32).to(gaussians.means.device());
+      on_gpu = torch::from_blob(lenses.data(), {n_views, kWords}, torch::kFloat32)
+                   .to(gaussians.means.device(), /*non_blocking=*/true);  // CUDA has its own copy when this returns
       args.grad.lenses = reinterpret_cast<const ViewLens*>(on_gpu.data_ptr<float>());
     }
     args.adam = begin_adam_step(scaled, gaussians, state, n_views);

@@ -55,7 +55,8 @@ class GaussianOptimizer {
 
   int n_kept_views() const { return static_cast<int>(n_kept_); }
   /// Gradients of the mean over the n kept views, and one step along them, with sqrt(n) times `rates` and the moments'
-  /// decays by adam_rule(). The result does not depend on where views were rendered. Allocates nothing.
+  /// decays by adam_rule(). The result does not depend on where views were rendered. If memory is short, throws before
+  /// anything has changed.
   void step_views(const AdamRates& rates, GaussianTensors& gaussians, AdamState& state, StageRecorder* stages);
   /// Forgets the kept views.
   void drop_views() { n_kept_ = 0; }
