@@ -72,7 +72,6 @@ LoadedModel read_file(const fs::path& file) {
   LoadedModel model;
   model.file = file;
   model.splats = read_splats(file);
-  model.config.lenses = "undistort";  // as most programs train
   return model;
 }
 
@@ -115,8 +114,8 @@ void refine_poses(LoadedModel& model) {
     apply_refined_poses(model.folder.poses(), model.scene.train, model.scene.frame);
 }
 
-/// Expresses the views in the frame of the Gaussians, and converts --near_plane to its units. Where no scene is loaded,
-/// its unit is estimated from the Gaussians, and may differ a little from that of the training.
+/// Expresses the views in the frame of the Gaussians, and converts --near_plane to its units. Where neither the folder
+/// nor a scene has the unit of the training, it is estimated from the Gaussians, and may differ a little.
 void use_frame_of_gaussians(LoadedModel& model) {
   constexpr std::size_t kSamples = 20000;
   Scene& scene = model.scene;
@@ -125,7 +124,8 @@ void use_frame_of_gaussians(LoadedModel& model) {
     for (const View& view : scene.train) cameras.push_back(view.camera);
     change_frame_of_views(choose_frame(cameras, world_positions(model.splats, kSamples)), scene);
   }
-  model.near_plane = model.config.near_plane * scene.frame.unit / model.splats.frame.unit;
+  const std::optional<double> unit = model.is_file() ? std::nullopt : model.folder.training_unit();
+  model.near_plane = model.config.near_plane * unit.value_or(scene.frame.unit) / model.splats.frame.unit;
   change_frame_of_views(model.splats.frame, scene);
   scene.points = {};
 }

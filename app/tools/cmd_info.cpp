@@ -27,9 +27,14 @@ namespace {
 
 namespace fs = std::filesystem;
 
+/// Texts of files may contain line breaks and terminal escape sequences.
+void print_text(const std::string& line) {
+  std::puts(detail::one_line(line).c_str());
+}
+
 template <class... Args>
 void print_row(const char* name, const char* format, Args... args) {
-  std::printf("%-18s%s\n", name, print_to_string(format, args...).c_str());
+  print_text(print_to_string("%-18s", name) + print_to_string(format, args...));
 }
 
 /// The 1st, 50th and 99th percentile.
@@ -97,7 +102,7 @@ void print_options(const TrainConfig& config) {
   const std::string strategy = own.strategy == config.strategy ? "" : " --strategy " + config.strategy;
   std::printf("options %s --preset %s%s%s\n", lines.empty() ? "are those of" : "that differ from",
               config.preset.c_str(), strategy.c_str(), lines.empty() ? "" : ":");
-  for (const std::string& line : lines) std::printf("%s\n", line.c_str());
+  for (const std::string& line : lines) print_text(line);
 }
 
 void describe_model(const std::string& path) {
@@ -105,7 +110,7 @@ void describe_model(const std::string& path) {
   const std::vector<int> saved = folder.ply_iterations();
   if (!folder.has_config() && !saved.empty()) return describe_splats(folder.ply(saved.back()).string());
   const TrainConfig config = folder.read_config();
-  std::printf("%s: model of %s\n", path.c_str(), config.source_path.c_str());
+  print_text(path + ": model of " + config.source_path);
   const auto list = [](const std::vector<int>& iterations) {
     return iterations.empty() ? "none" : list_text(iterations);
   };

@@ -40,7 +40,8 @@ int run_report(const std::vector<std::string>& words) {
     input_error(model.log().string(), ": not found, or without iterations (expected the log of a training); no report ",
                 "was written");
   }
-  std::cout << "written: " << write_train_report(model).string() << "\n";
+  const std::filesystem::path report = write_train_report(model);
+  std::cout << "written: " << report.string() << "\n";
   return 0;
 }
 

@@ -237,8 +237,9 @@ DifferingOptions differing_options(const TrainConfig& a, const TrainConfig& b) {
 bool learns_differently(const TrainConfig& a, const TrainConfig& b) {
   bool differs = false;
   visit_differing(a, b, [&](const Option& option, std::string_view group) {
+    constexpr std::string_view kTeachNothing[] = {"preset", "checkpoint_minutes", "deterministic"};
     differs |= group != "Kernels" && group != "Device and memory" && option.steps != Steps::kOutput &&
-               option.name != "preset";  // its values are compared
+               std::find(std::begin(kTeachNothing), std::end(kTeachNothing), option.name) == std::end(kTeachNothing);
   });
   return differs;
 }

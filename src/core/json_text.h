@@ -38,8 +38,10 @@ inline std::string json_excerpt(const nlohmann::ordered_json& json) {
   if (json.is_array() && json.size() > 16) return detail::concat("an array of ", json.size(), " values");
   std::string text = json.dump(-1, ' ', false, nlohmann::ordered_json::error_handler_t::replace);
   constexpr std::size_t kMaxLength = 80;
-  if (text.size() > kMaxLength) text = text.substr(0, kMaxLength) + "...";
-  return text;
+  if (text.size() <= kMaxLength) return text;
+  std::size_t end = kMaxLength;
+  while (end > 0 && (static_cast<unsigned char>(text[end]) & 0xC0) == 0x80) --end;  // not inside a UTF-8 character
+  return text.substr(0, end) + "...";
 }
 
 /// An integer in [min, max]. @throws InputError naming `place` and `what` for any other value, including 1.0 and true

@@ -18,12 +18,12 @@
 
 namespace b3dgs {
 
-/// std::printf into a string, for short numbers. Cuts the text after 199 characters.
+/// std::printf into a string.
 template <class... Args>
 std::string print_to_string(const char* format, Args... args) {
-  char buffer[200];
-  std::snprintf(buffer, sizeof buffer, format, args...);
-  return buffer;
+  std::string text(static_cast<std::size_t>(std::snprintf(nullptr, 0, format, args...)), '\0');
+  std::snprintf(text.data(), text.size() + 1, format, args...);
+  return text;
 }
 
 // Counts, sizes and durations as text; lower case.

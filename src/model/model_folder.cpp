@@ -57,6 +57,13 @@ std::string cfg_args(const TrainConfig& config) {
                         ", data_device='cpu', eval=", boolean(config.eval), ")");
 }
 
+/// Null if there is none.
+Json member_of(const fs::path& file, const char* name) {
+  std::ifstream text(file);
+  const Json json = parse_json(text);
+  return json.is_object() && json.contains(name) ? json[name] : Json();
+}
+
 }  // namespace
 
 std::pair<int, std::string> numbered_name(const std::string& name, std::string_view prefix) {
@@ -83,14 +90,17 @@ std::vector<int> ModelFolder::checkpoint_iterations() const {
 }
 
 std::string ModelFolder::training_id() const {
-  std::ifstream file(root_ / "training.json");
-  const Json json = Json::parse(file, nullptr, /*allow_exceptions=*/false);
-  const bool has_id = json.is_object() && json.contains("training_id") && json["training_id"].is_string();
-  return has_id ? json["training_id"].get<std::string>() : "";
+  const Json id = member_of(root_ / "training.json", "training_id");
+  return id.is_string() ? id.get<std::string>() : "";
 }
 
-void ModelFolder::write_training_id(const std::string& id) const {
-  write_json_file(root_ / "training.json", {{"training_id", id}});
+std::optional<double> ModelFolder::training_unit() const {
+  const Json unit = member_of(root_ / "training.json", "unit");
+  return unit.is_number() && unit > 0 ? std::optional(unit.get<double>()) : std::nullopt;
+}
+
+void ModelFolder::write_training(const std::string& id, double unit) const {
+  write_json_file(root_ / "training.json", {{"training_id", id}, {"unit", unit}});
 }
 
 void ModelFolder::write_inputs(const TrainConfig& config, const Scene& scene) const {
@@ -210,7 +220,7 @@ bool is_same_photograph(const Json& before, const Json& now) {
 
 std::vector<std::string> changed_views(const fs::path& file, const std::vector<View>& views) {
   std::ifstream text(file);
-  const Json saved = Json::parse(text, nullptr, /*allow_exceptions=*/false);
+  const Json saved = parse_json(text);
   std::vector<std::string> names;
   if (!saved.is_object()) return names;
   for (const View& view : views) {

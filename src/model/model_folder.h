@@ -81,7 +81,9 @@ class ModelFolder {
 
   /// The training that the folder belongs to, from training.json; empty in folders of early versions.
   std::string training_id() const;
-  void write_training_id(const std::string& id) const;
+  /// World units in a unit of the training's frame; nothing in folders of early versions.
+  std::optional<double> training_unit() const;
+  void write_training(const std::string& id, double unit) const;
 
   /// Writes input.ply, cameras.json (test cameras first), photographs.json, cfg_args and config.json. @throws IoError
   void write_inputs(const TrainConfig& config, const Scene& scene) const;

@@ -6,6 +6,7 @@
 #include "core/check.h"
 #include "core/files/atomic_file.h"
 #include "core/files/own_files.h"
+#include "core/json_text.h"
 #include "model/model_folder.h"
 
 namespace b3dgs {
@@ -17,7 +18,7 @@ using Json = nlohmann::ordered_json;
 /// The contents of a results file. Damaged and missing ones are empty: views can be evaluated again.
 Json read_results(const fs::path& path) {
   std::ifstream file(path);
-  Json json = Json::parse(file, nullptr, /*allow_exceptions=*/false);
+  Json json = parse_json(file);
   return json.is_object() ? json : Json::object();
 }
 
@@ -58,7 +59,7 @@ std::string later_lines(const fs::path& log, int iteration) {
   std::string lines;
   std::ifstream file(log);
   for (std::string line; std::getline(file, line);) {
-    const Json json = Json::parse(line, nullptr, /*allow_exceptions=*/false);
+    const Json json = parse_json(line);
     const bool is_line = json.is_object() && json.contains("iteration") && json["iteration"].is_number_integer();
     if (is_line && json["iteration"].get<std::int64_t>() > iteration) lines += line + "\n";
   }

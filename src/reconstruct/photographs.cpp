@@ -132,7 +132,8 @@ PhotographList list_photographs(const fs::path& folder, const std::vector<fs::pa
     const fs::path& path = entries->path();
     std::error_code ignored;
     const bool is_folder = entries->is_directory(ignored);
-    const bool is_left_out = is_hidden(path) || (is_folder && leads_back(*entries, folder)) ||
+    const bool is_scene = is_folder && fs::exists(path / OwnFiles::kRecord, ignored);  // whose photographs are copies
+    const bool is_left_out = is_hidden(path) || is_scene || (is_folder && leads_back(*entries, folder)) ||
                              (is_folder && std::any_of(except.begin(), except.end(), [&](const fs::path& other) {
                                 return fs::equivalent(path, other, ignored);
                               }));

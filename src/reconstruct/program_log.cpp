@@ -21,7 +21,8 @@ bool contains(const std::string& text, const char* part) {
 
 /// "E20240131 10:11:12.123456 42 sfm.cc:264] failed to ..." without what stands before the message.
 std::string without_prefix(const std::string& line) {
-  const bool has_prefix = line.size() > 9 && std::strchr("IWEF", line[0]) != nullptr && std::isdigit(line[1]) != 0;
+  const bool has_prefix =
+      line.size() > 9 && std::strchr("IWEF", line[0]) != nullptr && line[1] >= '0' && line[1] <= '9';
   const std::size_t end = line.find("] ");
   return has_prefix && end != std::string::npos ? line.substr(end + 2) : line;
 }
@@ -51,7 +52,7 @@ ProgramLog::ProgramLog(std::filesystem::path file, const std::atomic<int>* stop)
   make_way(path_);
   file_.open(path_, std::ios::app);
   check_written();
-  if (OwnFiles* own = OwnFiles::of(path_)) own->add(path_, /*is_growing=*/true);
+  add_own_file(path_, /*is_growing=*/true);
 }
 
 void ProgramLog::run(const std::vector<std::string>& argv, const OnChildLine& on_line, const OnChildBytes& on_bytes) {
@@ -99,8 +100,10 @@ void ProgramLog::fail(const std::vector<std::string>& argv, const ChildResult& r
     input_error(program, " was killed (signal 9), probably because memory ran out; give the same command again with ",
                 "fewer --threads: it goes on from here (log: ", path_.string(), ")");
   }
-  input_error(program, " failed (", describe(result), ")", reason.empty() ? "" : ": " + reason.substr(0, 300),
-              "; all of its output is in ", path_.string());
+  throw ProgramFailed(detail::one_line(detail::concat(program, " failed (", describe(result), ")",
+                                                      reason.empty() ? "" : ": " + reason.substr(0, 300),
+                                                      "; all of its output is in ", path_.string())),
+                      lower_case(reason));
 }
 
 }  // namespace b3dgs

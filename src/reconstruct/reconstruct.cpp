@@ -291,7 +291,7 @@ class Reconstruction {
     folder_.clear(places_.ordered);
     create_folder(places_.models);
     show("registering photographs", 0, n_images);
-    std::string failure;
+    std::optional<ProgramFailed> failure;
     try {
       const auto on_line = [&](const std::string& line) {
         if (const auto step = colmap_step(line))
@@ -300,22 +300,19 @@ class Reconstruction {
       std::vector<fs::path> written = database_files(places_.database);
       written.push_back(places_.models);
       run(colmap_.map_command(), on_line, written);
-    } catch (const InputError& error) {
-      failure = error.what();
+    } catch (const ProgramFailed& error) {
+      failure = error;
     }
-    // Without a model, some versions of the mapper fail, and others only say so.
-    if (failure.find("killed") != std::string::npos) input_error(failure);
     const std::size_t n_models = is_panoramas_ ? join_models(places_.models, places_.ordered, photographs)
                                                : order_models(places_.models, places_.ordered);
     folder_.add(places_.ordered);
-    if (n_models == 0) {
-      const bool is_no_pair =
-          failure.empty() || failure.find("model") != std::string::npos || failure.find("initial") != std::string::npos;
-      if (!is_no_pair) input_error(failure);
+    if (n_models == 0) {  // some versions of the mapper fail then, and others only say so
+      const auto says = [&](const char* word) { return failure->reason.find(word) != std::string::npos; };
+      if (failure && !says("model") && !says("initial")) throw ProgramFailed(*failure);
       input_error(options_.input, ": too few matches: COLMAP found no two photographs to begin with; ",
                   kHowToPhotograph, " (log: ", places_.log.string(), ")");
     }
-    if (!failure.empty()) input_error(failure);
+    if (failure) throw ProgramFailed(*failure);
     record_.finish();
   }
 

@@ -58,6 +58,7 @@ std::vector<double> measure_sharpness(const fs::path& video, const VideoInfo& in
   const int width = std::min(960, info.width), height = std::max(1, info.height * width / info.width);
   const std::string filter = detail::concat(kEachFrame, ",scale=", width, ":", height, ":flags=area,format=gray");
   std::vector<std::string> command = ffmpeg_command(video, filter);
+  command.insert(command.begin() + 1, "-noautorotate");  // width and height are those of the file
   command.insert(command.end(), {"-f", "rawvideo", "-"});
   std::vector<double> values;
   std::vector<std::uint8_t> frame;

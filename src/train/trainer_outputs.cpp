@@ -23,7 +23,7 @@ void Trainer::claim_folder() {
       recorder_.say(detail::concat("files of iterations after ", state_.iteration, " were moved to ", aside.string()));
     }
   }
-  folder.write_training_id(state_.training_id);
+  folder.write_training(state_.training_id, scene_.frame.unit);
   folder.write_inputs(config_, scene_);
   write_poses();
   if (!state_.poses.is_defined()) folder.clear(folder.poses());

@@ -201,6 +201,14 @@ TEST_F(ForeignFiles, LinksInThePlaceOfLockAndRecordAreNotFollowed) {
   }
 }
 
+TEST_F(ForeignFiles, InThePlaceOfFoldersAreMovedAside) {
+  for (const char* name : {"point_cloud", "checkpoints"}) put(fs::path(model()) / name);
+  train();
+  expect_nothing_is_lost("train");
+  EXPECT_EQ(ModelFolder(model()).ply_iterations(), std::vector<int>{4});
+  EXPECT_EQ(ModelFolder(model()).checkpoint_iterations(), std::vector<int>{4});
+}
+
 TEST_F(ForeignFiles, InputsAtPlacesOfOutputsAreRefused) {
   const fs::path root = model();
   for (const Words& more :

@@ -81,10 +81,11 @@ void sync_folder(const fs::path& folder, const std::string& target) {
 void create_folders(const fs::path& folder, const std::string& target) {
   std::vector<fs::path> parents;  // of new folders
   std::error_code error;
-  const fs::path absolute = fs::absolute(folder).lexically_normal();
-  for (fs::path path = absolute; !fs::exists(path, error) && path.has_relative_path(); path = path.parent_path()) {
+  fs::path path = fs::absolute(folder).lexically_normal();
+  for (; !fs::exists(path, error) && path.has_relative_path(); path = path.parent_path()) {
     if (path.has_filename()) parents.push_back(path.parent_path());
   }
+  if (!fs::is_directory(path, error)) make_way(path);  // a file of the user's where a folder is needed
   fs::create_directories(folder, error);
   if (error) {
     const std::string purpose = target == folder.string() ? "" : ", needed for " + target;

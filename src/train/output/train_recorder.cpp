@@ -10,6 +10,7 @@
 
 #include "core/files/atomic_file.h"
 #include "core/files/own_files.h"
+#include "core/json_text.h"
 #include "core/text.h"
 #include "train/checkpoint/checkpoint.h"
 
@@ -223,7 +224,7 @@ std::string lines_until(const std::filesystem::path& path, int iteration) {
   std::ifstream file(path);
   std::string kept;
   for (std::string line; std::getline(file, line);) {
-    const Json json = Json::parse(line, nullptr, /*allow_exceptions=*/false);
+    const Json json = parse_json(line);
     if (!json.is_object() || !json.contains("iteration") || !json["iteration"].is_number_integer()) continue;
     if (json["iteration"].get<std::int64_t>() <= iteration) kept += line + "\n";
   }
@@ -236,10 +237,12 @@ TrainLog::TrainLog(std::filesystem::path path, int iteration) : path_(std::move(
   write_file(path_, lines_until(path_, iteration));
   file_ = ::open(path_.c_str(), O_WRONLY | O_APPEND | O_CLOEXEC);
   if (file_ < 0) io_error(path_.string(), ": cannot be opened for writing: ", std::strerror(errno));
+  add_own_file(path_, /*is_growing=*/true);
 }
 
 TrainLog::~TrainLog() {
   ::close(file_);
+  add_own_file(path_);
 }
 
 void TrainLog::write(const Json& line) {
@@ -254,7 +257,6 @@ void TrainLog::write(const Json& line) {
     }
     waiting_.erase(0, static_cast<std::size_t>(written));
   }
-  add_own_file(path_);
 }
 
 }  // namespace b3dgs

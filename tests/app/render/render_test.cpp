@@ -177,6 +177,24 @@ TEST_F(Render, AModelIsRenderedWithCamerasOfAFile) {
   EXPECT_EQ(count_images("model/turntable/ours_2/renders"), 4);
 }
 
+// Where no scene is read, the unit of --near_plane is that of the training all the same.
+TEST_F(Render, ViewsOfAModelAreThoseThatEvalMeasures) {
+  for (const Words& words : {Words{"train", path("scene"), "-m", path("model"), "--iterations", "30", "--eval",
+                                   "--near_plane", "4", "--device", "cpu", "--quiet"},
+                             Words{"eval", path("model"), "--save_images", "--device", "cpu", "--quiet"}}) {
+    const Outcome outcome = run_b3dgs(words);
+    ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
+  }
+  EXPECT_EQ(render({path("model"), "--output", path("rendered")}).exit_code, 0);
+  EXPECT_EQ(read_bytes(folder_ / "rendered/renders/00000.png"),
+            read_bytes(folder_ / "model/test/ours_30/renders/00000.png"));
+}
+
+TEST_F(Render, AFileIsRenderedFromTheTestViewsOfAScene) {
+  render_to("tested", {"-s", path("scene"), "--path", "test"});
+  EXPECT_EQ(count_images("tested/renders"), 1) << "every 8th view by name";
+}
+
 TEST_F(Render, AnImageThatCannotBeWrittenEndsItWithOneLine) {
   for (const std::string part : {"renders", "depth"}) {
     const std::string name = "no_" + part;
