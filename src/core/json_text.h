@@ -32,6 +32,19 @@ nlohmann::ordered_json parse_json(Input&& input, bool ignore_comments = false) {
   return is_too_deep ? Json(Json::value_t::discarded) : json;
 }
 
+/// Why parse_json(), ignoring comments, has discarded a text: "parse error at line 3, column 5: ...".
+inline std::string json_damage(std::string_view text) {
+  try {
+    const auto nested =
+        nlohmann::ordered_json::parse(text, nullptr, /*allow_exceptions=*/true, /*ignore_comments=*/true);
+    return detail::concat("nesting of more than ", kMaxJsonDepth, " levels");
+  } catch (const nlohmann::json::exception& error) {
+    constexpr std::size_t kMaxLength = 200;  // it quotes what was read last
+    const std::string reason = error.what();
+    return reason.substr(reason.find("] ") + 2, kMaxLength);  // without the library's number
+  }
+}
+
 /// A value for an error message: its text, at most 80 characters of it, or "an object", "an array of 20 values".
 inline std::string json_excerpt(const nlohmann::ordered_json& json) {
   if (json.is_object()) return "an object";

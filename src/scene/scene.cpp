@@ -75,6 +75,11 @@ std::string find_masks(const SceneModel& model, const SceneOptions& options, std
   for (ViewSource& source : sources) {
     const auto named = model.masks.find(source.name);
     const bool is_named = named != model.masks.end() && !is_asked_for;
+    if (is_named && !is_file(named->second)) {
+      input_error(model.file, ": mask_path of the photograph ", source.name,
+                  ": file not found: ", named->second.string(),
+                  "; correct the path, or train without masks (--masks none)");
+    }
     source.mask_file = (is_named ? named->second : find_mask(folder, source.name, options.images)).string();
     is_any = is_any || !source.mask_file.empty();
   }
@@ -87,11 +92,22 @@ std::string find_masks(const SceneModel& model, const SceneOptions& options, std
   return text + ", or say that there are none with --masks none";
 }
 
-std::vector<Camera> cameras_of(const std::vector<View>& views) {
+template <class AnyView>
+std::vector<Camera> cameras_of(const std::vector<AnyView>& views) {
   std::vector<Camera> cameras;
   cameras.reserve(views.size());
   for (const View& view : views) cameras.push_back(view.camera);
   return cameras;
+}
+
+// One camera so far away would move the frame's origin to where single precision does not separate the others.
+void check_distances(const std::vector<ViewSource>& sources, const SceneModel& model) {
+  constexpr double kMostTimes = 1e5;  // wrong registrations lie some hundred times as far away
+  const auto [farthest, times] = farthest_camera(cameras_of(sources), model.points.positions);
+  if (times <= kMostTimes) return;
+  input_error(model.file, ": image ", sources[farthest].name, ": expected a camera centre at most ", kMostTimes,
+              " times as far from the others as is usual, found ", times,
+              " times; remove the image from the model or reconstruct the scene again");
 }
 
 }  // namespace
@@ -130,6 +146,7 @@ Scene load_scene(const SceneOptions& options, const ProgressFn& progress) {
                                 : detail::concat("none of the ", missing.size(), " registered images found (first: ",
                                                  missing.front(), "); copy them there or choose their folder with -i"));
   }
+  check_distances(sources, model);
   const std::string mask_warning = find_masks(model, options, sources);
   const std::shared_ptr<SceneImages> images = options.load_images ? prepare_images(sources, options) : nullptr;
 

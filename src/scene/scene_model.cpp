@@ -1,7 +1,6 @@
 #include "scene/scene_model.h"
 
 #include <algorithm>
-#include <iterator>
 #include <optional>
 
 #include "core/check.h"
@@ -48,6 +47,7 @@ SceneModel read_colmap_scene(const SceneOptions& options) {
   scene.model.points = {};
   const std::string folder = found.folder.lexically_relative(options.source_path).string();
   const bool is_binary = colmap_format(found.folder) == ColmapFormat::kBinary;
+  scene.file = (found.folder / (is_binary ? "images.bin" : "images.txt")).string();
   scene.description = (folder.empty() ? found.folder.string() : folder) + (is_binary ? ", binary" : ", text");
   scene.notes = found.notes;
   for (const auto& [id, camera] : scene.model.cameras) {
@@ -80,37 +80,46 @@ void check_reach(const fs::path& file, const fs::path& source, const std::string
               file.lexically_normal().string(), "; move or link it there, and change the path");
 }
 
-// The views that one of the file's lists holds out. With --eval, those that only the list for validation names are left
-// out of training too.
-void hold_out_listed(const TransformsModel& transforms, const std::string& file, bool eval, SceneModel& scene) {
-  const bool has_test = !transforms.listed_as_test.empty();
-  const std::set<std::string>&validation = transforms.listed_as_validation,
-        &listed = has_test ? transforms.listed_as_test : validation;
-  if (listed.empty()) return;
-  const char* key = has_test ? "test_filenames" : "val_filenames";
-  scene.split = detail::concat(key, " of ", fs::path(file).filename().string());
-  std::vector<ColmapImage> others;
-  for (const ColmapImage& image : scene.model.images) {
-    if (listed.count(image.name) > 0) scene.held_out.insert(image.name);
-    if (listed.count(image.name) > 0 || validation.count(image.name) == 0) others.push_back(image);
-  }
-  if (!eval) return;
-  std::vector<std::string> unknown;
-  std::set_difference(listed.begin(), listed.end(), scene.held_out.begin(), scene.held_out.end(),
-                      std::back_inserter(unknown));
-  if (scene.held_out.empty()) {
+void check_list(const char* key, const std::set<std::string>& listed, const std::string& file, SceneModel& scene) {
+  std::set<std::string> unknown = listed;
+  for (const ColmapImage& image : scene.model.images) unknown.erase(image.name);
+  if (unknown.empty()) return;
+  const std::string first = unknown.begin()->substr(0, 100);
+  if (unknown.size() == listed.size()) {
     input_error(file, ": ", key, ": expected names as in file_path of \"frames\", found none in its ", listed.size(),
-                " (first: ", unknown.front().substr(0, 100), "); correct or remove the list");
+                " (first: ", first, "); correct or remove the list");
   }
-  if (!unknown.empty()) {
-    scene.warnings.push_back(detail::concat(file, ": ", key, ": ", unknown.size(), " of ", listed.size(),
-                                            " names are not in \"frames\" (the first: ", unknown.front().substr(0, 100),
-                                            "); expected names as in file_path"));
+  scene.warnings.push_back(detail::concat(file, ": ", key, ": ", unknown.size(), " of ", listed.size(),
+                                          " names are not in \"frames\" (the first: ", first,
+                                          "); expected names as in file_path"));
+}
+
+template <class Is>
+void leave_out(const Is& is, const char* note, SceneModel& scene) {
+  std::vector<ColmapImage>& images = scene.model.images;
+  const auto end = std::remove_if(images.begin(), images.end(), [&](const auto& image) { return is(image.name); });
+  if (const auto n = images.end() - end; n > 0) scene.notes.push_back(detail::concat(n, " views", note));
+  images.erase(end, images.end());
+}
+
+// Where a list says what to train on, views in none of the lists are left out. One of the others says what to hold out;
+// with --eval, views that only the list for validation names are left out of training too.
+void apply_lists(const TransformsModel& transforms, const std::string& file, bool eval, SceneModel& scene) {
+  const std::set<std::string>&training = transforms.listed_for_training, &test = transforms.listed_as_test,
+        &validation = transforms.listed_as_validation, &held_out = test.empty() ? validation : test;
+  if (!training.empty()) {
+    check_list("train_filenames", training, file, scene);
+    leave_out([&](const auto& name) { return training.count(name) + test.count(name) + validation.count(name) == 0; },
+              " are left out: in neither train_filenames, val_filenames nor test_filenames", scene);
   }
-  if (const std::size_t n = scene.model.images.size() - others.size(); n > 0) {
-    scene.notes.push_back(detail::concat("val_filenames: ", n, " views are neither trained on nor tested"));
-    scene.model.images = std::move(others);
-  }
+  if (held_out.empty()) return;
+  const char* key = test.empty() ? "val_filenames" : "test_filenames";
+  scene.split = detail::concat(key, " of ", fs::path(file).filename().string());
+  scene.held_out = held_out;
+  if (!eval) return;
+  check_list(key, held_out, file, scene);
+  leave_out([&](const auto& name) { return validation.count(name) > 0 && held_out.count(name) == 0; },
+            " of val_filenames are neither trained on nor tested", scene);
 }
 
 SceneModel read_transforms_scene(const SceneOptions& options, const TransformsFiles& files, const ImageFolder& images) {
@@ -131,30 +140,38 @@ SceneModel read_transforms_scene(const SceneOptions& options, const TransformsFi
   };
   read(files.train);
   const std::size_t n_train = transforms.model.images.size();
-  if (options.eval && !files.held_out.empty()) read(files.held_out);
-
   SceneModel scene;
+  scene.file = files.train.string();
+  if (options.eval && !files.held_out.empty()) {
+    read(files.held_out);
+    scene.file += " or " + files.held_out.filename().string();
+  }
   scene.model = std::move(transforms.model);
   scene.description = files.train.filename().string();
   scene.notes = files.notes;
   scene.camera_places = std::move(transforms.camera_places);
   for (const auto& [name, file] : transforms.files) {  // "train/r_0.png" may also be below images_4/
-    if (!images.find(name).empty() || !is_file(file)) continue;
-    check_reach(file, options.source_path, options.source_path + ": file_path of the photograph " + name);
-    scene.files[name] = file;
+    if (!images.find(name).empty() || (!is_file(file) && !images.find_all({name}).empty())) continue;
+    check_reach(file, options.source_path, scene.file + ": file_path of the photograph " + name);
+    if (is_file(file)) scene.files[name] = file;
   }
   for (const auto& [name, mask] : transforms.masks) {
-    check_reach(mask, options.source_path, options.source_path + ": mask_path of the photograph " + name);
+    check_reach(mask, options.source_path, scene.file + ": mask_path of the photograph " + name);
   }
   scene.masks = std::move(transforms.masks);
   if (files.held_out.empty()) {
-    hold_out_listed(transforms, files.train.string(), options.eval, scene);
+    apply_lists(transforms, files.train.string(), options.eval, scene);
   } else {
     scene.split = files.held_out.filename().string();
     for (std::size_t i = n_train; i < scene.model.images.size(); ++i) scene.held_out.insert(scene.model.images[i].name);
   }
   if (!transforms.points.empty()) {
-    check_reach(transforms.points, options.source_path, files.train.string() + ": ply_file_path");
+    const std::string place = files.train.string() + ": ply_file_path";
+    check_reach(transforms.points, options.source_path, place);
+    if (!is_file(transforms.points)) {
+      input_error(place, ": file not found: ", transforms.points.string(),
+                  "; correct the path, or remove it to find points in the photographs");
+    }
     scene.points = read_point_ply(transforms.points);
     scene.points_description = transforms.points.filename().string();
   }

@@ -21,6 +21,7 @@ struct ViewSource;
 struct SceneModel {
   ColmapModel model;  // without its points
   WorldPoints points;
+  std::string file;                                    // that names the images, for errors
   std::string description;                             // for the summary: "sparse/0, binary"
   std::string points_description;                      // where points come from, if it is not the model; or ""
   std::vector<std::string> notes;                      // choices made for the user

@@ -20,15 +20,22 @@ namespace {
 
 constexpr std::int64_t kMapShare = 8;  // undistortion maps get an eighth of the memory
 
-// The warning about a lens that is kept and shows only a part of the image, that of `mask`.
-std::string lens_warning(const ViewSource& source, const Image8& mask) {
+// The warning about a lens that shows only a part of the image, that of `mask`; "" if there is no reason for one.
+// `end`: where its formula ends inside the image, radians; 0: nowhere.
+std::string lens_warning(const ViewSource& source, double end, const Image8& mask) {
   if (source.camera.lens.kind == LensKind::kEquirectangular) return "";
-  const auto n_left_out = std::count(mask.pixels.begin(), mask.pixels.end(), 0);
-  return detail::concat(source.camera_place, ": the formula of the lens ends ",
-                        std::round(10 * source.camera.lens.max_angle / kDegree) / 10,
-                        " degrees from the axis, inside the image; ",
-                        std::max<std::int64_t>(1, 100 * n_left_out / static_cast<std::int64_t>(mask.pixels.size())),
-                        "% of the pixels are beyond and left out");
+  const auto n = static_cast<std::int64_t>(mask.pixels.size()),
+             n_left_out = std::count(mask.pixels.begin(), mask.pixels.end(), 0);
+  // A fisheye that is kept may show a circle; undistortion shows only its middle.
+  const bool is_wrong = 2 * n_left_out > n && source.camera.lens.kind != LensKind::kFisheye;
+  if (end == 0 && !is_wrong) return "";
+  return detail::concat(
+      source.camera_place, ": ",
+      end > 0 ? detail::concat("the formula of the lens ends ", std::round(10 * end / kDegree) / 10,
+                               " degrees from the axis, inside the image; ")
+              : "",
+      std::max<std::int64_t>(1, 100 * n_left_out / n), "% of the pixels are not covered and left out",
+      is_wrong ? "; the lens coefficients are probably wrong: correct them or reconstruct the scene again" : "");
 }
 
 // Photographs with the same lens and file size share a group, a mask and a warning.
@@ -45,11 +52,14 @@ void assign_lens_groups(std::vector<ViewSource>& sources, UndistorterCache& cach
       source.warning = known->second->warning;
     } else if (keeps_lens) {
       source.valid = lens_mask(source.camera);
-      if (source.valid) source.warning = lens_warning(source, *source.valid);
+      if (source.valid) source.warning = lens_warning(source, source.camera.lens.max_angle, *source.valid);
     } else {
       source.lens_group = cache.add_group(source.file_camera, source.camera_place);
-      const std::shared_ptr<const Image8> valid = cache.get(source.lens_group)->valid();
-      if (valid) source.valid = std::make_shared<Image8>(shrink_mask(*valid, source.size.width, source.size.height));
+      const std::shared_ptr<const Undistorter> undistorter = cache.get(source.lens_group);
+      if (const Image8* valid = undistorter->valid().get()) {
+        source.valid = std::make_shared<Image8>(shrink_mask(*valid, source.size.width, source.size.height));
+        source.warning = lens_warning(source, undistorter->fold_angle(), *valid);
+      }
     }
   }
 }

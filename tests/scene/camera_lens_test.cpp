@@ -238,5 +238,31 @@ TEST_F(LensScene, WarnsWhereTheFormulaFoldsOverInsideTheImage) {
   EXPECT_NE(scene.warnings[0].find("degrees from the axis, inside the image"), std::string::npos) << scene.warnings[0];
 }
 
+TEST_F(LensScene, WarnsWhereUndistortionFoldsOverOrLeavesLittle) {
+  const auto warning = [&](CameraModel model, std::vector<double> params) {
+    write(model, std::move(params));
+    const Scene scene = load();
+    EXPECT_LE(scene.warnings.size(), 1u);
+    return scene.warnings.empty() ? "" : scene.warnings[0];
+  };
+  const auto has = [](const std::string& text, const char* part) { return text.find(part) != std::string::npos; };
+  const char *folds = "degrees from the axis, inside the image", *is_wrong = "coefficients are probably wrong";
+  const std::string mild = warning(CameraModel::kSimpleRadial, {25, 20, 15, -0.5});  // up to a radius of 0.816
+  EXPECT_TRUE(has(mild, "sparse/0: camera 1: the formula of the lens ends 39.2 degrees") && !has(mild, is_wrong))
+      << mild;
+  for (const char* lenses : {"undistort", "auto"}) {
+    options_.lenses = lenses;
+    const std::string folded = warning(CameraModel::kOpenCv, {40, 40, 20, 15, -3, 0, 0, 0}),
+                      lost = warning(CameraModel::kOpenCv, {40, 40, 20, 15, 1e3, 0, 0, 0}),
+                      tangential = warning(CameraModel::kOpenCv, {40, 40, 20, 15, 0, 0, 5, 5});
+    EXPECT_TRUE(has(folded, "ends 18.4 degrees") && has(folded, is_wrong)) << folded;
+    EXPECT_TRUE(has(lost, is_wrong) && !has(lost, folds)) << lost;
+    EXPECT_TRUE(has(tangential, is_wrong)) << tangential;
+  }
+  options_.lenses = "undistort";  // of a lens 200 degrees wide, and of a strong, but possible one
+  EXPECT_EQ(warning(CameraModel::kSimpleFisheye, {14.3, 20, 15}), "");
+  EXPECT_EQ(warning(CameraModel::kSimpleRadial, {40, 20, 15, 0.4}), "");
+}
+
 }  // namespace
 }  // namespace b3dgs::test

@@ -349,6 +349,17 @@ TEST_F(LoadScene, UndistortsAndSharesTheMask) {
   EXPECT_TRUE(says(scene, "removed from 3 images"));
 }
 
+TEST_F(LoadScene, ACameraAbsurdlyFarFromTheOthersIsRefused) {
+  ColmapModel model = line_model(5);
+  write_images(model);
+  model.images[1].translation[1] = 300;
+  write(model);
+  EXPECT_EQ(load().train.size(), 5u);
+  model.images[1].translation[1] = 1e9;
+  write(model);
+  EXPECT_TRUE(refuses({"sparse/0/images.bin: image 03.png: expected a camera centre at most", "remove the image"}));
+}
+
 TEST_F(LoadScene, ReadsPastRigsAndFrames) {
   write_scene(2);
   write_bytes(folder_ / "sparse/0/rigs.bin", "of COLMAP 3.12 and later");

@@ -192,7 +192,34 @@ TEST_F(Transforms, TrainsOnNoViewThatTheFileListsForValidation) {
   EXPECT_EQ(scene.test[0].name, "images/05.png");
   ASSERT_EQ(scene.train.size(), 6u);
   for (const View& view : scene.train) EXPECT_TRUE(view.name != "images/02.png" && view.name != "images/03.png");
-  EXPECT_TRUE(says(scene, "val_filenames: 2 views are neither trained on nor tested"));
+  EXPECT_TRUE(says(scene, "2 views of val_filenames are neither trained on nor tested"));
+}
+
+TEST_F(Transforms, LeavesOutWhatNoListNamesIfOneSaysWhatToTrainOn) {
+  Json json = line(12);
+  for (int i = 1; i < 10; ++i) json["train_filenames"].push_back("./images/" + image_name(i));
+  write(json);
+  EXPECT_EQ(load().train.size(), 9u);
+  EXPECT_TRUE(says(load(), "3 views are left out: in neither train_filenames"));
+  options_.eval = true;
+  Scene scene = load();
+  ASSERT_EQ(scene.test.size(), 2u) << "every 8th of the others";
+  EXPECT_EQ(scene.test[1].name, "images/09.png");
+  json["val_filenames"] = {"images/10.png"};
+  json["test_filenames"] = {"images/00.png", "images/09.png"};
+  write(json);
+  scene = load();
+  ASSERT_EQ(scene.test.size(), 2u);
+  EXPECT_EQ(scene.test[0].name, "images/00.png");
+  EXPECT_EQ(scene.train.size(), 8u);
+  EXPECT_EQ(scene.train.back().name, "images/08.png");
+  options_.eval = false;
+  EXPECT_EQ(load().train.size(), 11u);
+  json["train_filenames"] = {"images/03.png", "images/gone.png"};
+  write(json);
+  EXPECT_EQ(load().warnings.size(), 1u);
+  json["train_filenames"] = {"images/gone.png"};
+  EXPECT_TRUE(refuses(json, {"transforms.json: train_filenames", "found none in its 1", "images/gone.png"}));
 }
 
 TEST_F(Transforms, AListThatMatchesNoFrameIsAnError) {
@@ -296,6 +323,9 @@ TEST_F(Transforms, PathsLeadNoFurtherThanTheFolderThatTheSceneIsIn) {
                                   std::string("images/../../../private"), std::string("../../all/../private.png")}) {
     EXPECT_TRUE(refuses_path(with("file_path", path), {"file_path", "private.png", found, "link it there"})) << path;
   }
+  for (const char* path : {"../../gone.png", "/gone/09.jpg"}) {
+    EXPECT_TRUE(refuses_path(with("file_path", path), {"transforms.json: file_path", "gone", found})) << path;
+  }
   EXPECT_TRUE(refuses_path(with("mask_path", "../../private.png"), {"mask_path", "01.png", found}));
   json["ply_file_path"] = "../../private.ply";
   EXPECT_TRUE(refuses_path(json, {"transforms.json: ply_file_path", found}));
@@ -307,6 +337,11 @@ TEST_F(Transforms, PathsLeadNoFurtherThanTheFolderThatTheSceneIsIn) {
   EXPECT_EQ(load().train.size(), 2u);
   write_bytes(scene / "transforms.json", with("file_path", "../../images/01.png").dump());
   EXPECT_EQ(load().train.size(), 2u);
+  // Of another machine.
+  fs::rename(scene / "images/01.png", scene / "images/02.png");
+  write_bytes(scene / "transforms.json", with("file_path", "/gone/02.jpg").dump());
+  EXPECT_EQ(load().train.size(), 2u);
+  fs::rename(scene / "images/02.png", scene / "images/01.png");
   // The scene folder by another name.
   fs::create_directory_symlink(scene, folder_ / "link");
   options_.source_path = (folder_ / "link").string();
@@ -381,10 +416,21 @@ TEST_F(Transforms, RefusesBadInputWithFileAndFrame) {
   EXPECT_TRUE(refuses(blind, {"frame 0", "camera_angle_x", "pi"}));
   Json points = good;
   points["ply_file_path"] = "gone.ply";
-  EXPECT_TRUE(refuses(points, {"gone.ply"}));
+  EXPECT_TRUE(refuses(points, {"transforms.json: ply_file_path: file not found", "gone.ply; correct the path"}));
+  const Json gone = with("mask_path", "gone.png");
+  EXPECT_TRUE(
+      refuses(gone, {"transforms.json: mask_path of the photograph images/01.png: file not found", "gone.png"}));
+  options_.masks = "none";
+  EXPECT_EQ(load().train.size(), 2u);
   const std::string text = good.dump();
   write_bytes(folder_ / "transforms.json", text.substr(0, text.size() / 2));
-  EXPECT_TRUE(fails_with<InputError>({"transforms.json", "not valid JSON"}, [&] { load(); }));
+  EXPECT_TRUE(SceneFolder::refuses({"transforms.json: expected valid JSON, found a parse error at line 1, column "}));
+  write_bytes(folder_ / "transforms.json", "{\n \"frames\": [NaN]}");
+  EXPECT_TRUE(SceneFolder::refuses({"transforms.json", "line 2, column 13", "[N'"}));
+  write_bytes(folder_ / "transforms.json", std::string(99, '['));
+  EXPECT_TRUE(SceneFolder::refuses({"transforms.json", "expected valid JSON"}));
+  write_bytes(folder_ / "transforms.json", std::string(99, '[') + std::string(99, ']'));
+  EXPECT_TRUE(SceneFolder::refuses({"transforms.json", "nesting of more than 64 levels"}));
 }
 
 }  // namespace

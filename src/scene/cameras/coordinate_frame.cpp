@@ -130,6 +130,21 @@ double camera_radius(const std::vector<Camera>& cameras) {
   return largest;
 }
 
+std::pair<std::size_t, double> farthest_camera(const std::vector<Camera>& cameras, const std::vector<double>& points) {
+  std::array<double, 3> middle{};
+  std::vector<double> values(cameras.size());
+  for (std::size_t axis = 0; axis < 3; ++axis) {
+    for (std::size_t i = 0; i < cameras.size(); ++i) values[i] = cameras[i].center()[axis];
+    middle[axis] = median(values);
+  }
+  for (std::size_t i = 0; i < cameras.size(); ++i) values[i] = distance(cameras[i].center(), middle);
+  const auto farthest = static_cast<std::size_t>(std::max_element(values.begin(), values.end()) - values.begin());
+  const double largest = values[farthest], spread = median(values);
+  const bool is_rounding = spread <= 1e-9 * std::hypot(middle[0], middle[1], middle[2]);  // of cameras in one place
+  const double usual = std::max(typical_depth(cameras, points), is_rounding ? 0 : spread);
+  return {farthest, usual > 0 ? largest / usual : 0};
+}
+
 Camera change_frame(const CoordinateFrame& from, const CoordinateFrame& to, Camera camera) {
   if (from == to) return camera;
   Pose& pose = camera.cam_from_world;

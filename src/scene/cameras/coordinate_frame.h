@@ -6,6 +6,7 @@
 #include <array>
 #include <cmath>
 #include <cstddef>
+#include <utility>
 #include <vector>
 
 #include "scene/cameras/camera.h"
@@ -54,6 +55,11 @@ CoordinateFrame choose_frame(const std::vector<Camera>& cameras, const std::vect
 
 /// The largest distance of a camera centre from the mean of the centres; 0 without cameras.
 double camera_radius(const std::vector<Camera>& cameras);
+
+/// The camera that is farthest from the median of the centres, and its distance relative to the usual one: the median
+/// of these distances or, if that is larger, as for panoramas from one place, the typical depth of the points that the
+/// cameras see. 0 if nothing is usual: one camera that sees no points.
+std::pair<std::size_t, double> farthest_camera(const std::vector<Camera>& cameras, const std::vector<double>& points);
 
 /// The same camera for coordinates in `to` instead of `from`.
 Camera change_frame(const CoordinateFrame& from, const CoordinateFrame& to, Camera camera);

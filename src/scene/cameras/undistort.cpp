@@ -28,7 +28,8 @@ Undistorter::Undistorter(const Camera& camera, const std::string& place)
   }
   const double far_x = std::max(camera.cx, width_ - camera.cx) / camera.fx,
                far_y = std::max(camera.cy, height_ - camera.cy) / camera.fy;
-  const double max_radius = monotonic_radius(camera.lens, std::hypot(far_x, far_y));
+  const double corner = std::hypot(far_x, far_y), max_radius = monotonic_radius(camera.lens, corner);
+  if (max_radius < corner) fold_angle_ = std::atan(max_radius);
   auto valid = std::make_shared<Image8>(width_, height_, 1);
   std::atomic<std::int64_t> n_valid{0};
   parallel_pool(height_, [&](std::int64_t row, int) {

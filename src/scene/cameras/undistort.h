@@ -33,8 +33,12 @@ class Undistorter {
   /// Mask of one channel: 255 where an output pixel comes from inside the photograph; null if all do.
   const std::shared_ptr<const Image8>& valid() const { return valid_; }
 
+  /// Angle to the axis at which the formula of the lens folds over inside the result, radians; 0: it does not.
+  double fold_angle() const { return fold_angle_; }
+
  private:
   int width_, height_;
+  double fold_angle_ = 0;
   std::vector<float> source_;  // [height, width, 2] px in OpenCV's convention: pixel centres at integers
   std::shared_ptr<const Image8> valid_;
 };

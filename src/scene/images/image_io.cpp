@@ -18,6 +18,8 @@ namespace fs = std::filesystem;
 using Bytes = std::vector<std::uint8_t>;
 
 constexpr std::int64_t kMostPixels = std::int64_t{1} << 30;  // OpenCV decodes no larger images
+// A small file can claim any size: no photograph and no mask of one has more of both, pixels and pixels for each byte.
+constexpr std::int64_t kManyPixels = std::int64_t{1} << 28, kManyForAByte = 1000;
 
 // The size is usually within these bytes; a long EXIF segment can push it further back.
 constexpr std::size_t kHeaderBytes = std::size_t{1} << 16;
@@ -28,11 +30,20 @@ Bytes read_bytes(FileReader& file, std::size_t at_most) {
   return bytes;
 }
 
+void check_size(const fs::path& path, ImageSize size, std::uint64_t n_bytes) {
+  const std::int64_t most =
+      std::min(kMostPixels, std::max(kManyPixels, kManyForAByte * static_cast<std::int64_t>(n_bytes)));
+  if (std::int64_t{size.width} * size.height <= most) return;
+  input_error(path.string(), ": expected at most ", most, " px in a file of ", n_bytes, " bytes, found ", size.width,
+              " x ", size.height, "; reduce the image or remove it from the scene");
+}
+
 // Keeps the file's channels and depth, since the decoders' own conversions differ from those documented for
 // read_image().
 cv::Mat decode(const fs::path& path, const Bytes& bytes) {
   const std::string damage = image_damage(bytes);
   if (!damage.empty()) input_error(path.string(), ": ", damage, "; copy the image again or remove it from the scene");
+  if (const auto size = image_size_from_header(bytes)) check_size(path, *size, bytes.size());
   cv::Mat image;
   std::string reason;
   try {
@@ -143,6 +154,7 @@ std::optional<Image8> read_alpha(const fs::path& path) {
 
 ImageSize read_image_size(const fs::path& path) {
   FileReader file(path);
+  const std::uint64_t n_bytes = file.remaining();
   Bytes bytes = read_bytes(file, kHeaderBytes);
   std::optional<ImageSize> size = image_size_from_header(bytes);
   if (!size) {
@@ -154,10 +166,7 @@ ImageSize read_image_size(const fs::path& path) {
     const cv::Mat image = decode(path, bytes);
     size = ImageSize{image.cols, image.rows};
   }
-  if (std::int64_t{size->width} * size->height > kMostPixels) {
-    input_error(path.string(), ": expected at most ", kMostPixels, " px, found ", size->width, " x ", size->height,
-                "; reduce the image or remove it from the scene");
-  }
+  check_size(path, *size, n_bytes);
   return *size;
 }
 

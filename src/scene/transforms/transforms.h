@@ -61,11 +61,12 @@ struct TransformsModel {
   /// frame, named after its file_path: ".png" is added if there is no extension of an image, "./" and what leads out of
   /// the folder is dropped. The camera ID is 0 if the size is not known. No points.
   ColmapModel model;
-  std::map<std::uint32_t, std::string> camera_places;          // "FILE: frame N (NAME)", by camera ID, for errors
-  std::map<std::string, std::filesystem::path> files;          // by image name: file_path, relative to the file
-  std::map<std::string, std::filesystem::path> masks;          // by image name: mask_path, where there is one
-  std::set<std::string> listed_as_test, listed_as_validation;  // image names: test_filenames, val_filenames
-  std::filesystem::path points;                                // ply_file_path; empty: there is none
+  std::map<std::uint32_t, std::string> camera_places;  // "FILE: frame N (NAME)", by camera ID, for errors
+  std::map<std::string, std::filesystem::path> files;  // by image name: file_path, relative to the file
+  std::map<std::string, std::filesystem::path> masks;  // by image name: mask_path, where there is one
+  // Image names: train_filenames, test_filenames, val_filenames.
+  std::set<std::string> listed_for_training, listed_as_test, listed_as_validation;
+  std::filesystem::path points;  // ply_file_path; empty: there is none
 };
 
 /// Size of a photograph by image name, in px; nothing: it is missing.

@@ -260,11 +260,12 @@ void read_transforms(std::string_view text, const fs::path& file, const Photogra
                      TransformsModel& model) {
   const std::string place = file.string();
   const Json json = parse_json(text, /*ignore_comments=*/true);
+  if (json.is_discarded()) {
+    input_error(place, ": expected valid JSON, found a ", json_damage(text), "; correct it or export the scene again");
+  }
   if (!json.is_object()) {
-    input_error(
-        place, ": expected a JSON object with \"frames\", found ",
-        json.is_discarded() ? "text that is not valid JSON (truncated, or with NaN or Infinity?)" : json_excerpt(json),
-        "; export the scene again");
+    input_error(place, ": expected a JSON object with \"frames\", found ", json_excerpt(json),
+                "; export the scene again");
   }
   const auto frames = json.find("frames");
   if (frames == json.end() || !frames->is_array() || frames->empty()) {
@@ -273,6 +274,7 @@ void read_transforms(std::string_view text, const fs::path& file, const Photogra
   }
   FrameReader reader(json, file, size_of, model);
   for (std::size_t i = 0; i < frames->size(); ++i) reader.read_frame((*frames)[i], i);
+  add_names(json, "train_filenames", place, model.listed_for_training);
   add_names(json, "test_filenames", place, model.listed_as_test);
   add_names(json, "val_filenames", place, model.listed_as_validation);
   const std::string points = JsonValues(json, json, place).text("ply_file_path");

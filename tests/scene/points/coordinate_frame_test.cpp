@@ -65,6 +65,33 @@ TEST(SceneFrame, TheTypicalDepthHasTheSameLengthInEveryScene) {
   }
 }
 
+TEST(FarthestCamera, IsComparedWithTheOthersAndWithWhatTheySee) {
+  for (const double scale : {0.01, 1.0, 1e4}) {
+    for (const Vec& shift : {Vec{}, Vec{5e5, -5e6, 300}}) {  // as in UTM coordinates
+      Ring scene = ring(scale, shift);
+      EXPECT_LT(farthest_camera(scene.cameras, scene.points).second, 3);
+      scene.cameras[3] = camera_at({shift[0] + 3e6 * scale, shift[1], shift[2]}, 0);
+      for (const std::vector<double>& points : {scene.points, std::vector<double>{}}) {
+        const auto [farthest, times] = farthest_camera(scene.cameras, points);
+        EXPECT_EQ(farthest, 3u);
+        EXPECT_NEAR(times, 3e6 / 4, 2e5);
+      }
+    }
+  }
+}
+
+TEST(FarthestCamera, IsNotFarFromPhotographsOfOnePlace) {
+  const Vec place{7, -2, 1};
+  std::vector<Camera> cameras{camera_at(place, 0)};
+  const std::vector<double> points{9, -2, 1};
+  EXPECT_EQ(farthest_camera(cameras, points).second, 0);
+  for (int i = 1; i < 8; ++i) cameras.push_back(camera_at(place, 0.7 * i));
+  EXPECT_LT(farthest_camera(cameras, points).second, 1e-9);
+  cameras.push_back(camera_at({9, 0, 1}, 3));
+  EXPECT_NEAR(farthest_camera(cameras, points).second, std::sqrt(2.0), 1e-9) << "relative to the depth, 2";
+  EXPECT_EQ(farthest_camera(cameras, {}).second, 0) << "centres that differ by rounding are no measure";
+}
+
 TEST(SceneFrame, CoordinatesInItDoNotDependOnUnitAndPlace) {
   const Ring scene = ring();
   const CoordinateFrame frame = choose_frame(scene.cameras, scene.points);
