@@ -162,7 +162,11 @@ async function check_training(browser) {
   await page.click("#stop");
   assert.equal(await training.ended, 130, training.child.text);
   assert.match(training.child.text, /resume with/);
-  await page.waitForFunction(() => state.activity === "ended", null, kPatience);
+  await page.waitForFunction(() => state.ended, null, kPatience);
+  assert.equal(await page.locator("#activity").textContent(), "stopped");
+  assert(await page.locator("#message").isHidden(), "a training that was stopped is no failure");
+  assert.match(await page.locator("#notice").textContent(), /b3dgs view /);
+  assert(await page.locator("[data-mode=depth]").isDisabled(), "the picture cannot change any more");
   await picture_of(page, "ended");
   await page.close();
   forgive_the_end();

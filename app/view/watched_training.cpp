@@ -3,6 +3,8 @@
 #include <algorithm>
 
 #include "core/check.h"
+#include "core/text.h"
+#include "model/model_folder.h"
 #include "train/device.h"
 #include "train/evaluate.h"
 #include "train/poses/pose_refiner.h"
@@ -54,7 +56,7 @@ void WatchedTraining::attach(TrainHooks& hooks) {
     const std::lock_guard<std::mutex> lock(mutex_);
     state_.psnr.push_back({iteration, evaluation.mean.psnr});
   });
-  call_before(hooks.on_warning, [this](const std::string& warning) { set_notice(warning); });
+  call_before(hooks.on_warning, [this](const std::string& warning) { set_notice(warning, true); });
   hooks.wants_model = [this] { return wants_model(); };
   hooks.on_model = [this](const ModelInTraining& model) { show(model); };
 }
@@ -114,25 +116,27 @@ Frame WatchedTraining::paint(const FrameRequest& request, const ModelInTraining&
 }
 
 void WatchedTraining::save_now() {
-  std::string notice;
   try {
-    notice = "saved " + save_().filename().string();
+    set_notice("saved " + save_().filename().string(), false);
   } catch (const std::exception& error) {
-    notice = std::string("not saved: ") + error.what();
+    set_notice(std::string("not saved: ") + error.what(), true);
   }
-  set_notice(notice);
 }
 
-void WatchedTraining::set_notice(const std::string& notice) {
+void WatchedTraining::set_notice(const std::string& notice, bool is_warning) {
   const std::lock_guard<std::mutex> lock(mutex_);
   state_.notice = notice;
+  state_.is_warning = is_warning;
 }
 
 void WatchedTraining::close() {
   WatchedScene::close();
   is_paused_ = false;
   const std::lock_guard<std::mutex> lock(mutex_);
-  state_.activity = "ended";
+  state_.has_ended = true;
+  state_.activity = state_.iteration == state_.iterations ? "finished" : "stopped";
+  if (state_.is_warning || ModelFolder(config_.model_path).ply_iterations().empty()) return;
+  state_.notice = "To see it again: b3dgs view " + shell_quote(config_.model_path);
 }
 
 ViewState WatchedTraining::state(int since) const {

@@ -45,7 +45,7 @@ class WatchedTraining final : public WatchedScene {
   void show(const ModelInTraining& model);
   Frame paint(const FrameRequest& request, const ModelInTraining& model);
   void save_now();
-  void set_notice(const std::string& notice);
+  void set_notice(const std::string& notice, bool is_warning);
   bool is_stopped() const { return stop_signal_ != nullptr && *stop_signal_ != 0; }
 
   const TrainConfig config_;

@@ -25,7 +25,10 @@ const Charts = (() => {
   }
 
   const is_number = (value) => typeof value === "number" && Number.isFinite(value);
-  const text_width = (text) => 7 * text.length;  // about, at 12 px
+  const pen = document.createElement("canvas").getContext("2d");
+  pen.font = `12px ${getComputedStyle(document.documentElement).fontFamily}`;  // as in style.css
+  const text_width = (text) => pen.measureText(text).width;
+  const name_width = (name) => 16 + text_width(name);  // with its mark
   const kNarrow = 560;  // px, as in style.css: here, names are in a legend
   const sum = (values) => values.reduce((total, value) => total + value, 0);
 
@@ -37,7 +40,8 @@ const Charts = (() => {
       high = 1.1 * Math.max(high, 2 * low);
     } else {
       if (from_zero) [low, high] = [Math.min(low, 0), Math.max(high, 0)];
-      if (high <= low) high = low + Math.max(1e-6, 0.1 * Math.abs(low));
+      const around = 0.01 * Math.abs(low) || 1;  // equal values
+      if (high <= low) [low, high] = from_zero ? [0, 1] : [low - around, low + around];
       const room = 0.05 * (high - low);
       if (!from_zero || high > 0) high += room;
       if (!from_zero || low < 0) low -= room;
@@ -93,14 +97,27 @@ const Charts = (() => {
     draw(svg, "text", {x: right, y: bottom + 33, class: "axis end"}, x_label);
   }
 
+  /// A text that has `room` px: one that is longer is cut, and its tooltip has all of it.
+  function draw_short(svg, text, room, attributes) {
+    let short = text;
+    while (short.length > 2 && text_width(short) > room) short = `${short.slice(0, -2)}…`;
+    const made = draw(svg, "text", attributes, short);
+    if (short !== text) draw(made, "title", {}, text);
+  }
+
+  /// A name beside a mark of its colour.
+  function draw_name(svg, {name, color, opacity = 1}, x, y, room) {
+    draw(svg, "rect", {x, y: y - 9, width: 11, height: 11, class: `c${color % 10}`, "fill-opacity": String(opacity)});
+    draw_short(svg, name, room - 16, {x: x + 16, y, class: "name"});
+  }
+
   /// Names with colours in lines of `width`; returns the height.
   function legend(svg, entries, width) {
     let x = 0, y = 12;
-    for (const {name, color, opacity = 1} of entries) {
-      const needed = 16 + text_width(name);
+    for (const entry of entries) {
+      const needed = name_width(entry.name);
       if (x > 0 && x + needed > width) [x, y] = [0, y + 18];
-      draw(svg, "rect", {x, y: y - 9, width: 11, height: 11, class: `c${color % 10}`, "fill-opacity": String(opacity)});
-      draw(svg, "text", {x: x + 16, y, class: "label"}, name);
+      draw_name(svg, entry, x, y, width);
       x += needed + 18;
     }
     return entries.length > 0 ? y + 10 : 4;
@@ -127,12 +144,13 @@ const Charts = (() => {
       const lift = ([x, y]) => [x, spec.log ? Math.max(y, 0.5) : y];
       return {...own, lower: own.lower.map(lift), upper: own.upper.map(lift)};
     });
-    const widest = Math.max(0, ...series.map((own) => text_width(own.name)));
-    const is_direct = bands.length === 0 && series.length > 1 && series.length <= 4 && widest <= 200 && width > kNarrow;
-    const has_legend = !spec.small && !is_direct && (series.length > 1 || bands.length > 0);
+    const widest = Math.max(0, ...series.map((own) => name_width(own.name)));
+    const has_names = series.length > 1 || bands.length > 0 || !spec.title.startsWith(series[0].name);
+    const is_direct = has_names && bands.length === 0 && series.length <= 4 && widest <= 216 && width > kNarrow;
+    const has_legend = has_names && !is_direct;
     const top = spec.small ? 4 : 26 + legend(svg, has_legend ? [...bands, ...series] : [], width);
     const height = spec.height || 220, bottom = top + height - (spec.small ? 8 : kBottom);
-    const left = spec.small ? 1 : kLeft, right = width - (spec.small ? 56 : is_direct ? widest + 14 : kRight);
+    const left = spec.small ? 1 : kLeft, right = width - (spec.small ? 56 : is_direct ? widest + 10 : kRight);
     const all = [...series.map((own) => own.points), ...bands.flatMap((own) => [own.lower, own.upper])].flat();
     const xs = all.map((p) => p[0]), ys = all.map((p) => p[1]);
     const x = plain_scale(spec.small ? Math.min(...xs) : 0, Math.max(1, ...xs), left, right);
@@ -182,9 +200,8 @@ const Charts = (() => {
     const labels = series.filter((own) => own.points.length > 0)
                        .map((own) => ({own, at: y(own.points[own.points.length - 1][1])})).sort((a, b) => a.at - b.at);
     for (let i = 1; i < labels.length; ++i) labels[i].at = Math.max(labels[i].at, labels[i - 1].at + 15);
-    labels.reverse().forEach((label, i) => {
-      const at = Math.min(label.at, bottom - 15 * i);
-      draw(svg, "text", {x: right + 7, y: at + 4, class: `c${label.own.color % 10} name`}, label.own.name);
+    labels.reverse().forEach(({own, at}, i) => {
+      draw_name(svg, own, right + 7, Math.min(at, bottom - 15 * i) + 4, Infinity);
     });
   }
 
@@ -197,7 +214,7 @@ const Charts = (() => {
       if (spec.rows.length > 1) {  // a single bar needs no name
         if (is_above) y += 14;
         const at = is_above ? {x: 0, y: y - 4, class: "label"} : {x: left - 10, y: y + 17, class: "label end"};
-        draw(svg, "text", at, row.name);
+        draw_short(svg, row.name, is_above ? width : left - 10, at);
       }
       let at = left;
       row.values.forEach((value, part) => {
@@ -206,7 +223,7 @@ const Charts = (() => {
         const bar = draw(svg, "rect", {x: at, y, width: Math.max(0.5, size - 1), height: 26, class: `c${part % 10}`});
         draw(bar, "title", {}, `${row.name}, ${spec.parts[part]}: ${figure_text(value)} ${spec.unit}`);
         if (size > text_width(figure_text(value)) + 8) {
-          draw(svg, "text", {x: at + size / 2, y: y + 17, class: "inside middle"}, figure_text(value));
+          draw(svg, "text", {x: at + size / 2, y: y + 17, class: `c${part % 10} inside middle`}, figure_text(value));
         }
         at += size;
       });
@@ -249,7 +266,7 @@ const Charts = (() => {
   }
 
   function scatter(svg, spec, width) {
-    const dots = spec.dots, kLargest = 18, top = 26 + legend(svg, width > kNarrow ? [] : dots, width);
+    const dots = spec.dots, kLargest = 18, top = 26 + legend(svg, dots, width);
     const bottom = top + 320 - kBottom, right = width - kRight, largest = Math.max(0, ...dots.map((dot) => dot.size));
     const radius = (dot) => (largest > 0 ? Math.max(4, kLargest * Math.sqrt(dot.size / largest)) : 4);
     const x = scale(dots.map((dot) => dot.x), kLeft, right - kLargest, {from_zero: true});
@@ -264,26 +281,17 @@ const Charts = (() => {
     if (front.length > 1) {
       draw(svg, "polyline", {class: "c9 curve front", points: path(front.map((dot) => [dot.x, dot.y]), x, y)});
     }
+    const drawn = [];
     for (const dot of [...dots].sort((a, b) => b.size - a.size)) {  // small ones last, so that none is hidden
+      const own = {x: x(dot.x), y: y(dot.y)}, below = drawn.filter((b) => Math.hypot(b.x - own.x, b.y - own.y) < 4);
+      own.r = Math.max(3, Math.min(radius(dot), ...below.map((b) => b.r - 4)));  // a ring of those below stays visible
+      drawn.push(own);
       const color = `c${dot.color % 10}`;
       const range = path([[dot.x, dot.low], [dot.x, dot.high]], x, y);
       if (dot.low < dot.high) draw(svg, "polyline", {class: `${color} curve`, points: range});
-      const circle = draw(svg, "circle", {class: color, "fill-opacity": "0.75", cx: x(dot.x), cy: y(dot.y),
-                                          r: radius(dot)});
+      const circle = draw(svg, "circle", {class: `${color} dot`, cx: own.x, cy: own.y, r: own.r});
       draw(circle, "title", {}, `${dot.name}: ${dot.note}`);
     }
-    const labels = (width > kNarrow ? dots : []).map((dot) => {
-      const size = text_width(dot.name), gap = radius(dot) + 5;
-      const left = x(dot.x) + gap + size < width ? x(dot.x) + gap : x(dot.x) - gap - size;
-      return {dot, left, right: left + size, at: y(dot.y) + 4};
-    }).sort((a, b) => a.at - b.at);
-    labels.forEach((label, i) => {  // moved down where they would overlap
-      for (const other of labels.slice(0, i)) {
-        const overlaps = label.left < other.right && other.left < label.right;
-        if (overlaps && label.at < other.at + 15) label.at = other.at + 15;
-      }
-      draw(svg, "text", {x: label.left, y: label.at, class: `c${label.dot.color % 10} name`}, label.dot.name);
-    });
     return bottom + kBottom;
   }
 
@@ -318,8 +326,11 @@ const Charts = (() => {
   const hover = element("div", {class: "hover"});
   hover.hidden = true;
 
-  /// Draws charts again whose width has changed.
+  /// Draws charts again whose width has changed. What scrolls can be reached with the keyboard.
   function fit() {
+    for (const own of document.querySelectorAll(".scroll")) {
+      own.tabIndex = own.scrollWidth > own.clientWidth || own.scrollHeight > own.clientHeight ? 0 : -1;
+    }
     for (const holder of specs.keys()) {
       const drawn_for = holder.firstElementChild.viewBox.baseVal.width;
       if (holder.clientWidth > 0 && drawn_for !== holder.clientWidth) redraw(holder);

@@ -20,13 +20,15 @@ function element(name, attributes = {}, ...content) {
   return made;
 }
 
-/// A table of texts. `head` may be empty. Words are aligned to the left, figures to the right.
+/// A table of texts; the first of a row names it. `head` may be empty. Words are aligned to the left, figures to the
+/// right.
 function table(head, rows, {words = false, marked = -1} = {}) {
-  const row = (cell, texts) => element("tr", {}, ...texts.map((text) => element(cell, {}, text)));
+  const row = (scope, texts) => element("tr", {}, ...texts.map((text, i) =>
+      (scope === "row" && i > 0 ? element("td", {}, text) : element("th", {scope}, text))));
   const made = element("table", {class: words ? "words" : "figures"});
-  if (head.length > 0) made.append(element("thead", {}, row("th", head)));
-  const body = element("tbody", {}, ...rows.map((texts) => row("td", texts)));
+  if (head.length > 0) made.append(element("thead", {}, row("col", head)));
+  const body = element("tbody", {}, ...rows.map((texts) => row("row", texts)));
   if (marked >= 0) body.children[marked].className = "marked";
   made.append(body);
-  return element("div", {class: "scroll", tabindex: "0", role: "group", "aria-label": "table"}, made);
+  return element("div", {class: "scroll", role: "group", "aria-label": "table"}, made);
 }

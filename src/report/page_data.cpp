@@ -12,6 +12,7 @@
 #include "config/option_layers.h"
 #include "core/check.h"
 #include "core/files/atomic_file.h"
+#include "core/json_text.h"
 #include "core/text.h"
 #include "model/cameras/cameras_json.h"
 #include "scene/images/image.h"
@@ -108,7 +109,8 @@ Json previews_data(const std::vector<NamedInfo>& runs) {
     for (const NamedInfo& run : runs) {
       if (i >= run.info.previews.size()) continue;
       const Preview& own = run.info.previews[i];
-      renders.push_back({{"name", run.name}, {"psnr", own.psnr}, {"image", picture(own.render)}});
+      renders.push_back(
+          {{"name", run.name}, {"iteration", run.info.iteration}, {"psnr", own.psnr}, {"image", picture(own.render)}});
     }
     previews.push_back({{"view", views[i].view}, {"photograph", picture(views[i].photograph)}, {"renders", renders}});
   }
@@ -159,7 +161,7 @@ void write_run_info(const RunInfo& info, const ModelFolder& folder) {
 
 RunInfo read_run_info(const ModelFolder& folder) {
   std::ifstream file(report_folder(folder) / "run.json");
-  const Json json = Json::parse(file, nullptr, /*allow_exceptions=*/false);
+  const Json json = parse_json(file);
   RunInfo info;
   if (!json.is_object()) return info;
   try {

@@ -3,6 +3,7 @@
 #include <arpa/inet.h>
 #include <sys/random.h>
 
+#include <algorithm>
 #include <array>
 #include <cerrno>
 #include <cstring>
@@ -68,6 +69,7 @@ bool ClientLimit::admit(const std::string& client, Clock::time_point now) {
   const std::lock_guard<std::mutex> lock(mutex_);
   for (auto it = seen_.begin(); it != seen_.end();) {
     const bool has_left = now - it->second > kGone && in_work_.count(it->first) == 0;
+    if (has_left) waiting_.erase(it->first);
     it = has_left ? seen_.erase(it) : std::next(it);
   }
   if (seen_.count(client) == 0 && seen_.size() >= most_) return false;
@@ -83,6 +85,18 @@ bool ClientLimit::begin_picture(const std::string& client) {
 void ClientLimit::end_picture(const std::string& client) {
   const std::lock_guard<std::mutex> lock(mutex_);
   in_work_.erase(client);
+}
+
+void ClientLimit::set_waiting(const std::string& client, bool is_waiting) {
+  const std::lock_guard<std::mutex> lock(mutex_);
+  waiting_.erase(client);
+  if (is_waiting) waiting_.insert(client);
+}
+
+bool ClientLimit::has_waiting(Clock::time_point since) {
+  const std::lock_guard<std::mutex> lock(mutex_);
+  return std::any_of(waiting_.begin(), waiting_.end(),
+                     [&](const std::string& client) { return seen_[client] >= since; });
 }
 
 }  // namespace b3dgs

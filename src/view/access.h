@@ -38,12 +38,16 @@ class ClientLimit {
   /// False if the client has a picture in work already.
   bool begin_picture(const std::string& client);
   void end_picture(const std::string& client);
+  /// Notes whether a client waits to be told of the end.
+  void set_waiting(const std::string& client, bool is_waiting);
+  /// Whether a client waits that has asked for something since then.
+  bool has_waiting(Clock::time_point since);
 
  private:
   const std::size_t most_;
   std::mutex mutex_;
   std::map<std::string, Clock::time_point> seen_;
-  std::set<std::string> in_work_;
+  std::set<std::string> in_work_, waiting_;
 };
 
 }  // namespace b3dgs

@@ -79,12 +79,13 @@ struct ViewState {
   int iteration = 0, iterations = 0;
   double loss = 0;  // running average
   std::int64_t n_gaussians = 0;
-  std::string kernel;    // forward kernel in use
-  std::string activity;  // such as "training", "paused", "ended"
-  std::string notice;    // one line about the last command or an error; may be empty
+  std::string kernel;       // forward kernel in use
+  std::string activity;     // such as "training", "paused", "finished", "stopped"
+  std::string notice;       // one line about the last command, an error or what to do next; may be empty
+  bool is_warning = false;  // the notice
   double iterations_per_second = 0;
   std::optional<double> eta_s;
-  bool is_paused = false;
+  bool is_paused = false, has_ended = false;
   std::vector<CurvePoint> curve;  // ascending iterations
   std::vector<PsnrPoint> psnr;
 };

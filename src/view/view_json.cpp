@@ -6,6 +6,7 @@
 #include <iterator>
 
 #include "core/check.h"
+#include "core/json_text.h"
 #include "core/vec.h"
 #include "scene/cameras/camera.h"
 
@@ -20,7 +21,7 @@ constexpr int kMinSide = 16, kMaxSide = 16384;                                  
 constexpr double kMaxCoordinate = 1e9;                                                // world units
 
 Json parse_object(const std::string& body, const char* expected) {
-  const Json json = Json::parse(body, nullptr, /*allow_exceptions=*/false);
+  const Json json = parse_json(body);
   if (!json.is_object()) input_error("not a JSON object (expected ", expected, ")");
   return json;
 }
@@ -147,9 +148,11 @@ Json state_json(const ViewState& state) {
           {"kernel", state.kernel},
           {"activity", state.activity},
           {"notice", state.notice},
+          {"warning", state.is_warning},
           {"per_second", state.iterations_per_second},
           {"eta_s", state.eta_s ? Json(*state.eta_s) : Json(nullptr)},
           {"paused", state.is_paused},
+          {"ended", state.has_ended},
           {"curve", curve},
           {"psnr", psnr}};
 }

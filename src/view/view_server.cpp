@@ -8,6 +8,7 @@
 
 #include <algorithm>
 #include <memory>
+#include <thread>
 
 #include "core/check.h"
 #include "view/view_json.h"
@@ -85,6 +86,13 @@ ViewServer::ViewServer(FrameSource& source, const ViewServerOptions& options)
 
 ViewServer::~ViewServer() {
   source_.close();
+  using Clock = ClientLimit::Clock;
+  const Clock::time_point start = Clock::now(), give_up = start + std::chrono::milliseconds(2500);
+  const auto has_waiting = [&] { return clients_.has_waiting(start - std::chrono::seconds(3)); };
+  for (bool waits = has_waiting(); waits && Clock::now() < give_up;) {
+    waits = has_waiting();
+    std::this_thread::sleep_for(std::chrono::milliseconds(100));  // also after the last one, whose answer is on its way
+  }
 }
 
 void ViewServer::listen(const std::optional<int>& wanted) {
@@ -157,7 +165,9 @@ HttpResponse ViewServer::route(const HttpRequest& request) {
   if (asked == "GET /cameras") return json_response(cameras_json(source_.scene()));
   if (asked == "GET /state") {
     const std::string since = request.parameter("since");
-    return json_response(state_json(source_.state(since.empty() ? -1 : parse_whole_number(since, "since"))));
+    const ViewState state = source_.state(since.empty() ? -1 : parse_whole_number(since, "since"));
+    clients_.set_waiting(client_of(request), source_.scene().is_training && !state.has_ended);
+    return json_response(state_json(state));
   }
   if (asked == "GET /photograph") return one_at_a_time(request, &ViewServer::photograph);
   if (asked == "POST /frame") return one_at_a_time(request, &ViewServer::frame);

@@ -168,7 +168,7 @@ TEST_F(ReportInBrowser, ShowsRunToRunVariationBesideEveryDifference) {
                          "Training time",
                          "naive (baseline)\t1.00 s",
                          "50.0 % ± 2.0 % (95 %: 50.0 to 50.0 %)\tfaster",
-                         "mine\t0.40 s (0.4 to 0.4)",
+                         "mine\t0.40 s (0.40 to 0.40)",
                          "60.0 % ± 2.0 % (60.0 to 60.0)\t60.0 % ± 2.0 % (60.0 to 60.0)\t51\tforward kernel",
                          "saved by load balancing",
                          "20.0 % ± 2.0 %",

@@ -36,6 +36,7 @@ class OneColor final : public FrameSource {
   ViewState state(int since) const override {
     ViewState state;
     state.iteration = 7;
+    state.has_ended = has_ended;
     state.curve = {{since + 1, 0.5, 100}};
     return state;
   }
@@ -56,7 +57,11 @@ class OneColor final : public FrameSource {
     return Image8(size.width, size.height, 3);
   }
   void command(ViewCommand command) override { commands.push_back(command); }
-  void close() override { hold(false); }
+  void close() override {
+    has_ended = true;
+    hold(false);
+  }
+  void train() { scene_.is_training = true; }
 
   /// Frames and photographs wait while this holds.
   void hold(bool is_held) {
@@ -69,7 +74,7 @@ class OneColor final : public FrameSource {
 
   std::atomic<int> frames{0};
   mutable std::atomic<int> photographs{0};
-  std::atomic<bool> fails{false};
+  std::atomic<bool> fails{false}, has_ended{false};
   std::vector<ViewCommand> commands;
 
  private:
@@ -354,6 +359,30 @@ TEST(ViewServer, AnAddressThatIsNotThisMachinesIsOneLine) {
     options.port = 0;
     EXPECT_TRUE(test::fails_with<InputError>({address}, [&] { ViewServer(source, options); }));
   }
+}
+
+TEST(ViewServer, TellsThePageOfATrainingThatItHasEnded) {
+  OneColor source;
+  source.train();
+  std::thread page;
+  Answer last;
+  {
+    ViewServerOptions options;
+    options.port = 0;
+    const ViewServer server(source, options);
+    const auto ask = [port = server.port(), headers = test::HttpHeaders{{"X-Token", server.token()}}] {
+      return test::HttpClient(port).get("/state", headers);
+    };
+    EXPECT_EQ(json::parse(ask()->body)["ended"], false);
+    page = std::thread([&source, &last, ask] {
+      while (!source.has_ended) std::this_thread::yield();
+      std::this_thread::sleep_for(std::chrono::milliseconds(200));
+      last = ask();
+    });
+  }
+  page.join();
+  ASSERT_TRUE(last);
+  EXPECT_EQ(json::parse(last->body)["ended"], true);
 }
 
 TEST(ViewServer, EndsWhileAFrameWaits) {

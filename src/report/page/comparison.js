@@ -65,7 +65,8 @@ function quality_section(data) {
   if (tables.length === 0) return soft("Quality has not been measured yet.");
   const runs = first_runs(data), n_values = runs[0].curves.test_psnr.filter((psnr) => psnr !== null).length;
   return [tables, measures_half ? soft(kMeasuredHalf) : [],
-          n_values === 0 ? soft("No test views were held out (--no_eval), so there is no PSNR.")
+          n_values === 0 ? soft(summary.holds_out_views ? "PSNR has not been measured yet."
+                                : "No test views were held out (--no_eval), so there is no PSNR.")
           : n_values > 1 ? curve_figure(kQuantities.psnr, runs) : []];  // the tables have a single value
 }
 
@@ -101,7 +102,8 @@ function seconds_cell({by_seed}, key) {
   const until = Math.max(...by_seed.map((seed) => seed.until));
   const all = by_seed.filter((seed) => seed.until === until).map((seed) => seed[key]);
   const mean = all.reduce((sum, s) => sum + s, 0) / all.length, low = Math.min(...all), high = Math.max(...all);
-  return seconds_text(mean, low) + (all.length > 1 ? ` (${low.toFixed(1)} to ${high.toFixed(1)})` : "");
+  const text = (seconds) => seconds_text(seconds, low).replace(" s", "");
+  return `${text(mean)} s` + (all.length > 1 ? ` (${text(low)} to ${text(high)})` : "");
 }
 
 /// "lambda_dssim 0.2 → 0.4", of few options; of more, how many they are.

@@ -74,15 +74,15 @@ function stage_section(runs) {
 
 function preview_section({previews, held_out}) {
   if (previews.length === 0) return soft("No views have been rendered yet.");
-  const picture = (src, alt, caption) => (src ? element("div", {}, element("img", {src, alt}), caption) : []);
-  const pictures = previews.flatMap(({view, photograph, renders}) => [
-    picture(photograph, `photograph ${view}`, `photograph ${view}`),
-    ...renders.map(({name, psnr, image}) => picture(image, `render of ${view} by ${name}`,
-      `${renders.length > 1 ? name : "render"}, PSNR ${psnr === null ? "-" : figure_text(psnr)} dB`)),
-  ]).flat();
-  const grid = element("div", {class: "pictures"}, ...pictures);
-  grid.style.setProperty("--columns", String(previews[0].renders.length + 1));
-  return [grid, soft(held_out ? "These are test views: they were held out from training."
+  const picture = (src, alt, caption) => (src ? [element("div", {}, element("img", {src, alt}), caption)] : []);
+  const has_ages = new Set(previews[0].renders.map((own) => own.iteration)).size > 1;
+  const rows = previews.map(({view, photograph, renders}) => element(
+    "div", {class: "pictures", style: `--columns: ${renders.length + 1}`},
+    ...picture(photograph, `photograph ${view}`, `photograph ${view}`),
+    ...renders.flatMap(({name, iteration, psnr, image}) => picture(image, `render of ${view} by ${name}`,
+      (renders.length > 1 ? name : "render") + (has_ages ? `, iteration ${count_text(iteration)}` : "") +
+      `, PSNR ${psnr === null ? "-" : figure_text(psnr)} dB`))));
+  return [rows, soft(held_out ? "These are test views: they were held out from training."
                               : "These views were trained on; no test views were held out (--eval does that).")];
 }
 
@@ -156,7 +156,9 @@ function check_table({kernel_checks, resumes, curves}) {
     }
   }
   return [table(["iteration", "pass", "median time, ms (spread over views)", "views", "kernel", "reason"], rows,
-                {words: true}), check_cost(kernel_checks, curves.elapsed_s)];
+                {words: true}),
+          soft("The reason is the median of the ratios view by view, and may disagree with the medians above."),
+          check_cost(kernel_checks, curves.elapsed_s)];
 }
 
 function check_cost(checks, elapsed_s) {

@@ -18,6 +18,7 @@ class PageCamera {
     if (cameras.length === 0) {
       this.position = add(scene.center, mul(unit([0.6, -0.5, -1]), 3 * scene.radius));
       this.axes = looking(this.position, scene.center, this.up);
+      this.fov = 50;
       this.distance = 3 * scene.radius;
       return;
     }
@@ -79,13 +80,15 @@ class PageCamera {
   move(right, up, forward) {
     this.position = add(this.position, add(add(mul(this.axes[0], right), mul(this.axes[1], up)),
                                            mul(this.axes[2], -forward)));
+    const away = sub(this.position, this.center), farthest = 100 * this.radius;
+    if (norm(away) > farthest) this.position = add(this.center, mul(unit(away), farthest));
   }
 
   /// Approaches the pivot; factor below 1. Flying, moves ahead instead.
   approach(factor, way) {
     if (way === "fly") return this.move(0, 0, (1 - factor) * this.distance);
     const pivot = this.pivot();
-    this.distance = Math.max(1e-4 * this.radius, this.distance * factor);
+    this.distance = Math.min(100 * this.radius, Math.max(1e-4 * this.radius, this.distance * factor));
     this.position = add(pivot, mul(this.axes[2], this.distance));
   }
 

@@ -4,7 +4,7 @@
 // --- The panel
 
 function choose(group, key, value) {
-  for (const button of $(group).children) button.setAttribute("aria-checked", button.dataset[key] === value);
+  for (const button of $(group).children) button.setAttribute("aria-pressed", button.dataset[key] === value);
 }
 
 function has_photograph() { return view >= 0 && scene.views[view].photograph; }
@@ -33,9 +33,18 @@ function jump(index) {
   const n = scene.views.length;
   if (n === 0) return;
   const to = (index + n) % n;
+  play(false);
   camera.jump(scene.views[to]);
   show_fov();
   select_view(to);
+}
+
+/// The view that the page begins with.
+function reset_view() {
+  play(false);
+  camera.begin(scene);
+  show_fov();
+  select_view(scene.views.length > 0 ? 0 : -1);
 }
 
 function show_fov() {
@@ -43,8 +52,20 @@ function show_fov() {
   $("fov_value").textContent = `${camera.fov.toFixed(0)}\u00b0`;
 }
 
+function key_seconds() {
+  const seconds = $("key_seconds").valueAsNumber;
+  return Number.isNaN(seconds) ? 2 : Math.min(60, Math.max(0.1, seconds));
+}
+
+/// Begins to play the path, or ends it.
+function play(is_on) {
+  playing = is_on ? {start: performance.now(), between: key_seconds()} : null;
+  $("path_play").textContent = is_on ? "Stop" : "Play";
+}
+
 function show_keys() {
-  const n = path.keys.length, seconds = path.seconds(Number($("key_seconds").value) || 2);
+  const n = path.keys.length, seconds = path.seconds(key_seconds());
+  play(false);
   $("keys").textContent = n < 2 ? `${n}` : `${n}, ${seconds.toFixed(1)} s`;
   $("key_drop").disabled = n === 0;
   $("path_play").disabled = n < 2;
@@ -62,7 +83,9 @@ function listen_to_panel() {
   $("camera").onchange = () => {
     const index = Number($("camera").value);
     if (index >= 0) jump(index);
+    else select_view(-1);
   };
+  $("reset").onclick = reset_view;
   $("before").onclick = () => jump(view >= 0 ? view - 1 : 0);
   $("after").onclick = () => jump(view + 1);
   $("fov").oninput = () => {
@@ -82,16 +105,13 @@ function listen_to_panel() {
   $("key_add").onclick = () => { path.add(camera); show_keys(); };
   $("key_drop").onclick = () => { path.drop(); show_keys(); };
   $("key_seconds").oninput = show_keys;
-  $("path_play").onclick = () => {
-    playing = {start: performance.now(), between: Number($("key_seconds").value) || 2};
-  };
+  $("path_play").onclick = () => play(!playing);
   $("path_save").onclick = save_path;
 }
 
 function save_path() {
   const [width, height] = $("path_size").value.split("x").map(Number);
-  const between = Number($("key_seconds").value) || 2;
-  const text = JSON.stringify(path.file(between, width, height, 30, scene.origin, scene.unit), null, 1);
+  const text = JSON.stringify(path.file(key_seconds(), width, height, 30, scene.origin, scene.unit), null, 1);
   const link = document.createElement("a");
   link.href = URL.createObjectURL(new Blob([text], {type: "application/json"}));
   link.download = "camera_path.json";
@@ -117,7 +137,7 @@ function listen_to_picture() {
     picture.focus({preventScroll: true});
     picture.classList.add("held");
     pointers.set(event.pointerId, {x: event.clientX, y: event.clientY, button: event.button});
-    playing = null;
+    play(false);
   });
   const release = (event) => {
     pointers.delete(event.pointerId);
@@ -157,11 +177,12 @@ const kTurns = {arrowleft: [1, 0], arrowright: [-1, 0], arrowup: [0, 1], arrowdo
 
 function listen_to_keys() {
   window.addEventListener("keydown", (event) => {
-    const key = event.key.toLowerCase();
-    if (event.ctrlKey || event.metaKey || event.altKey || ["INPUT", "SELECT"].includes(event.target.tagName)) return;
-    if (kMoves[key] || kTurns[key]) {
+    const key = event.key.toLowerCase(), on = event.target.tagName;
+    if (event.ctrlKey || event.metaKey || event.altKey || ["INPUT", "SELECT"].includes(on) || picture.inert) return;
+    if (key === "escape") play(false);
+    if (kMoves[key] || (kTurns[key] && on !== "BUTTON")) {
       held_keys.add(key);
-      playing = null;
+      play(false);
       event.preventDefault();
     }
     if (key === "]") jump(view + 1);
@@ -183,7 +204,7 @@ function move_on(now, before) {
   if (playing) {
     const t = (now - playing.start) / 1000 / playing.between;
     Object.assign(camera, path.at(Math.min(t, path.keys.length - 1)));
-    if (t >= path.keys.length - 1) playing = null;
+    if (t >= path.keys.length - 1) play(false);
     show_fov();
     touch();
   }

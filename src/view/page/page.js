@@ -9,7 +9,7 @@ const kMaxPixels = 4000000;
 const kDraftMs = 80, kDraftMsInTraining = 25, kFullMsInTraining = 150;
 
 const camera = new PageCamera(), path = new CameraPath();
-let scene = null, state = null;
+let scene = null, state = null, is_connected = true;
 let mode = "render", way = "orbit";
 let view = -1;  // the camera of the scene that is shown exactly; -1 once moved
 let moved_at = -1e9;  // ms
@@ -22,8 +22,12 @@ let playing = null;
 const held_keys = new Set();
 
 async function ask(address, options = {}) {
+  const limit_ms = /frame|photograph/.test(address) ? 30000 : 5000;  // a picture may wait for 20 s before it is begun
   const response = await fetch(address, {
-    ...options, headers: {"X-Token": token, "X-Client": client, ...(options.headers || {})}});
+    ...options, signal: AbortSignal.timeout(limit_ms),
+    headers: {"X-Token": token, "X-Client": client, ...(options.headers || {})}}).catch(() => {
+    throw new Error("No connection to the program.");
+  });
   if (response.ok) return response;
   const error = new Error((await response.text()).trim());
   error.status = response.status;
@@ -34,10 +38,13 @@ function post(address, body) {
   return ask(address, {method: "POST", headers: {"Content-Type": "application/json"}, body: JSON.stringify(body)});
 }
 
-function say(text) {
-  $("message").textContent = text;
-  $("message").hidden = !text;
+/// Screen readers read a changed text aloud, so the same one is not set again.
+function show_text(id, text) {
+  if ($(id).textContent !== text) $(id).textContent = text;
+  $(id).hidden = !text;
 }
+
+const say = (text) => show_text("message", text);
 
 // --- Frames: one at a time, small ones while the camera moves.
 
@@ -86,7 +93,8 @@ async function frames() {
     const is_new = state !== null && state.iteration !== shown_iteration && performance.now() - asked_at > 1000 &&
         mode !== "photograph";
     const has_work = wanted || (!is_draft && !shown_full) || is_new;
-    if (!has_work || document.hidden || (state && state.activity === "ended")) {
+    if (state?.ended) return;
+    if (!has_work || document.hidden || !is_connected) {
       await new Promise((resolve) => setTimeout(resolve, 15));
       continue;
     }
@@ -105,12 +113,11 @@ async function frames() {
         $("frame").textContent = `${bitmap.width} x ${bitmap.height}, ${about.ms.toFixed(1)} ms` +
             (state && state.iterations > 0 && scene.training ? `, iteration ${about.iteration}` : "");
       }
-      $("legend").textContent = about ? about.legend : "";
-      $("legend").hidden = !$("legend").textContent;
+      show_text("legend", about ? about.legend : "");
       say("");
     } catch (error) {
       wanted = true;
-      if (!(state && state.activity === "ended")) say(error.message);
+      if (!state?.ended) say(error.message);
       await new Promise((resolve) => setTimeout(resolve, 500));
     }
   }
@@ -148,41 +155,48 @@ async function follow() {
         const since = curve.length > 0 ? curve[curve.length - 1][0] : 0;
         state = await (await ask(`/state?since=${since}`)).json();
         curve = curve.concat(state.curve);
-        show_state();
+        if (!is_connected) say("");
+        is_connected = true;
       } catch (error) {
-        if (error.status === 503) {
-          say(error.message);
-        } else if (error.status === 401) {
-          say(error.message);
-          return;
-        } else {
-          if (state) state.activity = "ended";
-          say("The program has ended or cannot be reached.");
-          show_state();
-        }
+        is_connected = false;
+        say(error.message);
+        if (error.status === 401) return show_state();  // the token of another program
       }
+      show_state();
+      if (state?.ended) return end();
     }
     await new Promise((resolve) => setTimeout(resolve, 1000));
   }
 }
 
+/// The last picture stays; what would change it is turned off.
+function end() {
+  say("");
+  play(false);
+  held_keys.clear();
+  picture.inert = true;
+  for (const own of document.querySelectorAll("#panel :is(button, select, input):not(#fold, #path_save, #path_size)")) {
+    own.disabled = true;
+  }
+}
+
 function show_state() {
   if (!state) return;
-  const has_ended = state.activity === "ended";
+  const is_live = is_connected && !state.ended;
   $("iteration").textContent = scene.training ? `${count_text(state.iteration)} / ${count_text(state.iterations)}`
                                               : state.iteration > 0 ? count_text(state.iteration) : "-";
   $("count").textContent = count_text(state.count);
   $("loss").textContent = state.loss > 0 ? state.loss.toFixed(4) : "-";
-  $("eta").textContent = state.eta_s === null || has_ended ? "-" : duration(state.eta_s);
-  $("activity").textContent = state.activity +
+  $("eta").textContent = state.eta_s === null || !is_live ? "-" : duration(state.eta_s);
+  $("activity").textContent = !is_connected ? "no connection" : state.activity +
       (state.activity === "training" && state.per_second > 0 ? `, ${state.per_second.toFixed(1)}/s` : "");
   $("kernel").textContent = state.kernel || "-";
   $("done").style.width = `${100 * state.iteration / Math.max(1, state.iterations)}%`;
   if (state.paused !== ($("pause").textContent === "Resume")) shown_full = false;  // another size
   $("pause").textContent = state.paused ? "Resume" : "Pause";
-  for (const id of ["pause", "save", "stop"]) $(id).disabled = has_ended;
-  $("notice").textContent = state.notice;
-  $("notice").hidden = !state.notice;
+  for (const id of ["pause", "save", "stop"]) $(id).disabled = !is_live;
+  show_text("notice", state.notice);
+  $("notice").classList.toggle("warning", state.warning);
   if (scene.training) show_curves();
 }
 
@@ -216,14 +230,12 @@ async function begin() {
   $("camera").add(new Option(scene.views.length > 0 ? "free camera" : "no cameras", "-1"));
   scene.views.forEach((v, i) => $("camera").add(new Option(`${v.name}${v.test ? " (test)" : ""}`, String(i))));
   $("cameras").hidden = scene.views.length === 0;
-  camera.begin(scene);
   listen_to_panel();
   listen_to_picture();
   listen_to_keys();
   choose("ways", "way", way);
   select_mode("render");
-  select_view(scene.views.length > 0 ? 0 : -1);
-  show_fov();
+  reset_view();
   show_keys();
   new ResizeObserver(() => { draw(); wanted = true; shown_full = false; show_state(); }).observe(picture);
   requestAnimationFrame((now) => move_on(now, now));

@@ -140,7 +140,7 @@ TEST(WatchedTraining, PausesSavesAndStops) {
   live.join();
   EXPECT_TRUE(live.result.interrupted);
   EXPECT_TRUE(fs::exists(live.result.checkpoint));
-  EXPECT_EQ(live.watched.state(0).activity, "ended");
+  EXPECT_EQ(live.watched.state(0).activity, "stopped");
   EXPECT_THROW(live.watched.render(request_of(live.watched, FrameMode::kRender)), BusyError);
 }
 
