@@ -55,21 +55,6 @@ void RankStepper::adopt_model() {
   visit_appearance(state_.appearance, [&](const char*, torch::Tensor& tensor) { tensor = tensor.to(device); });
 }
 
-void RankStepper::redistribute_rows() {
-  const std::vector<torch::Tensor*> rows = row_tensors(state_);
-  RowOwners after;
-  const std::string lack = lack_of_memory([&] {
-    after = RowOwners::round_robin(ranks_.rank(), ranks_.size(), owners_.n_rows(), training_.device);
-    const torch::TensorOptions bytes = state_.gaussians.means.options().dtype(torch::kUInt8);
-    training_.memory->allocate({bytes_to_move_rows(rows, owners_, after)}, bytes);
-  });
-  if (ranks_.max("room to move rows", lack.empty() ? 0 : 1) != 0) return;
-  training_.is_consistent = false;
-  move_rows(ranks_, rows, owners_, after);
-  owners_ = after;
-  training_.is_consistent = true;
-}
-
 GaussianTensors RankStepper::whole_gaussians() {
   GaussianTensors whole = flushed_state().gaussians;
   for (torch::Tensor* tensor : whole.all()) *tensor = gather_rows_on_first(ranks_, *tensor, owners_);
@@ -112,11 +97,6 @@ std::optional<std::int64_t> RankStepper::room_for_gaussians() {
 void RankStepper::begin_round() {
   Stepper::begin_round();
   model_ratios_.begin_round();
-}
-
-void RankStepper::end_round() {
-  has_failed_together_ = false;
-  if (owners_.are_uneven()) redistribute_rows();
 }
 
 MemoryRemedy RankStepper::together(MemoryRemedy remedy) {

@@ -89,7 +89,6 @@ class RankStepper final : public Stepper {
   void begin_round() override;
   DensityRound plan_round(int iteration, std::int64_t limit) override;
   void apply_round(const DensityRound& round, int iteration, std::int64_t limit) override;
-  void end_round() override;
   MemoryRemedy together(MemoryRemedy remedy) override;
 
   // What ranks agree on, or rank 0 does for all.
@@ -143,8 +142,6 @@ class RankStepper final : public Stepper {
   void add_rendered(const std::vector<RenderedRecord>& of_ranks);
 
   // rank_model.cpp
-  /// Redistributes the rows evenly. Does nothing if a rank lacks the memory for it.
-  void redistribute_rows();
   /// Calls work(), which allocates and exchanges nothing. @throws OutOfMemoryError on all ranks if that fails on one
   void allocate_together(const std::function<void()>& work);
   [[noreturn]] void throw_out_of_memory(std::size_t rank, const std::string& reason);

@@ -23,18 +23,6 @@ torch::Tensor order_by_rank(const torch::Tensor& owners) {
   return std::get<1>(torch::sort(owners, /*stable=*/true, /*dim=*/0, /*descending=*/false));
 }
 
-std::int64_t bytes_per_row(const torch::Tensor& rows) {
-  return row_elements(rows) * static_cast<std::int64_t>(rows.element_size());
-}
-
-/// Calls work(begin, end) for pieces of the model's rows.
-template <class Work>
-void for_pieces(const torch::Tensor& own, const RowOwners& owners, std::int64_t piece_bytes, Work&& work) {
-  const std::int64_t n_of_rank = std::max<std::int64_t>(1, piece_bytes / std::max<std::int64_t>(1, bytes_per_row(own)));
-  const std::int64_t n = n_of_rank * owners.size();
-  for (std::int64_t begin = 0; begin < owners.n_rows(); begin += n) work(begin, std::min(begin + n, owners.n_rows()));
-}
-
 /// Writes to `whole`, where that is defined, what exchange(own rows of a piece, counts of all ranks) returns: the rows
 /// of the piece in the order of the ranks.
 template <class Exchange>
@@ -42,29 +30,20 @@ void gather_pieces(const torch::Tensor& own, const RowOwners& owners, std::int64
                    const torch::Tensor& whole, Exchange&& exchange) {
   B3DGS_CHECK(own.is_contiguous() && own.size(0) == owners.n_own(), "expected ", owners.n_own(), " contiguous rows of ",
               owners.n_rows());
-  std::int64_t own_begin = 0;
-  for_pieces(own, owners, piece_bytes, [&](std::int64_t begin, std::int64_t end) {
+  const std::int64_t row_bytes = row_elements(own) * static_cast<std::int64_t>(own.element_size());
+  const std::int64_t n_of_piece =
+      std::max<std::int64_t>(1, piece_bytes / std::max<std::int64_t>(1, row_bytes)) * owners.size();
+  std::int64_t own_begin = 0, end = 0;
+  for (std::int64_t begin = 0; begin < owners.n_rows(); begin = end) {
+    end = std::min(begin + n_of_piece, owners.n_rows());
     const torch::Tensor of_piece = owners.owners().slice(0, begin, end);
     const std::vector<std::int64_t> counts = count(of_piece, owners.size());
     const std::int64_t own_end = own_begin + counts[static_cast<std::size_t>(owners.rank())];
     const torch::Tensor received = exchange(own.slice(0, std::exchange(own_begin, own_end), own_end), counts);
-    if (!whole.defined()) return;
+    if (!whole.defined()) continue;
     whole.slice(0, begin, end).index_copy_(0, order_by_rank(of_piece).to(whole.device()), received.to(whole.device()));
-  });
-}
-
-/// The own rows of a piece of the model, grouped by the rank that has them in `others`. Waits for the device.
-struct GroupedRows {
-  torch::Tensor rows;
-  std::vector<std::int64_t> counts;
-
-  GroupedRows(const RowOwners& owners, const RowOwners& others, std::int64_t begin, std::int64_t end) {
-    const torch::Tensor own = rows_of(owners.owners().slice(0, begin, end) == owners.rank()).add_(begin);
-    const torch::Tensor of_others = others.owners().index_select(0, own);
-    rows = owners.own_rows_of(own.index_select(0, order_by_rank(of_others)));
-    counts = count(of_others, owners.size());
   }
-};
+}
 
 }  // namespace
 
@@ -74,21 +53,12 @@ RowOwners::RowOwners(int rank, int size, torch::Tensor owners)
               size);
   B3DGS_CHECK(n_rows_ <= std::numeric_limits<std::int32_t>::max(), n_rows_, " rows");
   own_ = (owners_ == rank).nonzero().flatten().to(torch::kInt32);
-  const std::vector<std::int64_t> counts = count(owners_, size);
-  n_own_ = counts[static_cast<std::size_t>(rank)];
-  n_most_ = *std::max_element(counts.begin(), counts.end());
+  n_own_ = own_.size(0);
 }
 
 RowOwners RowOwners::round_robin(int rank, int size, std::int64_t n_rows, torch::Device device) {
   const torch::Tensor rows = torch::arange(n_rows, torch::dtype(torch::kInt64).device(device));
   return {rank, size, torch::div(rows, kBlock, "floor").remainder(size).to(torch::kInt16)};
-}
-
-bool RowOwners::are_uneven() const {
-  constexpr double kUneven = 1.05;
-  const std::int64_t n_blocks = (n_rows_ + kBlock - 1) / kBlock;
-  const std::int64_t n_even = std::min(n_rows_, (n_blocks + size_ - 1) / size_ * kBlock);  // of rank 0, if round-robin
-  return static_cast<double>(n_most_) > kUneven * static_cast<double>(n_even);
 }
 
 std::int64_t RowOwners::row_of_model(std::int64_t own_row) const {
@@ -140,34 +110,6 @@ torch::Tensor gather_rows_on_first(Communicator& ranks, const torch::Tensor& own
     return ranks.all_to_all_rows(rows, send, ranks.is_first() ? counts : receive);
   });
   return whole;
-}
-
-std::int64_t bytes_to_move_rows(const std::vector<torch::Tensor*>& tensors, const RowOwners& before,
-                                const RowOwners& after, std::int64_t piece_bytes) {
-  const std::int64_t n_most = std::max(before.n_most(), after.n_most());
-  std::int64_t largest = 0, growth = 0;
-  for (const torch::Tensor* tensor : tensors) {
-    const std::int64_t row = bytes_per_row(*tensor);
-    largest = std::max(largest, n_most * row);
-    growth += std::max<std::int64_t>(0, after.n_own() - before.n_own()) * row;
-  }
-  // Old and new tensor exist at the same time, and earlier tensors may have grown. Buffers to send and receive hold
-  // pieces; a rank may own all rows of one.
-  return largest + growth + 4 * std::min(piece_bytes * before.size(), largest);
-}
-
-void move_rows(Communicator& ranks, const std::vector<torch::Tensor*>& tensors, const RowOwners& before,
-               const RowOwners& after, std::int64_t piece_bytes) {
-  B3DGS_CHECK(before.n_rows() == after.n_rows(), "rows of ", before.n_rows(), " and of ", after.n_rows());
-  for (torch::Tensor* tensor : tensors) {
-    const torch::Tensor moved = allocate_tensor(sizes_with_rows(*tensor, after.n_own()), tensor->options());
-    for_pieces(*tensor, before, piece_bytes, [&](std::int64_t begin, std::int64_t end) {
-      const GroupedRows sent(before, after, begin, end), received(after, before, begin, end);
-      moved.index_copy_(0, received.rows,
-                        ranks.all_to_all_rows(tensor->index_select(0, sent.rows), sent.counts, received.counts));
-    });
-    *tensor = moved;
-  }
 }
 
 }  // namespace b3dgs

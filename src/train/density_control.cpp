@@ -51,7 +51,6 @@ void Stepper::run_round(int iteration) {
       if (n_failures == 0) hold_count(state_.n_gaussians());
     }
   }
-  end_round();
   training_.trim_memory();
 }
 

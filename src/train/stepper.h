@@ -177,7 +177,6 @@ class Stepper {
     reserve_rows(round.edit, limit);
     apply_reserved(round.edit, iteration);
   }
-  virtual void end_round() {}
   /// A remedy that counts as successful in all processes if it is in one.
   virtual MemoryRemedy together(MemoryRemedy remedy) { return remedy; }
   /// Memory for an edit of this process' rows, if possible with spare capacity, so that most rounds reallocate nothing.

@@ -36,7 +36,7 @@ TEST(RowOwnersOnGpu, EqualThoseOfTheCpu) {
     const RowOwners host = random_owners(rank, sources), device = random_owners(rank, on_gpu(sources));
     EXPECT_TRUE(are_same(device.owners(), host.owners()));
     EXPECT_TRUE(are_same(device.own(), host.own()));
-    EXPECT_EQ(device.n_most(), host.n_most());
+    EXPECT_EQ(device.n_own(), host.n_own());
     EXPECT_EQ(device.row_of_model(7), host.row_of_model(7));
     const torch::Tensor some = host.own().slice(0, 3, host.n_own(), 5).contiguous();
     EXPECT_TRUE(are_same(device.own_rows_of(on_gpu(some)), host.own_rows_of(some)));
