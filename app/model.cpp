@@ -221,6 +221,10 @@ LoadedModel load_model(const ModelOptions& options, bool needs_views) {
   make_absolute(model.config.source_path);
   if (options.resolution != 0) model.config.resolution = options.resolution;
   if (options.lenses != "trained") model.config.lenses = options.lenses;
+  if (options.white_background && !model.is_file() && !model.config.white_background) {
+    input_error(model.folder.root().string(), ": was trained on a black background; leave -w out, or name a file");
+  }
+  model.config.white_background = model.config.white_background || options.white_background;
   model.config.device = device_name(choose_device(options.device));
   set_compute_threads(options.threads);
   use_frame_of_gaussians(model);

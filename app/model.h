@@ -22,6 +22,7 @@ struct ModelOptions {
   std::string source_path;
   int resolution = 0;
   std::string lenses = "trained";
+  bool white_background = false;
   std::string device = "auto";
   int threads = 0;
   bool quiet = false;
@@ -29,7 +30,7 @@ struct ModelOptions {
 
 template <class Visitor>
 void visit_fields(ModelOptions& c, Visitor&& field) {
-  field(Option{"model_path", 'm', {"result_dir"}}.common(), c.model_path, Any{}, "model folder");
+  field(Option{"model_path", 'm', {"result_dir", "model_paths"}}.common(), c.model_path, Any{}, "model folder");
   field(Option{"iteration"}, c.iteration, AtLeast{-1}, "saved iteration to load (-1 = the last)");
   field(Option{"source_path", 's', {"data_dir", "data_path"}}.common(), c.source_path, Any{},
         "COLMAP scene folder, if not the one used for training");
@@ -37,7 +38,8 @@ void visit_fields(ModelOptions& c, Visitor&& field) {
         "image size, as in b3dgs train (0 = as in training)");
   field(Option{"lenses"}, c.lenses, OneOf{{"trained", "undistort", "native", "auto"}},
         "photographs in their lens or undistorted, as in b3dgs train (trained: as in training)");
-  field(Option{"device", '\0', {"data_device"}}.common(), c.device, OneOf{{"auto", "cpu", "cuda"}},
+  field(Option{"white_background", 'w'}, c.white_background, Any{}, "white background, for a file of Gaussians");
+  field(Option{"device"}.common(), c.device, OneOf{{"auto", "cpu", "cuda"}},
         "where to render; auto: on a GPU if there is one");
   field(Option{"threads"}, c.threads, AtLeast{0}, "CPU threads (0 = all cores)");
   field(Option{"quiet"}, c.quiet, Any{}, "show no progress");

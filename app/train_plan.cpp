@@ -138,23 +138,25 @@ TrainPlan make_plan(const CommandLine& line, StatusLine& status, const TrainComm
   const GivenOptions given = given_options(line, options.config);
   warn_of_former(line.given(), "", status);
   if (!options.config.empty()) warn_of_former(read_json_file(options.config), options.config + ": ", status);
+  const auto apply_given_at_resume = [&] {
+    for (const std::string& text : apply_at_resume(config, given)) status.warn(text);
+    plan.layers.reset();
+  };
   plan.layers = resolve_options(given);
   config = plan.layers->config;
   if (!options.resume.empty()) plan.checkpoint = find_checkpoint(config, options, status);
   if (!plan.checkpoint.empty()) {
     const std::string named_folder = config.model_path;
     config = config_of_checkpoint(plan.checkpoint, status);
-    apply_at_resume(config, given);
+    apply_given_at_resume();
     if (!named_folder.empty()) config.model_path = named_folder;
-    plan.layers.reset();
   } else if (options.resume == "auto" && config.source_path.empty()) {
     // Interrupted before its first checkpoint.
     const std::string folder = config.model_path;
     config = ModelFolder(folder).read_config();
     config.device = TrainConfig{}.device;
     config.model_path = folder;
-    apply_at_resume(config, given);
-    plan.layers.reset();
+    apply_given_at_resume();
   }
   if (n_ranks > 1 && plan.layers && !given.contains("batch")) {
     config.batch = std::min(n_ranks, kMaxBatch);  // each renders a view of a step

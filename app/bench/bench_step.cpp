@@ -86,7 +86,7 @@ TrainConfig make_config(const CommandLine& line, const BenchStepOptions& options
     config = resolve_options(given).config;
   } else {
     config = config_of_checkpoint(options.checkpoint, status);
-    apply_at_resume(config, given);
+    for (const std::string& text : apply_at_resume(config, given)) status.warn(text);
   }
   if (config.source_path.empty()) input_error("missing argument: SOURCE_PATH; usage: b3dgs bench step SOURCE_PATH");
   config.iterations = std::numeric_limits<int>::max();

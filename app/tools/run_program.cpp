@@ -33,7 +33,10 @@ int report_out_of_memory(const std::string& what) {
 [[noreturn]] void reject_command(const std::string& word) {
   std::vector<std::string> names;
   for (const CommandName& command : kCommandNames) names.emplace_back(command.name);
-  const std::string nearest = nearest_name(word, names);
+  const std::string script = word.substr(0, word.find(".py"));  // of the original 3DGS code: train.py, full_eval.py
+  const std::string nearest = script == "metrics"   ? "eval"
+                              : script == "convert" ? "reconstruct"
+                                                    : nearest_name(script, names);
   input_error("unknown command \"", word, "\"; ",
               nearest.empty() ? "expected one of " + list_text(names) : "did you mean " + nearest + "?");
 }

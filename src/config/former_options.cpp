@@ -7,12 +7,16 @@ struct FormerOption {
   const char* name;
   const char* value;   // JSON, what it always is now; null: a flag; kVaries
   const char* reason;  // ends "--name X has no effect: "; null: no line, since another option says it
+  char letter = '\0';  // or none
 };
 
 /// It was set by presets and strategies or scaled, so numbers in files need no line.
 constexpr const char* kVaries = "varies";
 
 constexpr const char* kOriginal = "only the original 3DGS code has it";
+constexpr const char* kPhotographs = "photographs take up to half of the free GPU memory, the others host memory";
+constexpr const char* kTraining = "the training has decided it";
+constexpr const char* kSplit = "render --path test|train and eval --split test|train choose the views";
 
 constexpr FormerOption kFormerOptions[] = {
     // Of the original 3DGS code.
@@ -21,6 +25,7 @@ constexpr FormerOption kFormerOptions[] = {
     {"detect_anomaly", nullptr, kOriginal},
     {"compute_cov3D_python", nullptr, kOriginal},
     {"convert_SHs_python", nullptr, kOriginal},
+    {"data_device", "\"cuda\"", kPhotographs},
     {"optimizer_type", "\"default\"", kOriginal},
     {"ip", "\"127.0.0.1\"", kOriginal},
     {"port", "6009", "the page of a training is at --view PORT"},
@@ -64,7 +69,23 @@ constexpr FormerOption kFormerOptions[] = {
     {"checkpoint_interval", "0", "--checkpoint_minutes and --checkpoint_iterations say when to write checkpoints"},
     {"keep_checkpoints", "2", "the 2 newest checkpoints are kept"},
     {"tile", "\"16x16\"", "tiles are 16 x 16 px"},
-    {"image_cache_gb", "-1", "photographs take up to half of the free GPU memory"},
+    {"image_cache_gb", "-1", kPhotographs},
+};
+
+/// Of render.py and metrics.py in the original 3DGS code.
+constexpr FormerOption kFormerModelOptions[] = {
+    {"skip_train", nullptr, kSplit},
+    {"skip_test", nullptr, kSplit},
+    {"eval", nullptr, kTraining},
+    {"images", kVaries, kTraining, 'i'},
+    {"depths", kVaries, kTraining, 'd'},
+    {"train_test_exp", nullptr, kTraining},
+    {"sh_degree", kVaries, kTraining},
+    {"antialiasing", nullptr, kTraining},
+    {"data_device", "\"cuda\"", kPhotographs},
+    {"debug", nullptr, kOriginal},
+    {"compute_cov3D_python", nullptr, kOriginal},
+    {"convert_SHs_python", nullptr, kOriginal},
 };
 
 struct FormerName {
@@ -85,16 +106,38 @@ bool has_usual_value(const FormerOption& option, const nlohmann::ordered_json& v
   return value == usual || (usual.is_number() && value == usual.dump());
 }
 
-}  // namespace
-
-void add_former_options(CommandLine& line) {
-  for (const FormerOption& option : kFormerOptions) {
+template <class Table>
+void add_all(CommandLine& line, const Table& table) {
+  for (const FormerOption& option : table) {
     OptionSpec spec;
     spec.name = option.name;
+    spec.letter = option.letter;
     spec.kind = option.value == nullptr ? OptionSpec::Kind::kFlag : OptionSpec::Kind::kText;
     spec.is_ignored = true;
     line.add(spec);
   }
+}
+
+template <class Table>
+std::vector<std::string> describe_all(const nlohmann::ordered_json& options, const Table& table) {
+  std::vector<std::string> lines;
+  for (const FormerOption& option : table) {
+    const auto own = options.find(option.name);
+    if (own == options.end() || option.reason == nullptr || has_usual_value(option, *own)) continue;
+    const std::string text = option.value == nullptr ? "" : " " + option_value_text(*own);
+    lines.push_back(detail::concat("--", option.name, text, " has no effect: ", option.reason));
+  }
+  return lines;
+}
+
+}  // namespace
+
+void add_former_options(CommandLine& line) {
+  add_all(line, kFormerOptions);
+}
+
+void add_former_model_options(CommandLine& line) {
+  add_all(line, kFormerModelOptions);
 }
 
 nlohmann::ordered_json present_options(nlohmann::ordered_json options) {
@@ -114,18 +157,16 @@ const char* present_name(const std::string& option, const std::string& value) {
 }
 
 std::vector<std::string> describe_former_options(const nlohmann::ordered_json& options) {
-  std::vector<std::string> lines;
-  for (const FormerOption& option : kFormerOptions) {
-    const auto own = options.find(option.name);
-    if (own == options.end() || option.reason == nullptr || has_usual_value(option, *own)) continue;
-    const std::string text = option.value == nullptr ? "" : " " + option_value_text(*own);
-    lines.push_back(detail::concat("--", option.name, text, " has no effect: ", option.reason));
-  }
+  std::vector<std::string> lines = describe_all(options, kFormerOptions);
   for (const FormerName& name : kFormerNames) {
     if (options.value(name.option, nlohmann::ordered_json()) != name.value) continue;
     lines.push_back(detail::concat("--", name.option, " ", name.value, " is now --", name.option, " ", name.now));
   }
   return lines;
+}
+
+std::vector<std::string> describe_former_model_options(const nlohmann::ordered_json& options) {
+  return describe_all(options, kFormerModelOptions);
 }
 
 }  // namespace b3dgs

@@ -14,6 +14,10 @@ namespace b3dgs {
 /// They are not listed in the help.
 void add_former_options(CommandLine& line);
 
+/// The same for `b3dgs render` and `eval`: options that render.py and metrics.py of the original 3DGS code have.
+void add_former_model_options(CommandLine& line);
+std::vector<std::string> describe_former_model_options(const nlohmann::ordered_json& options);
+
 /// Without these options, and with the present names of values.
 nlohmann::ordered_json present_options(nlohmann::ordered_json options);
 

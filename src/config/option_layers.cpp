@@ -118,16 +118,33 @@ OptionLayers resolve_options(const GivenOptions& given) {
   return layers;
 }
 
-void apply_at_resume(TrainConfig& config, const GivenOptions& given) {
+std::vector<std::string> apply_at_resume(TrainConfig& config, const GivenOptions& given) {
+  std::vector<std::string> lines;
   const std::string preset = config.preset;
+  const double per_pixel = config.gaussians_per_pixel;
   config_from_json(config, given, /*place=*/"");
   if (config.preset != preset) {
     input_error("--preset ", config.preset, ": the training to resume was started with --preset ", preset,
                 "; leave the option out, or start again with --overwrite");
   }
   if (wants_all_iterations(given)) config.max_epochs = 0;
-  scale_steps(config, std::exchange(config.steps_scaler, 1),
-              [&](const Option& option) { return given.contains(std::string(option.name)); });
+  if (config.max_gaussians > 0 && config.gaussians_per_pixel != per_pixel) {
+    lines.push_back(detail::concat("--gaussians_per_pixel ", std::exchange(config.gaussians_per_pixel, per_pixel),
+                                   " has no effect: the limit is --max_gaussians ", config.max_gaussians,
+                                   "; change that"));
+  }
+  const double factor = std::exchange(config.steps_scaler, 1);
+  bool is_scaled = factor == 1;
+  scale_steps(config, factor, [&](const Option& option) {
+    const bool is_given = given.contains(std::string(option.name));
+    is_scaled = is_scaled || is_given;
+    return is_given;
+  });
+  if (!is_scaled) {
+    lines.push_back(detail::concat("--steps_scaler ", factor,
+                                   " has no effect: when resuming, it multiplies only given options, as --iterations"));
+  }
+  return lines;
 }
 
 TrainConfig preset_options(const TrainConfig& config) {

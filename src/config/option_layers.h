@@ -42,9 +42,9 @@ OptionLayers resolve_options(const GivenOptions& given = GivenOptions::object())
 /// Changes the options of a resumed training. Those that are not given keep the checkpoint's values: neither the
 /// preset nor the strategy's defaults are applied again, and schedules do not follow a changed --iterations. A given
 /// --iterations without --max_epochs sets max_epochs to 0. A given --steps_scaler multiplies given options only. So
-/// repeating the command line that started the training changes nothing. @throws InputError if another preset is given,
-/// and for a value that is out of range
-void apply_at_resume(TrainConfig& config, const GivenOptions& given);
+/// repeating the command line that started the training changes nothing. Returns a line for each given option without
+/// effect. @throws InputError if another preset is given, and for a value that is out of range
+std::vector<std::string> apply_at_resume(TrainConfig& config, const GivenOptions& given);
 
 /// The options of the config's preset and strategy, with the schedule of its number of iterations: what differs from
 /// them is what the user, or the scene, has changed.

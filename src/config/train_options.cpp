@@ -40,8 +40,8 @@ void for_each_option(TrainConfig& c, const std::function<void(const TrainOption&
   field(Option{"invert_masks"}, c.invert_masks, Any{}, "leave out what is white in masks instead of black");
   field(Option{"mask_mode"}, c.mask_mode, OneOf{{"ignore", "segment"}},
         "ignore what masks leave out, or segment: nothing may be there");
-  field(Option{"device", '\0', {"data_device"}}.common().group("Device and memory"), c.device,
-        OneOf{{"auto", "cpu", "cuda"}}, "where to train; auto: a GPU if there is one");
+  field(Option{"device"}.common().group("Device and memory"), c.device, OneOf{{"auto", "cpu", "cuda"}},
+        "where to train; auto: a GPU if there is one");
   field(Option{"gpu_memory_gb"}.common(), c.gpu_memory_gb, AtLeast{0},
         "GPU memory limit, GB; limits the number of Gaussians (0 = all free memory)");
   field(Option{"host_memory_gb"}, c.host_memory_gb, AtLeast{-1},
@@ -68,11 +68,12 @@ void for_each_option(TrainConfig& c, const std::function<void(const TrainOption&
   field(Option{"batch"}, c.batch, InRange{1, kMaxBatch},
         "views per step: mean gradient, rates x sqrt(B); default with several ranks: one each");
   field(Option{"seed"}.common(), c.seed, AtLeast{0}, "random seed");
-  field(Option{"test_iterations", '\0', {"eval_steps"}}.common().in_steps(Steps::kOutput), c.test_iterations,
-        AtLeast{1}, "evaluate the test views after these iterations, and at the end");
-  field(Option{"save_iterations", '\0', {"save_steps"}}.common().in_steps(Steps::kOutput), c.save_iterations,
-        AtLeast{1}, "write a PLY after these iterations, and at the end");
-  field(Option{"checkpoint_iterations"}.in_steps(Steps::kOutput), c.checkpoint_iterations, AtLeast{1},
+  constexpr AtLeast output{-1};  // full_eval.py of the original code gives --test_iterations -1: none
+  field(Option{"test_iterations", '\0', {"eval_steps"}}.common().in_steps(Steps::kOutput), c.test_iterations, output,
+        "evaluate the test views after these iterations, and at the end");
+  field(Option{"save_iterations", '\0', {"save_steps"}}.common().in_steps(Steps::kOutput), c.save_iterations, output,
+        "write a PLY after these iterations, and at the end");
+  field(Option{"checkpoint_iterations"}.in_steps(Steps::kOutput), c.checkpoint_iterations, output,
         "write a checkpoint after these iterations, and at the end");
   field(Option{"checkpoint_minutes"}, c.checkpoint_minutes, AtLeast{0},
         "write a checkpoint every X minutes of training (0 = never)");

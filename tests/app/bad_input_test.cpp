@@ -266,6 +266,8 @@ TEST_F(BadInput, AFullDiskDuringAComparisonTellsHowToContinue) {
 
 TEST_F(BadInput, CommandLines) {
   expect_refused(run_b3dgs({"trian"}), {"trian", "did you mean train?"});
+  expect_refused(run_b3dgs({"metrics.py"}), {"did you mean eval?"});
+  expect_refused(run_b3dgs({"eval", "-m", "a", "b", "c"}), {"unexpected argument \"b\"", "once for each"});
   expect_refused(run_b3dgs({"train"}), {"missing argument: SOURCE_PATH", "-s"});
   expect_refused(run_b3dgs({"train", (scene() / "images/view0.jpg").string()}), {"not a folder", "b3dgs reconstruct"});
   expect_refused(run_b3dgs({"train", "--resume", "none"}), {"nothing to resume: none not found"});

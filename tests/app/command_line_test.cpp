@@ -214,8 +214,8 @@ TEST(CommandLine, AnUnexpectedArgumentIsAnError) {
     line.parse({"scene", "model"});
     ADD_FAILURE() << "accepted";
   } catch (const InputError& error) {
-    EXPECT_EQ(error.what(), std::string("unexpected argument \"model\"; usage: b3dgs train [SOURCE_PATH] [OPTIONS]; "
-                                        "see b3dgs train --help"));
+    EXPECT_EQ(error.what(), std::string("unexpected argument \"model\"; usage: b3dgs train [SOURCE_PATH] [OPTIONS], "
+                                        "once for each; see b3dgs train --help"));
   }
 }
 
@@ -263,8 +263,8 @@ TEST(CommandLine, ValuesOutOfRangeAreNamedWithTheRange) {
   EXPECT_EQ(complaint({"--lambda_dssim", "1.5"}), "invalid value for --lambda_dssim (expected from 0 to 1, found 1.5)");
   EXPECT_EQ(complaint({"--device", "tpu"}),
             "invalid value for --device (expected one of auto, cpu, cuda, found \"tpu\")");
-  EXPECT_EQ(complaint({"--test_iterations", "5", "-1"}),
-            "invalid value for --test_iterations (expected at least 1, found [5,-1])");
+  EXPECT_EQ(complaint({"--test_iterations", "5", "-2"}),
+            "invalid value for --test_iterations (expected at least -1, found [5,-2])");
 }
 
 TEST(CommandLine, PositionalArgumentsSetTheirFields) {

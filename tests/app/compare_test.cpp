@@ -308,7 +308,7 @@ TEST_F(Compare, OverwriteMovesNothingIfAFolderCannotBeMade) {
   const fs::path ply = output() / "naive/seed_0/point_cloud/iteration_5/point_cloud.ply";
   fs::create_directories(ply.parent_path());
   std::ofstream(ply) << "mine";
-  std::ofstream(output() / "shared-memory") << "mine";
+  fs::create_symlink("shared-memory", output() / "shared-memory");  // to itself, where a folder is needed
   EXPECT_EQ(compare({"--iterations", "5", "--overwrite", "--quiet"}).exit_code, 2);
   EXPECT_EQ(read_bytes(ply), "mine");
   EXPECT_FALSE(fs::exists(output() / "compare.json"));

@@ -85,6 +85,19 @@ TEST(FormerOptions, AreAcceptedAndSayThatTheyHaveNoEffect) {
   EXPECT_EQ(line.help_all().find("huber"), std::string::npos) << "not listed";
 }
 
+TEST(FormerOptions, OfRenderAndMetricsAreAcceptedToo) {
+  CommandLine line("render", "");
+  add_former_model_options(line);
+  ASSERT_TRUE(line.parse({"--eval", "--skip_test", "-i", "images", "--data_device", "cpu", "--debug"}));
+  EXPECT_EQ(describe_former_model_options(line.given()),
+            (Words{"--skip_test has no effect: render --path test|train and eval --split test|train choose the views",
+                   "--eval has no effect: the training has decided it",
+                   "--images images has no effect: the training has decided it",
+                   "--data_device cpu has no effect: photographs take up to half of the free GPU memory, the others "
+                   "host memory",
+                   "--debug has no effect: only the original 3DGS code has it"}));
+}
+
 TEST(FormerOptions, OfAFileAreLeftOut) {
   const nlohmann::ordered_json stored{{"growth", 0.05}, {"abs_grad_threshold", 0.0006}, {"seed", 3}, {"huber", 0.0}};
   EXPECT_EQ(present_options(stored), (nlohmann::ordered_json{{"seed", 3}}));
@@ -412,6 +425,21 @@ TEST(ResumedOptions, GivenOptionsChangeAndOthersKeepTheCheckpointsValues) {
   EXPECT_TRUE(test::fails_with<InputError>({"was started with --preset inria"}, [&] {
     apply_at_resume(original, given({"--preset", "fast"}));
   }));
+}
+
+TEST(ResumedOptions, ThoseWithoutEffectAreNamed) {
+  TrainConfig config = resolved({"--preset", "fast", "--max_gaussians", "500"});
+  const TrainConfig started = config;
+  EXPECT_EQ(
+      apply_at_resume(config, given({"--gaussians_per_pixel", "30", "--steps_scaler", "2"})),
+      (Words{"--gaussians_per_pixel 30 has no effect: the limit is --max_gaussians 500; change that",
+             "--steps_scaler 2 has no effect: when resuming, it multiplies only given options, as --iterations"}));
+  EXPECT_TRUE(config_differences(started, config).empty());
+  EXPECT_TRUE(apply_at_resume(config, given({"--max_gaussians", "0", "--gaussians_per_pixel", "30", "--steps_scaler",
+                                             "2", "--iterations", "9"}))
+                  .empty());
+  EXPECT_EQ(config.gaussians_per_pixel, 30);
+  EXPECT_EQ(config.iterations, 18);
 }
 
 TEST(DescribeOptions, NamesPresetAndWhereValuesAreFrom) {

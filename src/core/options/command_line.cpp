@@ -229,7 +229,9 @@ std::string name_of_other_trainers(const std::string& name, const std::vector<st
 
 void CommandLine::reject(const std::string& word) const {
   if (word[0] != '-') {
-    input_error("unexpected argument ", word, "; usage: ", usage(), "; see b3dgs ", name_, " --help");
+    const bool has_arguments = usage() != "b3dgs " + name_ + " [OPTIONS]";
+    input_error("unexpected argument ", word, "; usage: ", usage(), has_arguments ? ", once for each" : "",
+                "; see b3dgs ", name_, " --help");
   }
   std::vector<std::string> names{"help", "help_all"};
   for (const OptionSpec& spec : options_) {
@@ -251,16 +253,8 @@ nlohmann::ordered_json read_json_file(const std::string& path, const char* expec
   if (file.bad() || !file.is_open()) input_error("cannot open file: ", path, " (expected ", expected, ")");
   const std::string text{std::istreambuf_iterator<char>(file), {}};
   nlohmann::ordered_json json = parse_json(text, /*ignore_comments=*/true);
-  if (!json.is_discarded()) return json;
-  try {
-    json = nlohmann::ordered_json::parse(text, nullptr, true, /*ignore_comments=*/true);  // for its error message
-  } catch (const nlohmann::json::exception& error) {
-    std::string reason = error.what();
-    std::replace(reason.begin(), reason.end(), '\n', ' ');
-    reason.erase(0, reason.rfind("[json.exception", 0) == 0 ? reason.find("] ") + 2 : 0);  // the library's number
-    input_error("not valid JSON: ", path, " (expected ", expected, "; ", reason, ")");
-  }
-  input_error("JSON nested too deeply: ", path, " (at most ", kMaxJsonDepth, " levels)");
+  if (json.is_discarded()) input_error("not valid JSON: ", path, " (expected ", expected, "; ", json_damage(text), ")");
+  return json;
 }
 
 namespace {
