@@ -121,12 +121,17 @@ void reduce(LoadedModel& model, const ExportOptions& options, const torch::Devic
 }
 
 UnitQuat rotation_to(const std::string& axis, const LoadedModel& model) {
-  std::vector<View> views = model.scene.train;
-  views.insert(views.end(), model.scene.test.begin(), model.scene.test.end());
+  std::vector<Camera> cameras;
+  for (const std::vector<View>* views : {&model.scene.train, &model.scene.test}) {
+    for (const View& view : *views) cameras.push_back(view.camera);
+  }
+  if (cameras.empty()) input_error("--up needs cameras to know which way is up; name a scene with -s");
+  const std::optional<std::array<double, 3>> up = up_direction(cameras);
+  if (!up) input_error("--up: the cameras do not agree which way is up; turn the file in a viewer instead");
   const std::string target = axis == "auto" ? "-y" : axis;
   std::array<double, 3> to{};
   to[static_cast<std::size_t>(target.back() - 'x')] = target.front() == '-' ? -1 : 1;
-  return rotation_between(up_direction(views), to);
+  return rotation_between(*up, to);
 }
 
 /// The frame whose coordinates are written to an SPZ: that of the world, unless the Gaussians as a whole are too far

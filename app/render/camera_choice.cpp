@@ -85,7 +85,7 @@ Camera orbit_lens(const CameraOptions& options, const std::vector<Camera>& keys)
 }
 
 cv::Vec3d up_axis(const std::string& name, const std::vector<Camera>& keys) {
-  if (name == "auto") return up_of(keys);
+  if (name == "auto") return cv::Vec3d(up_direction(keys).value_or(std::array<double, 3>{0, -1, 0}).data());
   const double sign = name[0] == '-' ? -1 : 1;
   const char axis = name.back();
   return {axis == 'x' ? sign : 0, axis == 'y' ? sign : 0, axis == 'z' ? sign : 0};

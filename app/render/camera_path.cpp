@@ -171,13 +171,6 @@ cv::Vec3d focus_of(const std::vector<Camera>& cameras, const cv::Vec3d& fallback
   return 2 * n_in_front >= static_cast<std::ptrdiff_t>(cameras.size()) ? focus : fallback;
 }
 
-cv::Vec3d up_of(const std::vector<Camera>& cameras) {
-  cv::Vec3d sum;
-  for (const Camera& camera : cameras) sum -= axis_of(camera, 1);
-  const double least = 0.1 * static_cast<double>(cameras.size());
-  return !cameras.empty() && cv::norm(sum) > least ? cv::normalize(sum) : cv::Vec3d{0, -1, 0};
-}
-
 CameraPlacement placement_of(const std::vector<Camera>& cameras, const cv::Vec3d& focus, const cv::Vec3d& up) {
   B3DGS_CHECK(!cameras.empty(), "no cameras");
   std::vector<double> distances, elevations;

@@ -28,9 +28,6 @@ SplatBounds splat_bounds(const SplatCloud& splats);
 /// look away from it; if the axes are nearly parallel, the point on them that is nearest to `fallback`.
 cv::Vec3d focus_of(const std::vector<Camera>& cameras, const cv::Vec3d& fallback);
 
-/// Mean up direction of the cameras, a unit vector; -y, as in COLMAP, without cameras or if their directions cancel.
-cv::Vec3d up_of(const std::vector<Camera>& cameras);
-
 /// How the cameras stand around a point: the largest angle between two neighbours, seen from above, and the middle of
 /// the rest. Rad; the middle counts from `axis` towards up x axis.
 struct Coverage {

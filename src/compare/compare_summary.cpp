@@ -336,7 +336,8 @@ Json final_results(const Histories& configurations) {
   return results;
 }
 
-/// Iterations that all configurations have completed, by seed.
+/// Iterations that all configurations have completed, by seed; 0 for seeds that have not come as far as another: over
+/// other iterations, times cannot be averaged.
 std::vector<int> common_iterations(const Histories& configurations, int requested) {
   std::vector<int> done(configurations[0].by_seed.size(), requested);
   for (const ConfigurationHistory& configuration : configurations) {
@@ -346,6 +347,8 @@ std::vector<int> common_iterations(const Histories& configurations, int requeste
       done[seed] = std::min(done[seed], configuration.by_seed[seed].last_iteration());
     }
   }
+  const int most = *std::max_element(done.begin(), done.end());
+  for (int& own : done) own = own < most ? 0 : own;
   return done;
 }
 
@@ -369,8 +372,6 @@ Json summarize_comparison(const Histories& configurations, int iterations) {
   });
   if (again != configurations.end()) repetition = {&baseline, &*again};
   const std::vector<int> done_by_seed = common_iterations(configurations, iterations);
-  int done = 0;
-  for (const int own : done_by_seed) done = own > 0 && (done == 0 || own < done) ? own : done;
 
   std::optional<double> noise;
   Json compared = Json::array(), balancing = Json::array(), paper_pairs = Json::array();
@@ -395,8 +396,8 @@ Json summarize_comparison(const Histories& configurations, int iterations) {
                {"machine_spread", or_null(noise)},
                {"holds_out_views", baseline.config.eval},
                {"iterations", iterations},
-               {"done", done},
-               {"done_by_seed", done_by_seed},  // 0: the seed is ignored, since not all have started
+               {"done", *std::max_element(done_by_seed.begin(), done_by_seed.end())},
+               {"done_by_seed", done_by_seed},
                {"results", final_results(configurations)},
                {"balancing", balancing},
                {"missing_kernels", may_balance(ours) ? missing_unbalanced_kernels(configurations, ours.config)

@@ -9,6 +9,7 @@
 #include <chrono>
 #include <iterator>
 #include <map>
+#include <memory>
 #include <optional>
 #include <set>
 #include <system_error>
@@ -124,6 +125,7 @@ bool leads_back(const fs::directory_entry& folder, const fs::path& top) {
 PhotographList list_photographs(const fs::path& folder, const std::vector<fs::path>& except) {
   PhotographList list;
   std::vector<Photograph>& photographs = list.photographs;
+  std::vector<std::unique_ptr<OwnFiles>> written;  // in sub-folders, by this program: copies in a scene, renders
   std::set<std::string> stems;  // of photographs: many cameras write a raw file and a JPEG file of each
   std::error_code error;
   fs::recursive_directory_iterator entries(folder, fs::directory_options::follow_directory_symlink, error);
@@ -132,8 +134,8 @@ PhotographList list_photographs(const fs::path& folder, const std::vector<fs::pa
     const fs::path& path = entries->path();
     std::error_code ignored;
     const bool is_folder = entries->is_directory(ignored);
-    const bool is_scene = is_folder && fs::exists(path / OwnFiles::kRecord, ignored);  // whose photographs are copies
-    const bool is_left_out = is_hidden(path) || is_scene || (is_folder && leads_back(*entries, folder)) ||
+    if (is_folder && fs::exists(path / OwnFiles::kRecord, ignored)) written.push_back(std::make_unique<OwnFiles>(path));
+    const bool is_left_out = is_hidden(path) || (is_folder && leads_back(*entries, folder)) ||
                              (is_folder && std::any_of(except.begin(), except.end(), [&](const fs::path& other) {
                                 return fs::equivalent(path, other, ignored);
                               }));
@@ -142,6 +144,8 @@ PhotographList list_photographs(const fs::path& folder, const std::vector<fs::pa
       continue;
     }
     if (is_folder || !entries->is_regular_file(ignored)) continue;
+    const auto is_own = [&](const std::unique_ptr<OwnFiles>& files) { return files->is_own(path); };
+    if (std::any_of(written.begin(), written.end(), is_own)) continue;
     if (has_image_extension(path)) {
       const fs::path name = path.lexically_relative(folder);
       check_name(folder, name.generic_string());

@@ -75,10 +75,9 @@ std::string find_masks(const SceneModel& model, const SceneOptions& options, std
   for (ViewSource& source : sources) {
     const auto named = model.masks.find(source.name);
     const bool is_named = named != model.masks.end() && !is_asked_for;
-    if (is_named && !is_file(named->second)) {
+    if (is_named && options.load_images && !is_file(named->second)) {
       input_error(model.file, ": mask_path of the photograph ", source.name,
-                  ": file not found: ", named->second.string(),
-                  "; correct the path, or train without masks (--masks none)");
+                  ": file not found: ", named->second.string(), "; restore the file or correct the path");
     }
     source.mask_file = (is_named ? named->second : find_mask(folder, source.name, options.images)).string();
     is_any = is_any || !source.mask_file.empty();

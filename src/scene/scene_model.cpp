@@ -98,7 +98,8 @@ template <class Is>
 void leave_out(const Is& is, const char* note, SceneModel& scene) {
   std::vector<ColmapImage>& images = scene.model.images;
   const auto end = std::remove_if(images.begin(), images.end(), [&](const auto& image) { return is(image.name); });
-  if (const auto n = images.end() - end; n > 0) scene.notes.push_back(detail::concat(n, " views", note));
+  if (const auto n = images.end() - end; n > 0)
+    scene.notes.push_back(detail::concat(note, ": ", n, n == 1 ? " view" : " views"));
   images.erase(end, images.end());
 }
 
@@ -110,7 +111,7 @@ void apply_lists(const TransformsModel& transforms, const std::string& file, boo
   if (!training.empty()) {
     check_list("train_filenames", training, file, scene);
     leave_out([&](const auto& name) { return training.count(name) + test.count(name) + validation.count(name) == 0; },
-              " are left out: in neither train_filenames, val_filenames nor test_filenames", scene);
+              "left out, in neither train_filenames, val_filenames nor test_filenames", scene);
   }
   if (held_out.empty()) return;
   const char* key = test.empty() ? "val_filenames" : "test_filenames";
@@ -119,7 +120,7 @@ void apply_lists(const TransformsModel& transforms, const std::string& file, boo
   if (!eval) return;
   check_list(key, held_out, file, scene);
   leave_out([&](const auto& name) { return validation.count(name) > 0 && held_out.count(name) == 0; },
-            " of val_filenames are neither trained on nor tested", scene);
+            "only in val_filenames, so neither trained on nor tested", scene);
 }
 
 SceneModel read_transforms_scene(const SceneOptions& options, const TransformsFiles& files, const ImageFolder& images) {
@@ -152,8 +153,9 @@ SceneModel read_transforms_scene(const SceneOptions& options, const TransformsFi
   scene.camera_places = std::move(transforms.camera_places);
   for (const auto& [name, file] : transforms.files) {  // "train/r_0.png" may also be below images_4/
     if (!images.find(name).empty() || (!is_file(file) && !images.find_all({name}).empty())) continue;
+    if (!is_file(file)) continue;
     check_reach(file, options.source_path, scene.file + ": file_path of the photograph " + name);
-    if (is_file(file)) scene.files[name] = file;
+    scene.files[name] = file;
   }
   for (const auto& [name, mask] : transforms.masks) {
     check_reach(mask, options.source_path, scene.file + ": mask_path of the photograph " + name);

@@ -26,8 +26,9 @@ std::string lens_warning(const ViewSource& source, double end, const Image8& mas
   if (source.camera.lens.kind == LensKind::kEquirectangular) return "";
   const auto n = static_cast<std::int64_t>(mask.pixels.size()),
              n_left_out = std::count(mask.pixels.begin(), mask.pixels.end(), 0);
-  // A fisheye that is kept may show a circle; undistortion shows only its middle.
-  const bool is_wrong = 2 * n_left_out > n && source.camera.lens.kind != LensKind::kFisheye;
+  // In lenses of the other kinds, an image may be a circle.
+  const bool is_wrong =
+      2 * n_left_out > n && (source.camera.is_pinhole() || source.camera.lens.kind == LensKind::kDistorted);
   if (end == 0 && !is_wrong) return "";
   return detail::concat(
       source.camera_place, ": ",

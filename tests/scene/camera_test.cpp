@@ -67,5 +67,34 @@ TEST(Camera, ScalesIntrinsicsPerAxis) {
   EXPECT_DOUBLE_EQ(scaled.cy, 29.0 / 3);
 }
 
+/// A camera that looks along the angle `heading` about the vertical axis z, and down by `pitch`.
+Camera camera_at(double heading, double pitch) {
+  const double ch = std::cos(heading), sh = std::sin(heading), cp = std::cos(pitch), sp = std::sin(pitch);
+  Camera camera;
+  camera.cam_from_world.rotation = {sh, -ch, 0, -sp * ch, -sp * sh, -cp, cp * ch, cp * sh, -sp};
+  return camera;
+}
+
+TEST(UpDirection, IsThatOfTheWorldAlsoIfCamerasLookDown) {
+  std::vector<Camera> cameras;
+  for (int i = 0; i < 6; ++i) cameras.push_back(camera_at(0.3 * i, 0.8));
+  const std::array<double, 3> up = up_direction(cameras).value();
+  EXPECT_NEAR(up[0], 0, 1e-9);
+  EXPECT_NEAR(up[1], 0, 1e-9);
+  EXPECT_NEAR(up[2], 1, 1e-9);
+}
+
+TEST(UpDirection, IsThatOfTheCamerasIfTheyAllLookTheSameWay) {
+  const std::array<double, 3> up = up_direction({camera_at(0, 0.2), camera_at(0.01, 0.2)}).value();
+  EXPECT_NEAR(up[2], std::cos(0.2), 1e-3);
+}
+
+TEST(UpDirection, IsUnknownIfCamerasDoNotAgree) {
+  EXPECT_FALSE(up_direction({}));
+  Camera upside_down = camera_at(0, 0);
+  for (std::size_t i = 0; i < 6; ++i) upside_down.cam_from_world.rotation[i] *= -1;
+  EXPECT_FALSE(up_direction({camera_at(0, 0), upside_down}));
+}
+
 }  // namespace
 }  // namespace b3dgs

@@ -170,7 +170,11 @@ void require_writable(const fs::path& file, std::string_view remedy) {
     input_error("cannot write ", file.string(), " (expected a file, found a folder); ", remedy);
   }
   fs::path folder = fs::absolute(file).parent_path();
-  while (!fs::exists(folder, error) && folder.has_relative_path()) folder = folder.parent_path();
+  // A file of the user's where a folder is needed will be moved aside.
+  while ((!fs::exists(folder, error) || (!fs::is_directory(folder, error) && OwnFiles::of(folder) != nullptr)) &&
+         folder.has_relative_path()) {
+    folder = folder.parent_path();
+  }
   const fs::path probe = temporary_name(folder);
   const Descriptor opened(::open(probe.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0600));
   const int failed = errno;

@@ -96,11 +96,10 @@ function saved_cells(own, n_seeds) {
           at ? when + in_seeds(at.n, n_seeds) : "none"];
 }
 
-/// "40.1 s", with several seeds "40.1 s (39.8 to 40.4)": of the seeds that have come farthest.
+/// "40.1 s", with several seeds "40.1 s (39.8 to 40.4)".
 function seconds_cell({by_seed}, key) {
-  if (by_seed.length === 0) return "-";
-  const until = Math.max(...by_seed.map((seed) => seed.until));
-  const all = by_seed.filter((seed) => seed.until === until).map((seed) => seed[key]);
+  const all = by_seed.map((seed) => seed[key]);
+  if (all.length === 0) return "-";
   const mean = all.reduce((sum, s) => sum + s, 0) / all.length, low = Math.min(...all), high = Math.max(...all);
   const text = (seconds) => seconds_text(seconds, low).replace(" s", "");
   return `${text(mean)} s` + (all.length > 1 ? ` (${text(low)} to ${text(high)})` : "");

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <opencv2/core.hpp>
 
 #include "core/check.h"
 #include "core/vec.h"
@@ -132,6 +133,28 @@ Camera Camera::scaled_to(int new_width, int new_height) const {
   scaled.fy *= sy;
   scaled.cy *= sy;
   return scaled;
+}
+
+std::optional<std::array<double, 3>> up_direction(const std::vector<Camera>& cameras) {
+  constexpr double kMinAgreement = 0.3;  // mean of unit vectors: 1 if all are equal
+  constexpr double kMinSpread = 0.05;    // share of the horizontal axes' second direction
+  constexpr double kMinAlong = 0.7;      // cos 45 degrees: else the cameras are rolled
+  cv::Vec3d mean_up;
+  cv::Matx33d spread;
+  const double share = 1 / static_cast<double>(cameras.size());
+  for (const Camera& camera : cameras) {
+    const cv::Vec3d right(&camera.cam_from_world.rotation[0]), down(&camera.cam_from_world.rotation[3]);
+    mean_up -= share * down;
+    spread += share * (right * right.t());
+  }
+  if (!(cv::norm(mean_up) >= kMinAgreement)) return std::nullopt;
+  cv::Vec3d up = cv::normalize(mean_up), values;
+  cv::Matx33d vectors;  // rows, of descending values
+  cv::eigen(spread, values, vectors);
+  const cv::Vec3d across(vectors.row(2).val);
+  const double along = across.dot(up);
+  if (values[1] > kMinSpread && std::abs(along) > kMinAlong) up = along > 0 ? across : -across;
+  return std::array<double, 3>{up[0], up[1], up[2]};
 }
 
 Pose pose_from_opengl(const OpenGlMatrix& camera_to_world, const std::string& place) {

@@ -5,6 +5,7 @@
 #include <cstddef>
 #include <optional>
 #include <string>
+#include <vector>
 
 #include "raster/view_lens.h"
 
@@ -78,6 +79,11 @@ std::optional<ImagePoint> Camera::project(const Value* position) const {
   }
   return image_of(at);
 }
+
+/// The direction, in world coordinates, that is up for cameras: at right angles to their horizontal axes, if these
+/// differ enough to tell, so that cameras may look up or down; else the mean of their upward axes. Nothing without
+/// cameras, or if up differs too much among them.
+std::optional<std::array<double, 3>> up_direction(const std::vector<Camera>& cameras);
 
 // Poses as OpenGL, Blender, nerfstudio and instant-ngp write them: the camera looks along -z.
 

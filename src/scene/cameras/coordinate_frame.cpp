@@ -131,6 +131,7 @@ double camera_radius(const std::vector<Camera>& cameras) {
 }
 
 std::pair<std::size_t, double> farthest_camera(const std::vector<Camera>& cameras, const std::vector<double>& points) {
+  if (cameras.size() < 3) return {0, 0};
   std::array<double, 3> middle{};
   std::vector<double> values(cameras.size());
   for (std::size_t axis = 0; axis < 3; ++axis) {
@@ -139,9 +140,13 @@ std::pair<std::size_t, double> farthest_camera(const std::vector<Camera>& camera
   }
   for (std::size_t i = 0; i < cameras.size(); ++i) values[i] = distance(cameras[i].center(), middle);
   const auto farthest = static_cast<std::size_t>(std::max_element(values.begin(), values.end()) - values.begin());
-  const double largest = values[farthest], spread = median(values);
-  const bool is_rounding = spread <= 1e-9 * std::hypot(middle[0], middle[1], middle[2]);  // of cameras in one place
-  const double usual = std::max(typical_depth(cameras, points), is_rounding ? 0 : spread);
+  const double largest = values[farthest];
+  // Not the median: most cameras may stand in one place, and differ only by rounding.
+  const auto usual_place =
+      values.end() - 1 - std::max<std::ptrdiff_t>(1, static_cast<std::ptrdiff_t>(values.size()) / 10);
+  std::nth_element(values.begin(), usual_place, values.end());
+  const bool is_rounding = *usual_place <= 1e-9 * std::hypot(middle[0], middle[1], middle[2]);
+  const double usual = std::max(typical_depth(cameras, points), is_rounding ? 0 : *usual_place);
   return {farthest, usual > 0 ? largest / usual : 0};
 }
 

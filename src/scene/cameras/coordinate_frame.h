@@ -56,9 +56,9 @@ CoordinateFrame choose_frame(const std::vector<Camera>& cameras, const std::vect
 /// The largest distance of a camera centre from the mean of the centres; 0 without cameras.
 double camera_radius(const std::vector<Camera>& cameras);
 
-/// The camera that is farthest from the median of the centres, and its distance relative to the usual one: the median
-/// of these distances or, if that is larger, as for panoramas from one place, the typical depth of the points that the
-/// cameras see. 0 if nothing is usual: one camera that sees no points.
+/// The camera that is farthest from the median of the centres, and its distance relative to the usual one: the 90th
+/// percentile of these distances or, if that is larger, as for panoramas from one place, the typical depth of the
+/// points that the cameras see. 0 if nothing is usual: fewer than three cameras, or all in one place without points.
 std::pair<std::size_t, double> farthest_camera(const std::vector<Camera>& cameras, const std::vector<double>& points);
 
 /// The same camera for coordinates in `to` instead of `from`.

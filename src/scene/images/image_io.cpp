@@ -18,8 +18,8 @@ namespace fs = std::filesystem;
 using Bytes = std::vector<std::uint8_t>;
 
 constexpr std::int64_t kMostPixels = std::int64_t{1} << 30;  // OpenCV decodes no larger images
-// A small file can claim any size: no photograph and no mask of one has more of both, pixels and pixels for each byte.
-constexpr std::int64_t kManyPixels = std::int64_t{1} << 28, kManyForAByte = 1000;
+// A small file can claim any size: hardly a mask, even with 1 bit for each pixel, has more of both.
+constexpr std::int64_t kManyPixels = std::int64_t{1} << 28, kManyForAByte = 6000;
 
 // The size is usually within these bytes; a long EXIF segment can push it further back.
 constexpr std::size_t kHeaderBytes = std::size_t{1} << 16;

@@ -237,12 +237,10 @@ TrainLog::TrainLog(std::filesystem::path path, int iteration) : path_(std::move(
   write_file(path_, lines_until(path_, iteration));
   file_ = ::open(path_.c_str(), O_WRONLY | O_APPEND | O_CLOEXEC);
   if (file_ < 0) io_error(path_.string(), ": cannot be opened for writing: ", std::strerror(errno));
-  add_own_file(path_, /*is_growing=*/true);
 }
 
 TrainLog::~TrainLog() {
   ::close(file_);
-  add_own_file(path_);
 }
 
 void TrainLog::write(const Json& line) {
@@ -257,6 +255,7 @@ void TrainLog::write(const Json& line) {
     }
     waiting_.erase(0, static_cast<std::size_t>(written));
   }
+  add_own_file(path_);
 }
 
 }  // namespace b3dgs

@@ -284,35 +284,6 @@ TEST_F(Export, RemovesItsFilesWhenItIsStopped) {
   EXPECT_TRUE(fs::is_empty(out));
 }
 
-/// A camera that looks along the angle `heading` about the vertical axis z, and down by `pitch`.
-View camera_at(double heading, double pitch) {
-  const double ch = std::cos(heading), sh = std::sin(heading), cp = std::cos(pitch), sp = std::sin(pitch);
-  View view;
-  view.camera.cam_from_world.rotation = {sh, -ch, 0, -sp * ch, -sp * sh, -cp, cp * ch, cp * sh, -sp};
-  return view;
-}
-
-TEST(UpDirection, IsThatOfTheWorldAlsoIfCamerasLookDown) {
-  std::vector<View> views;
-  for (int i = 0; i < 6; ++i) views.push_back(camera_at(0.3 * i, 0.8));
-  const std::array<double, 3> up = up_direction(views);
-  EXPECT_NEAR(up[0], 0, 1e-9);
-  EXPECT_NEAR(up[1], 0, 1e-9);
-  EXPECT_NEAR(up[2], 1, 1e-9);
-}
-
-TEST(UpDirection, IsThatOfTheCamerasIfTheyAllLookTheSameWay) {
-  const std::array<double, 3> up = up_direction({camera_at(0, 0.2), camera_at(0.01, 0.2)});
-  EXPECT_NEAR(up[2], std::cos(0.2), 1e-3);
-}
-
-TEST(UpDirection, IsRefusedWhereThereIsNone) {
-  EXPECT_TRUE(fails_with<InputError>({"needs cameras"}, [] { up_direction({}); }));
-  View upside_down = camera_at(0, 0);
-  for (std::size_t i = 0; i < 6; ++i) upside_down.camera.cam_from_world.rotation[i] *= -1;
-  EXPECT_TRUE(fails_with<InputError>({"do not agree"}, [&] { up_direction({camera_at(0, 0), upside_down}); }));
-}
-
 // The real program, from PATH: scripts/check_exports.sh installs it and runs these tests.
 class SplatTransform : public Export {
  protected:

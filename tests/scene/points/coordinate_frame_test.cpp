@@ -92,6 +92,16 @@ TEST(FarthestCamera, IsNotFarFromPhotographsOfOnePlace) {
   EXPECT_EQ(farthest_camera(cameras, {}).second, 0) << "centres that differ by rounding are no measure";
 }
 
+TEST(FarthestCamera, IsNotFarIfMostStandInOnePlace) {  // a tripod, or a vehicle that waits
+  for (const double noise : {0.0, 1e-12, 1e-4}) {
+    std::vector<Camera> cameras;
+    for (int i = 0; i < 8; ++i) cameras.push_back(camera_at({noise * (i % 3), noise * (i % 2), 0}, 0));
+    for (int i = 1; i < 5; ++i) cameras.push_back(camera_at({10.0 * i, 0, 0}, 0));
+    EXPECT_LT(farthest_camera(cameras, {}).second, 2) << noise;
+  }
+  EXPECT_EQ(farthest_camera({camera_at({0, 0, 0}, 0), camera_at({1e7, 0, 0}, 0)}, {}).second, 0) << "which of the two?";
+}
+
 TEST(SceneFrame, CoordinatesInItDoNotDependOnUnitAndPlace) {
   const Ring scene = ring();
   const CoordinateFrame frame = choose_frame(scene.cameras, scene.points);
