@@ -226,7 +226,7 @@ int train(const CommandLine& line, const TrainCommandOptions& options, const std
 
   if (const auto forecast = trainer.forecast_memory()) say(describe_memory(*forecast));
   const TrainResult result = trainer.run();
-  if (watched) watched->close();
+  if (watched) watched->finish(result);
   status.clear();
   if (is_first) report_training(result, config, steady_seconds() - start_s);
   try {

@@ -129,14 +129,29 @@ void WatchedTraining::set_notice(const std::string& notice, bool is_warning) {
   state_.is_warning = is_warning;
 }
 
+void WatchedTraining::finish(const TrainResult& result) {
+  const bool has_ply = !ModelFolder(config_.model_path).ply_iterations().empty();
+  {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    state_.has_ended = true;
+    state_.iteration = result.iteration;
+    state_.n_gaussians = result.n_gaussians;
+    state_.activity = result.interrupted ? "stopped" : "finished";
+    if (has_ply && !state_.is_warning) {
+      state_.notice = "To see it again: b3dgs view " + shell_quote(config_.model_path);
+    }
+  }
+  close();
+}
+
 void WatchedTraining::close() {
   WatchedScene::close();
-  is_paused_ = false;
   const std::lock_guard<std::mutex> lock(mutex_);
-  state_.has_ended = true;
-  state_.activity = state_.iteration == state_.iterations ? "finished" : "stopped";
-  if (state_.is_warning || ModelFolder(config_.model_path).ply_iterations().empty()) return;
-  state_.notice = "To see it again: b3dgs view " + shell_quote(config_.model_path);
+  is_paused_ = false;
+  if (state_.has_ended) return;
+  state_.has_ended = state_.is_warning = true;
+  state_.activity = is_stopped() ? "stopped" : "failed";
+  state_.notice = "See the terminal.";
 }
 
 ViewState WatchedTraining::state(int since) const {
@@ -154,6 +169,8 @@ ViewState WatchedTraining::state(int since) const {
 }
 
 void WatchedTraining::command(ViewCommand command) {
+  const std::lock_guard<std::mutex> lock(mutex_);
+  if (state_.has_ended) return;
   if (command == ViewCommand::kSave) {
     is_to_save_ = true;
   } else if (command == ViewCommand::kStop) {

@@ -35,8 +35,12 @@ class WatchedTraining final : public WatchedScene {
   /// Saves the model and returns the checkpoint: Trainer::save(). Called within TrainHooks::on_model.
   void set_save(std::function<std::filesystem::path()> save) { save_ = std::move(save); }
 
+  /// The end of a training that has not failed; close() alone is that of one that has.
+  void finish(const TrainResult& result);
+
   ViewState state(int since) const override;
   void command(ViewCommand command) override;
+  bool is_stopped() const override { return stop_signal_ != nullptr && *stop_signal_ != 0; }
   void close() override;
 
  private:
@@ -46,7 +50,6 @@ class WatchedTraining final : public WatchedScene {
   Frame paint(const FrameRequest& request, const ModelInTraining& model);
   void save_now();
   void set_notice(const std::string& notice, bool is_warning);
-  bool is_stopped() const { return stop_signal_ != nullptr && *stop_signal_ != 0; }
 
   const TrainConfig config_;
   const std::function<void()> stop_;

@@ -120,7 +120,7 @@ struct TrainConfig {
   bool deterministic = false;
   int threads = 0;  // 0 = all cores
 
-  // No options, and not in files: constants that tests change.
+  // No options, and not in files: constants, which tests and compare change.
   // Photographs cached on the GPU. -1: up to half of the free GPU memory, which leaves the other half to the Gaussians.
   // A few hundred photographs at the default 1600 px take 1 to 3 GB. The cache affects speed only: photographs outside
   // it are uploaded ahead of use.

@@ -80,7 +80,8 @@ void write_json_file(const fs::path& path, const Json& json, int indent) {
 
 std::vector<int> ModelFolder::ply_iterations() const {
   std::vector<int> iterations = list_iterations(root_ / "point_cloud", "");
-  const auto has_no_ply = [&](int iteration) { return !fs::exists(ply(iteration)); };
+  std::error_code error;  // ignored: what cannot be looked at is not overwritten
+  const auto has_no_ply = [&](int i) { return fs::status(ply(i), error).type() == fs::file_type::not_found; };
   iterations.erase(std::remove_if(iterations.begin(), iterations.end(), has_no_ply), iterations.end());
   return iterations;
 }

@@ -1,4 +1,4 @@
-// How closely the renders of a model match the photographs.
+// The folder of a trained model, and how closely its renders match the photographs.
 #pragma once
 
 #include <array>
@@ -42,7 +42,7 @@ inline std::string describe_unmeasured(const Evaluation& evaluation) {
          " without a valid pixel (first: " + evaluation.unmeasured.front() + ")";
 }
 
-// The folder of a trained model, with the layout of the original 3DGS. All file names are defined here.
+// The folder, with the layout of the original 3DGS.
 
 /// The photographs of an evaluation. Two evaluations can be compared if these are the same.
 struct EvaluationSource {

@@ -21,7 +21,7 @@ namespace {
 constexpr std::int64_t kMapShare = 8;  // undistortion maps get an eighth of the memory
 
 // The warning about a lens that shows only a part of the image, that of `mask`; "" if there is no reason for one.
-// `end`: where its formula ends inside the image, radians; 0: nowhere.
+// `end`: where its formula or its use ends inside the image, radians; 0: nowhere.
 std::string lens_warning(const ViewSource& source, double end, const Image8& mask) {
   if (source.camera.lens.kind == LensKind::kEquirectangular) return "";
   const auto n = static_cast<std::int64_t>(mask.pixels.size()),
@@ -32,8 +32,8 @@ std::string lens_warning(const ViewSource& source, double end, const Image8& mas
   if (end == 0 && !is_wrong) return "";
   return detail::concat(
       source.camera_place, ": ",
-      end > 0 ? detail::concat("the formula of the lens ends ", std::round(10 * end / kDegree) / 10,
-                               " degrees from the axis, inside the image; ")
+      end > 0 ? detail::concat("the lens is used up to ", std::round(10 * end / kDegree) / 10,
+                               " degrees from the axis, less than the image shows; ")
               : "",
       std::max<std::int64_t>(1, 100 * n_left_out / n), "% of the pixels are not covered and left out",
       is_wrong ? "; the lens coefficients are probably wrong: correct them or reconstruct the scene again" : "");

@@ -80,7 +80,7 @@ struct ViewState {
   double loss = 0;  // running average
   std::int64_t n_gaussians = 0;
   std::string kernel;       // forward kernel in use
-  std::string activity;     // such as "training", "paused", "finished", "stopped"
+  std::string activity;     // such as "training", "paused", "finished", "stopped", "failed"
   std::string notice;       // one line about the last command, an error or what to do next; may be empty
   bool is_warning = false;  // the notice
   double iterations_per_second = 0;
@@ -106,7 +106,9 @@ class FrameSource {
   virtual Image8 photograph(int view, ImageSize size) const = 0;
   /// @throws InputError if there is no training to command
   virtual void command(ViewCommand command) = 0;
-  /// There are no more frames: render() throws from now on, also where it waits.
+  /// Whether the program was asked to end.
+  virtual bool is_stopped() const { return false; }
+  /// There are no more frames: render() throws from now on, also where it waits. Does not throw.
   virtual void close() = 0;
 };
 

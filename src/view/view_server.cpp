@@ -85,11 +85,12 @@ ViewServer::ViewServer(FrameSource& source, const ViewServerOptions& options)
 }
 
 ViewServer::~ViewServer() {
+  const bool was_stopped = source_.is_stopped();
   source_.close();
   using Clock = ClientLimit::Clock;
   const Clock::time_point start = Clock::now(), give_up = start + std::chrono::milliseconds(2500);
   const auto has_waiting = [&] { return clients_.has_waiting(start - std::chrono::seconds(3)); };
-  for (bool waits = has_waiting(); waits && Clock::now() < give_up;) {
+  for (bool waits = has_waiting(); waits && Clock::now() < give_up && source_.is_stopped() == was_stopped;) {
     waits = has_waiting();
     std::this_thread::sleep_for(std::chrono::milliseconds(100));  // also after the last one, whose answer is on its way
   }

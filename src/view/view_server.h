@@ -31,8 +31,8 @@ inline constexpr std::size_t kMaxViewClients = 4;
 class ViewServer final : private HttpHandler {
  public:
   /// Listens and answers on threads of its own until it is destroyed, which closes `source`. If that was a training,
-  /// waits at most 2.5 s for the pages that follow it to ask how it ended; else for no client. `source` must outlive
-  /// it.
+  /// waits at most 2.5 s for the pages that follow it to ask how it ended, or until FrameSource::is_stopped(); else for
+  /// no client. `source` must outlive it.
   /// @throws InputError if the address or port cannot be used
   ViewServer(FrameSource& source, const ViewServerOptions& options);
   ~ViewServer() override;

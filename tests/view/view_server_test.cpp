@@ -57,6 +57,7 @@ class OneColor final : public FrameSource {
     return Image8(size.width, size.height, 3);
   }
   void command(ViewCommand command) override { commands.push_back(command); }
+  bool is_stopped() const override { return has_stop; }
   void close() override {
     has_ended = true;
     hold(false);
@@ -74,7 +75,7 @@ class OneColor final : public FrameSource {
 
   std::atomic<int> frames{0};
   mutable std::atomic<int> photographs{0};
-  std::atomic<bool> fails{false}, has_ended{false};
+  std::atomic<bool> fails{false}, has_ended{false}, has_stop{false};
   std::vector<ViewCommand> commands;
 
  private:
@@ -383,6 +384,24 @@ TEST(ViewServer, TellsThePageOfATrainingThatItHasEnded) {
   page.join();
   ASSERT_TRUE(last);
   EXPECT_EQ(json::parse(last->body)["ended"], true);
+}
+
+TEST_F(Server, AStopEndsTheWaitForPages) {
+  using Clock = std::chrono::steady_clock;
+  OneColor source;
+  source.train();
+  std::thread user;
+  const Clock::time_point start = Clock::now();
+  {
+    const ViewServer server(source, options());
+    test::HttpClient(server.port()).get("/state", {{"X-Token", server.token()}});
+    user = std::thread([&] {
+      while (!source.has_ended) std::this_thread::yield();
+      source.has_stop = true;
+    });
+  }
+  EXPECT_LT(Clock::now() - start, std::chrono::seconds(2));
+  user.join();
 }
 
 TEST(ViewServer, EndsWhileAFrameWaits) {

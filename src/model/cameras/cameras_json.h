@@ -51,7 +51,7 @@ void apply_refined_poses(const std::filesystem::path& path, std::vector<View>& v
 
 // Files of cameras to render from, told apart by their content:
 //
-//   cameras.json          a JSON list, as b3dgs train and the original 3DGS write it (cameras_json.h)
+//   cameras.json          a JSON list, as b3dgs train and the original 3DGS write it (above)
 //   camera path           "camera_path": [{"camera_to_world": 16 numbers, row-major; "fov": vertical, degrees;
 //                         "aspect": width / height}], "render_width", "render_height", "fps", "seconds": as
 //                         nerfstudio's viewer and the live view write it. One camera per frame; keyframes are ignored

@@ -1,4 +1,4 @@
-// Rotation of Gaussians about the origin.
+// Rotates Gaussians about the origin, and removes those that a user does not want.
 #pragma once
 
 #include <array>

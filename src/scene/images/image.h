@@ -1,4 +1,4 @@
-// Images in memory.
+// Images in memory and in files.
 #pragma once
 
 #include <cstddef>
@@ -73,7 +73,7 @@ int read_exif_orientation(const std::filesystem::path& path);
 /// focal length, and the colour profile. Nothing if the file cannot be decoded.
 std::optional<std::vector<std::uint8_t>> turned_upright(const std::vector<std::uint8_t>& jpeg);
 
-// Reads and writes image files with OpenCV. Images are RGB here; only image_io.cpp sees OpenCV's BGR.
+// Reads and writes image files with OpenCV. Images are RGB here, not BGR as OpenCV's.
 
 /// Reads JPEG, PNG, PNM and other formats as 8-bit RGB. Grey is copied to all channels, 16 bits are reduced to 8, alpha
 /// is composited on white or black; the EXIF orientation is ignored, as COLMAP does. @throws InputError with the file's

@@ -78,9 +78,10 @@ class PageCamera {
 
   /// World units along the camera's axes.
   move(right, up, forward) {
+    const farthest = Math.max(100 * this.radius, norm(sub(this.position, this.center)));
     this.position = add(this.position, add(add(mul(this.axes[0], right), mul(this.axes[1], up)),
                                            mul(this.axes[2], -forward)));
-    const away = sub(this.position, this.center), farthest = 100 * this.radius;
+    const away = sub(this.position, this.center);
     if (norm(away) > farthest) this.position = add(this.center, mul(unit(away), farthest));
   }
 
@@ -88,7 +89,8 @@ class PageCamera {
   approach(factor, way) {
     if (way === "fly") return this.move(0, 0, (1 - factor) * this.distance);
     const pivot = this.pivot();
-    this.distance = Math.min(100 * this.radius, Math.max(1e-4 * this.radius, this.distance * factor));
+    const farthest = Math.max(100 * this.radius, this.distance);
+    this.distance = Math.min(farthest, Math.max(1e-4 * this.radius, this.distance * factor));
     this.position = add(pivot, mul(this.axes[2], this.distance));
   }
 

@@ -177,10 +177,10 @@ const kTurns = {arrowleft: [1, 0], arrowright: [-1, 0], arrowup: [0, 1], arrowdo
 
 function listen_to_keys() {
   window.addEventListener("keydown", (event) => {
-    const key = event.key.toLowerCase(), on = event.target.tagName;
-    if (event.ctrlKey || event.metaKey || event.altKey || ["INPUT", "SELECT"].includes(on) || picture.inert) return;
+    const key = event.key.toLowerCase(), is_own = ["INPUT", "SELECT"].includes(event.target.tagName);
+    if (event.ctrlKey || event.metaKey || event.altKey || is_own || state?.ended) return;
     if (key === "escape") play(false);
-    if (kMoves[key] || (kTurns[key] && on !== "BUTTON")) {
+    if (kMoves[key] || kTurns[key]) {
       held_keys.add(key);
       play(false);
       event.preventDefault();

@@ -9,7 +9,8 @@ const kMaxPixels = 4000000;
 const kDraftMs = 80, kDraftMsInTraining = 25, kFullMsInTraining = 150;
 
 const camera = new PageCamera(), path = new CameraPath();
-let scene = null, state = null, is_connected = true;
+let scene = null, state = null;
+let trouble = "";  // with the connection
 let mode = "render", way = "orbit";
 let view = -1;  // the camera of the scene that is shown exactly; -1 once moved
 let moved_at = -1e9;  // ms
@@ -26,7 +27,7 @@ async function ask(address, options = {}) {
   const response = await fetch(address, {
     ...options, signal: AbortSignal.timeout(limit_ms),
     headers: {"X-Token": token, "X-Client": client, ...(options.headers || {})}}).catch(() => {
-    throw new Error("No connection to the program.");
+    throw new Error("No connection: the program has ended, or cannot be reached.");
   });
   if (response.ok) return response;
   const error = new Error((await response.text()).trim());
@@ -41,7 +42,6 @@ function post(address, body) {
 /// Screen readers read a changed text aloud, so the same one is not set again.
 function show_text(id, text) {
   if ($(id).textContent !== text) $(id).textContent = text;
-  $(id).hidden = !text;
 }
 
 const say = (text) => show_text("message", text);
@@ -94,7 +94,7 @@ async function frames() {
         mode !== "photograph";
     const has_work = wanted || (!is_draft && !shown_full) || is_new;
     if (state?.ended) return;
-    if (!has_work || document.hidden || !is_connected) {
+    if (!has_work || document.hidden || trouble) {
       await new Promise((resolve) => setTimeout(resolve, 15));
       continue;
     }
@@ -155,12 +155,13 @@ async function follow() {
         const since = curve.length > 0 ? curve[curve.length - 1][0] : 0;
         state = await (await ask(`/state?since=${since}`)).json();
         curve = curve.concat(state.curve);
-        if (!is_connected) say("");
-        is_connected = true;
+        if (trouble) say("");
+        trouble = "";
       } catch (error) {
-        is_connected = false;
+        const is_other = error.status === 401;  // the token of another program
+        trouble = error.status && !is_other ? "waiting" : "no connection";
         say(error.message);
-        if (error.status === 401) return show_state();  // the token of another program
+        if (is_other) return show_state();
       }
       show_state();
       if (state?.ended) return end();
@@ -174,7 +175,7 @@ function end() {
   say("");
   play(false);
   held_keys.clear();
-  picture.inert = true;
+  picture.style.pointerEvents = "none";
   for (const own of document.querySelectorAll("#panel :is(button, select, input):not(#fold, #path_save, #path_size)")) {
     own.disabled = true;
   }
@@ -182,13 +183,13 @@ function end() {
 
 function show_state() {
   if (!state) return;
-  const is_live = is_connected && !state.ended;
+  const is_live = !trouble && !state.ended;
   $("iteration").textContent = scene.training ? `${count_text(state.iteration)} / ${count_text(state.iterations)}`
                                               : state.iteration > 0 ? count_text(state.iteration) : "-";
   $("count").textContent = count_text(state.count);
   $("loss").textContent = state.loss > 0 ? state.loss.toFixed(4) : "-";
   $("eta").textContent = state.eta_s === null || !is_live ? "-" : duration(state.eta_s);
-  $("activity").textContent = !is_connected ? "no connection" : state.activity +
+  $("activity").textContent = trouble || state.activity +
       (state.activity === "training" && state.per_second > 0 ? `, ${state.per_second.toFixed(1)}/s` : "");
   $("kernel").textContent = state.kernel || "-";
   $("done").style.width = `${100 * state.iteration / Math.max(1, state.iterations)}%`;

@@ -46,7 +46,7 @@ class LiveTraining {
   void start() {
     thread_ = std::thread([this] {
       result = trainer_->run();
-      watched.close();
+      watched.finish(result);
     });
   }
   void join() { thread_.join(); }
@@ -166,6 +166,32 @@ TEST(WatchedTraining, ShowsProgressAndCurves) {
   const std::vector<CurvePoint> later = live.watched.state(15).curve;
   ASSERT_EQ(later.size(), 5u);
   EXPECT_EQ(later.front().iteration, 16);
+}
+
+TEST(WatchedTraining, TellsHowATrainingEnded) {
+  const test::TempDir folder;
+  const Scene scene = test::make_tiny_scene();
+  TrainConfig config = test::eventful_config();
+  config.model_path = folder.path().string();
+  const fs::path ply = ModelFolder(folder.path()).ply(7);
+  fs::create_directories(ply.parent_path());
+  fs::create_symlink(ply.filename(), ply);  // to itself
+  WatchedTraining failed(config, scene, [] {}), resumed(config, scene, [] {});
+  failed.close();
+  EXPECT_EQ(failed.state(0).activity, "failed");
+  EXPECT_EQ(failed.state(0).notice, "See the terminal.");
+
+  TrainResult complete_before;
+  complete_before.iteration = 20;
+  complete_before.n_gaussians = 300;
+  resumed.finish(complete_before);
+  resumed.close();
+  resumed.command(ViewCommand::kPause);
+  const ViewState state = resumed.state(0);
+  EXPECT_EQ(state.activity, "finished");
+  EXPECT_EQ(state.iteration, 20);
+  EXPECT_EQ(state.n_gaussians, 300);
+  EXPECT_FALSE(state.is_paused);
 }
 
 TEST(WatchedTraining, CurvesOfLongTrainingsStayShort) {
