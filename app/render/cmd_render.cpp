@@ -238,9 +238,8 @@ int run_render(const std::vector<std::string>& words) {
   check_camera_options(line, camera_options);
   if (!options.ply.empty()) model_options.model_path = options.ply;
   LoadedModel model = load_model(model_options, needs_views(camera_options));
-  // A file does not say which views it was trained on: --path test and train split them as eval does.
-  const bool names_views = camera_options.path == "test" || camera_options.path == "train";
-  if (model.is_file() && names_views && line.was_given("path")) model.config.eval = true;
+  // A file does not say which views it was trained on: --path train has all.
+  if (model.is_file() && camera_options.path == "test" && line.was_given("path")) model.config.eval = true;
   if (!model.is_file() || !model_options.source_path.empty()) add_cameras(model, model_options, status);
   const CameraChoice choice = choose_cameras(line, camera_options, model.scene, model.splats);
   if (choice.fps > 0 && !line.was_given("fps")) options.fps = choice.fps;
