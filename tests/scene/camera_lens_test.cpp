@@ -235,7 +235,8 @@ TEST_F(LensScene, WarnsWhereTheFormulaFoldsOverInsideTheImage) {
   const Scene scene = load();
   ASSERT_NE(scene.train.at(0).valid, nullptr);
   ASSERT_EQ(scene.warnings.size(), 1u);
-  EXPECT_NE(scene.warnings[0].find("degrees from the axis, less than the image shows"), std::string::npos) << scene.warnings[0];
+  EXPECT_NE(scene.warnings[0].find("degrees from the axis, less than the image shows"), std::string::npos)
+      << scene.warnings[0];
 }
 
 TEST_F(LensScene, WarnsWhereUndistortionFoldsOverOrLeavesLittle) {
