@@ -237,9 +237,9 @@ DifferingOptions differing_options(const TrainConfig& a, const TrainConfig& b) {
 bool learns_differently(const TrainConfig& a, const TrainConfig& b) {
   bool differs = false;
   visit_differing(a, b, [&](const Option& option, std::string_view group) {
-    constexpr std::string_view kTeachNothing[] = {"preset", "checkpoint_minutes", "deterministic"};
+    constexpr std::string_view kWithoutEffect[] = {"preset", "checkpoint_minutes", "deterministic"};
     differs |= group != "Kernels" && group != "Device and memory" && option.steps != Steps::kOutput &&
-               std::find(std::begin(kTeachNothing), std::end(kTeachNothing), option.name) == std::end(kTeachNothing);
+               std::find(std::begin(kWithoutEffect), std::end(kWithoutEffect), option.name) == std::end(kWithoutEffect);
   });
   return differs;
 }

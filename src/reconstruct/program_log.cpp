@@ -52,7 +52,7 @@ ProgramLog::ProgramLog(std::filesystem::path file, const std::atomic<int>* stop)
   make_way(path_);
   file_.open(path_, std::ios::app);
   check_written();
-  add_own_file(path_, /*is_growing=*/true);
+  if (OwnFiles* own = OwnFiles::of(path_)) own->add(path_, /*is_growing=*/true);
 }
 
 void ProgramLog::run(const std::vector<std::string>& argv, const OnChildLine& on_line, const OnChildBytes& on_bytes) {

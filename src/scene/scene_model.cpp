@@ -152,8 +152,7 @@ SceneModel read_transforms_scene(const SceneOptions& options, const TransformsFi
   scene.notes = files.notes;
   scene.camera_places = std::move(transforms.camera_places);
   for (const auto& [name, file] : transforms.files) {  // "train/r_0.png" may also be below images_4/
-    if (!images.find(name).empty() || (!is_file(file) && !images.find_all({name}).empty())) continue;
-    if (!is_file(file)) continue;
+    if (!images.find(name).empty() || !is_file(file)) continue;
     check_reach(file, options.source_path, scene.file + ": file_path of the photograph " + name);
     scene.files[name] = file;
   }

@@ -43,6 +43,16 @@ TEST(Photographs, AreListedWithSubFoldersAndWithoutHiddenOnes) {
   EXPECT_EQ(list.photographs[0].bytes, 1u);
 }
 
+// The copies in a scene that was made below the photographs, while those beside them count.
+TEST(Photographs, ThatTheProgramHasWrittenAreNotListed) {
+  const TempDir folder;
+  for (const char* name : {"a.jpg", "b.jpg", "scene/images/a.jpg", "scene/images/c.jpg"}) {
+    write_bytes(folder / name, "x");
+  }
+  OwnFiles(folder / "scene").add(folder / "scene/images/a.jpg");
+  EXPECT_EQ(names_of(list_photographs(folder.path(), {})), (Names{"a.jpg", "b.jpg", "scene/images/c.jpg"}));
+}
+
 TEST(Photographs, LinksToFoldersAreFollowedUnlessTheyLeadBack) {
   const TempDir folder, elsewhere;
   for (const char* name : {"a.jpg", "left/b.jpg"}) write_bytes(folder / name, "x");

@@ -259,8 +259,8 @@ void make_way(const fs::path& file) {
   if (OwnFiles* own = OwnFiles::of(file)) own->make_way(file);
 }
 
-void add_own_file(const fs::path& file, bool is_growing) {
-  if (OwnFiles* own = OwnFiles::of(file)) own->add(file, is_growing);
+void add_own_file(const fs::path& file) {
+  if (OwnFiles* own = OwnFiles::of(file)) own->add(file);
 }
 
 bool remove_own_file(const fs::path& file) {

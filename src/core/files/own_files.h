@@ -80,7 +80,7 @@ class OwnFiles {
 /// Before a file is written at `file` other than by an AtomicFile: OwnFiles::make_way() of its folder, if there is one.
 void make_way(const std::filesystem::path& file);
 /// After it: OwnFiles::add().
-void add_own_file(const std::filesystem::path& file, bool is_growing = false);
+void add_own_file(const std::filesystem::path& file);
 /// Removes a file if a record says that it is the program's own. True if it has.
 bool remove_own_file(const std::filesystem::path& file);
 
