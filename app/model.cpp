@@ -222,8 +222,8 @@ LoadedModel load_model(const ModelOptions& options, bool needs_views) {
   if (options.resolution != 0) model.config.resolution = options.resolution;
   if (options.lenses != "trained") model.config.lenses = options.lenses;
   if (options.white_background && !model.is_file() && !model.config.white_background) {
-    input_error(model.folder.root().string(), ": was not trained with -w; leave it out, or name a copy of ",
-                "the PLY outside of the model folder");
+    input_error(model.folder.root().string(), ": trained without -w; omit -w, or give a copy of ",
+                "the PLY outside the model folder");
   }
   model.config.white_background = model.config.white_background || options.white_background;
   model.config.device = device_name(choose_device(options.device));

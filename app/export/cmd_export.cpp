@@ -127,7 +127,7 @@ UnitQuat rotation_to(const std::string& axis, const LoadedModel& model) {
   }
   if (cameras.empty()) input_error("--up needs cameras to know which way is up; name a scene with -s");
   const std::optional<std::array<double, 3>> up = up_direction(cameras);
-  if (!up) input_error("--up: the cameras do not agree which way is up; turn the file in a viewer instead");
+  if (!up) input_error("--up: the cameras do not agree on which way is up; rotate the model in an editor instead");
   const std::string target = axis == "auto" ? "-y" : axis;
   std::array<double, 3> to{};
   to[static_cast<std::size_t>(target.back() - 'x')] = target.front() == '-' ? -1 : 1;

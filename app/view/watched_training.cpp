@@ -138,7 +138,7 @@ void WatchedTraining::finish(const TrainResult& result) {
     state_.n_gaussians = result.n_gaussians;
     state_.activity = result.interrupted ? "stopped" : "finished";
     if (has_ply && !state_.is_warning) {
-      state_.notice = "To see it again: b3dgs view " + shell_quote(config_.model_path);
+      state_.notice = "To view the model: b3dgs view " + shell_quote(config_.model_path);
     }
   }
   close();

@@ -14,9 +14,9 @@ struct FormerOption {
 constexpr const char* kVaries = "varies";
 
 constexpr const char* kOriginal = "only the original 3DGS code has it";
-constexpr const char* kPhotographs = "photographs take up to half of the free GPU memory, the others host memory";
-constexpr const char* kTraining = "the training has decided it";
-constexpr const char* kSplit = "render --path test|train and eval --split test|train choose the views";
+constexpr const char* kPhotographs = "photographs fill up to half of the free GPU memory, then host memory";
+constexpr const char* kTraining = "the training's setting is used";
+constexpr const char* kSplit = "choose views with render --path test|train and eval --split test|train";
 
 constexpr FormerOption kFormerOptions[] = {
     // Of the original 3DGS code.

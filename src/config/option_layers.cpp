@@ -142,7 +142,7 @@ std::vector<std::string> apply_at_resume(TrainConfig& config, const GivenOptions
   });
   if (!is_scaled) {
     lines.push_back(detail::concat("--steps_scaler ", factor,
-                                   " leaves the steps as they are: when resuming, it multiplies only given options"));
+                                   " has no effect: when resuming, it multiplies only options given with it"));
   }
   return lines;
 }

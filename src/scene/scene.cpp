@@ -105,7 +105,7 @@ void check_distances(const std::vector<ViewSource>& sources, const SceneModel& m
   const auto [farthest, times] = farthest_camera(cameras_of(sources), model.points.positions);
   if (times <= kMostTimes) return;
   input_error(model.file, ": image ", sources[farthest].name, ": expected a camera centre at most ", kMostTimes,
-              " times as far from the others as is usual, found ", times,
+              " times the usual distance from the others, found ", times,
               " times; remove the image from the model or reconstruct the scene again");
 }
 

@@ -35,7 +35,7 @@ std::string lens_warning(const ViewSource& source, double end, const Image8& mas
       end > 0 ? detail::concat("the lens is used up to ", std::round(10 * end / kDegree) / 10,
                                " degrees from the axis, less than the image shows; ")
               : "",
-      std::max<std::int64_t>(1, 100 * n_left_out / n), "% of the pixels are not covered and left out",
+      std::max<std::int64_t>(1, 100 * n_left_out / n), "% of the pixels are not covered and do not count",
       is_wrong ? "; the lens coefficients are probably wrong: correct them or reconstruct the scene again" : "");
 }
 

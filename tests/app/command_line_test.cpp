@@ -214,8 +214,8 @@ TEST(CommandLine, AnUnexpectedArgumentIsAnError) {
     line.parse({"scene", "model"});
     ADD_FAILURE() << "accepted";
   } catch (const InputError& error) {
-    EXPECT_EQ(error.what(), std::string("unexpected argument \"model\"; usage: b3dgs train [SOURCE_PATH] [OPTIONS], "
-                                        "once for each; see b3dgs train --help"));
+    EXPECT_EQ(error.what(), std::string("unexpected argument \"model\"; usage: b3dgs train [SOURCE_PATH] [OPTIONS]; "
+                                        "for several, run it once for each; see b3dgs train --help"));
   }
 }
 

@@ -89,13 +89,13 @@ TEST(FormerOptions, OfRenderAndMetricsAreAcceptedToo) {
   CommandLine line("render", "");
   add_former_model_options(line);
   ASSERT_TRUE(line.parse({"--eval", "--skip_test", "-i", "images", "--data_device", "cpu", "--debug"}));
-  EXPECT_EQ(describe_former_model_options(line.given()),
-            (Words{"--skip_test has no effect: render --path test|train and eval --split test|train choose the views",
-                   "--eval has no effect: the training has decided it",
-                   "--images images has no effect: the training has decided it",
-                   "--data_device cpu has no effect: photographs take up to half of the free GPU memory, the others "
-                   "host memory",
-                   "--debug has no effect: only the original 3DGS code has it"}));
+  EXPECT_EQ(
+      describe_former_model_options(line.given()),
+      (Words{"--skip_test has no effect: choose views with render --path test|train and eval --split test|train",
+             "--eval has no effect: the training's setting is used",
+             "--images images has no effect: the training's setting is used",
+             "--data_device cpu has no effect: photographs fill up to half of the free GPU memory, then host memory",
+             "--debug has no effect: only the original 3DGS code has it"}));
 }
 
 TEST(FormerOptions, OfAFileAreLeftOut) {
@@ -432,7 +432,7 @@ TEST(ResumedOptions, ThoseWithoutEffectAreNamed) {
   const TrainConfig started = config;
   EXPECT_EQ(apply_at_resume(config, given({"--gaussians_per_pixel", "30", "--steps_scaler", "2"})),
             (Words{"--gaussians_per_pixel 30 has no effect: the limit is --max_gaussians 500; change that",
-                   "--steps_scaler 2 leaves the steps as they are: when resuming, it multiplies only given options"}));
+                   "--steps_scaler 2 has no effect: when resuming, it multiplies only options given with it"}));
   EXPECT_TRUE(config_differences(started, config).empty());
   EXPECT_TRUE(apply_at_resume(config, given({"--max_gaussians", "0", "--gaussians_per_pixel", "30", "--steps_scaler",
                                              "2", "--iterations", "9"}))

@@ -425,11 +425,11 @@ TEST_F(Transforms, RefusesBadInputWithFileAndFrame) {
   EXPECT_EQ(load().train.size(), 2u);
   const std::string text = good.dump();
   write_bytes(folder_ / "transforms.json", text.substr(0, text.size() / 2));
-  EXPECT_TRUE(SceneFolder::refuses({"transforms.json: expected valid JSON, found a parse error at line 1, column "}));
+  EXPECT_TRUE(SceneFolder::refuses({"transforms.json: not valid JSON: parse error at line 1, column "}));
   write_bytes(folder_ / "transforms.json", "{\n \"frames\": [NaN]}");
   EXPECT_TRUE(SceneFolder::refuses({"transforms.json", "line 2, column 13", "[N'"}));
   write_bytes(folder_ / "transforms.json", std::string(99, '['));
-  EXPECT_TRUE(SceneFolder::refuses({"transforms.json", "expected valid JSON"}));
+  EXPECT_TRUE(SceneFolder::refuses({"transforms.json", "not valid JSON"}));
   write_bytes(folder_ / "transforms.json", std::string(99, '[') + std::string(99, ']'));
   EXPECT_TRUE(SceneFolder::refuses({"transforms.json", "nesting of more than 64 levels"}));
 }

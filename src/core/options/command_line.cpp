@@ -230,8 +230,8 @@ std::string name_of_other_trainers(const std::string& name, const std::vector<st
 void CommandLine::reject(const std::string& word) const {
   if (word[0] != '-') {
     const bool has_arguments = usage() != "b3dgs " + name_ + " [OPTIONS]";
-    input_error("unexpected argument ", word, "; usage: ", usage(), has_arguments ? ", once for each" : "",
-                "; see b3dgs ", name_, " --help");
+    input_error("unexpected argument ", word, "; usage: ", usage(),
+                has_arguments ? "; for several, run it once for each" : "", "; see b3dgs ", name_, " --help");
   }
   std::vector<std::string> names{"help", "help_all"};
   for (const OptionSpec& spec : options_) {

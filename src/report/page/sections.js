@@ -157,7 +157,7 @@ function check_table({kernel_checks, resumes, curves}) {
   }
   return [table(["iteration", "pass", "median time, ms (spread over views)", "views", "kernel", "reason"], rows,
                 {words: true}),
-          soft("The reason is the median of the ratios view by view, and may disagree with the medians above."),
+          soft("Reasons use the median of the per-view ratios, which may disagree with the medians above."),
           check_cost(kernel_checks, curves.elapsed_s)];
 }
 

@@ -261,7 +261,7 @@ void read_transforms(std::string_view text, const fs::path& file, const Photogra
   const std::string place = file.string();
   const Json json = parse_json(text, /*ignore_comments=*/true);
   if (json.is_discarded()) {
-    input_error(place, ": expected valid JSON, found a ", json_damage(text), "; correct it or export the scene again");
+    input_error(place, ": not valid JSON: ", json_damage(text), "; correct it or export the scene again");
   }
   if (!json.is_object()) {
     input_error(place, ": expected a JSON object with \"frames\", found ", json_excerpt(json),

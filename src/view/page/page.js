@@ -27,7 +27,7 @@ async function ask(address, options = {}) {
   const response = await fetch(address, {
     ...options, signal: AbortSignal.timeout(limit_ms),
     headers: {"X-Token": token, "X-Client": client, ...(options.headers || {})}}).catch(() => {
-    throw new Error("No connection: the program has ended, or cannot be reached.");
+    throw new Error("No connection: the program has ended or does not answer.");
   });
   if (response.ok) return response;
   const error = new Error((await response.text()).trim());
