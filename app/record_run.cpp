@@ -57,15 +57,6 @@ std::vector<Preview> render_previews(Trainer& trainer, const std::vector<View>& 
 }
 
 /// The first "model name" in /proc/cpuinfo; empty if there is none.
-std::string cpu_name() {
-  std::ifstream file("/proc/cpuinfo");
-  for (std::string line; std::getline(file, line);) {
-    const std::size_t colon = line.find(": ");
-    if (line.rfind("model name", 0) == 0 && colon != std::string::npos) return line.substr(colon + 2);
-  }
-  return "";
-}
-
 #if B3DGS_HAS_CUDA
 /// Version of the kernel module, "570.86.15"; empty if unknown.
 std::string driver_version() {
@@ -97,7 +88,7 @@ void describe_gpu(nlohmann::ordered_json& machine) {
 nlohmann::ordered_json describe_machine(const torch::Device& device) {
   nlohmann::ordered_json machine;
   machine["program"] = std::string("b3dgs ") + version();
-  if (const std::string name = cpu_name(); !name.empty()) machine["cpu"] = name;
+  machine["cpu"] = device_model(torch::kCPU);
   machine["cores"] = std::thread::hardware_concurrency();
   const long pages = sysconf(_SC_PHYS_PAGES), page_bytes = sysconf(_SC_PAGESIZE);
   if (pages > 0 && page_bytes > 0) {

@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
-# The comparisons of docs/benchmarks.md, on a GPU: each SCENE with everything that its report tells apart, and the
-# synthetic street, whose photographs show Gaussians that training has to find. Writes OUTPUT/SCENE/report.html and
-# compare.json, and prints what they say.
+# The comparisons of docs/benchmarks.md, on a GPU: each SCENE with everything that its report tells apart, including the
+# paper's comparison, and the synthetic street, whose photographs show Gaussians that training has to find. Writes
+# OUTPUT/SCENE/report.html and compare.json, and prints what they say.
 # Usage: scripts/compare_scenes.sh B3DGS OUTPUT [SCENE...]
 #   scripts/compare_scenes.sh build/gpu/app/b3dgs output/compared data/kitti_street data/bonsai data/fox
 set -euo pipefail
@@ -14,11 +14,11 @@ options=(--device cuda --noise --overwrite --quiet --preset inria)
 for scene in "$@"; do
   echo "== $(basename "$scene")"
   time "$b3dgs" compare "$scene" -m "$output/$(basename "$scene")" "${options[@]}" \
-    --configs naive,shared-memory,adaptive,published,naive-kernels,naive-kernels_published:naive-kernels+kernel=published \
+    --configs naive,sub-tile,adaptive,paper \
     --iterations 5000 --test_iterations 5000
 done
 
 echo "== street"
 if [[ ! -d $output/street_scene ]]; then "$b3dgs" synth street "$output/street_scene" --points 1500000 --quiet; fi
 time "$b3dgs" compare "$output/street_scene" -m "$output/street" "${options[@]}" \
-  --configs naive,shared-memory,adaptive,published --iterations 3500 --test_iterations 3500
+  --configs naive,sub-tile,adaptive,paper --iterations 3500 --test_iterations 3500

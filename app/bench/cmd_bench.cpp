@@ -1,164 +1,25 @@
 // b3dgs bench: times the blending kernels and the passes of one view, or, as bench sweep, the forward kernels over
 // numbers of Gaussians and degrees of uneven load. The rasterizer of training runs them, on the CPU or a GPU.
 #include <algorithm>
-#include <cmath>
 #include <cstdio>
 #include <filesystem>
-#include <functional>
-#include <memory>
 #include <string>
 #include <utility>
 #include <vector>
 
 #include "app/bench/bench_report.h"
 #include "app/bench/bench_scenes.h"
+#include "app/bench/bench_view.h"
 #include "app/record_run.h"
 #include "app/tools/commands.h"
 #include "core/check.h"
 #include "core/options/command_line.h"
 #include "core/parallel.h"
 #include "raster/kernels.h"
-#include "raster/torch/rasterizer.h"
 #include "train/device.h"
-#include "train/gaussians/gaussian_model.h"
-#include "train/timing/timers.h"
 
 namespace b3dgs {
 namespace {
-
-/// A copy in host memory: the next pass overwrites the tensor.
-torch::Tensor values_of(const torch::Tensor& tensor) {
-  return tensor.to(torch::kCPU, torch::kFloat32, /*non_blocking=*/false, /*copy=*/true);
-}
-
-/// One view of a scene on a device. The loss is the mean of all colour values.
-class BenchView {
- public:
-  BenchView(const BenchRun& run, const BenchScene& scene)
-      : device_(choose_device(run.device)),
-        repeat_(run.repeat),
-        view_(scene.view),
-        gaussians_(to_tensors(scene.cloud, scene.cloud.sh_degree, device_)),
-        rasterizer_(device_),
-        clock_(make_stage_clock(device_)),
-        stages_(make_stage_clock(device_)) {
-    constexpr std::int64_t kFlushBytes = 256 << 20;  // several times the largest L2 cache
-    const torch::TensorOptions options = torch::TensorOptions().device(device_);
-    if (is_on_gpu()) flush_ = torch::empty({kFlushBytes}, options.dtype(torch::kUInt8));
-    const double n_values = 3.0 * view_.width * view_.height;
-    grad_.color = torch::full({view_.height, view_.width, 3}, 1 / n_values, options.dtype(torch::kFloat32));
-    settings_.sh_degree = scene.cloud.sh_degree;
-    settings_.culling = run.culling == "square" ? Culling::kSquare : Culling::kEllipse;
-    settings_.depth_gradient = false;
-    settings_.stages = &stages_;
-  }
-
-  bool is_on_gpu() const { return device_.is_cuda(); }
-  const torch::Device& device() const { return device_; }
-  std::string device_text() const {
-    if (is_on_gpu()) return describe_machine(device_).value("gpu", "GPU");
-    return detail::concat("CPU, ", thread_count(), " threads");
-  }
-
-  std::int64_t n_splats() const { return rasterizer_.view_size().n_splats; }
-  nlohmann::ordered_json lists() const { return list_statistics(rasterizer_.count_load().tile_lists); }
-
-  /// A forward pass. `keep`: as in a training step, it stores what a backward pass needs.
-  void render(ForwardKernel kernel, bool keep) {
-    settings_.kernel = kernel;
-    settings_.keep_for_backward = keep;
-    rendered_ = rasterizer_.forward(gaussians_, view_, settings_);
-  }
-
-  /// Of the blending in the last render().
-  Timing time_blend(ForwardKernel kernel) {
-    return time([&] { rasterizer_.reblend(kernel); });
-  }
-
-  Measurement measure(const ForwardKernelName& kernel) {
-    render(kernel.kernel, /*keep=*/false);
-    Measurement measured{std::string(kernel.name), time_blend(kernel.kernel)};
-    if (is_on_gpu()) {
-      render(kernel.kernel, /*keep=*/true);
-      measured.keeping = time_blend(kernel.kernel);
-    }
-    for (const torch::Tensor& image : {rendered_.color, rendered_.depth, rendered_.alpha}) {
-      image.fill_(NAN);  // shows where a kernel writes nothing
-    }
-    rasterizer_.reblend(kernel.kernel);
-    measured.image = values_of(rendered_.color);
-    if (is_on_gpu()) measured.gradients = gradients();
-    return measured;
-  }
-
-  /// On a GPU.
-  Measurement measure(const BackwardKernelName& kernel) {
-    settings_.backward_kernel = kernel.kernel;
-    render(ForwardKernel::kSharedMemory, /*keep=*/true);
-    const Timing timing = time([&] { rasterizer_.reblend_backward(kernel.kernel, grad_); });
-    return {std::string(kernel.name), timing, torch::Tensor(), gradients()};
-  }
-
-  /// Times of the passes of whole views, as in a training step.
-  std::vector<StageTimes> run_passes() {
-    settings_.backward_kernel = BackwardKernel::kPerBucket;
-    std::vector<StageTimes> times;
-    for (int i = -1; i < repeat_; ++i) {  // the first warms up
-      flush_cache();
-      stages_.start(StageTimes::Kind::kStep);
-      render(ForwardKernel::kSharedMemory, /*keep=*/true);
-      rasterizer_.backward(gaussians_, grad_, gradients_);
-      stages_.finish();
-      const StageTimes step = stages_.wait().front();
-      if (i >= 0) times.push_back(step);
-    }
-    return times;
-  }
-
- private:
-  void flush_cache() {
-    if (flush_.defined()) flush_.zero_();
-  }
-
-  /// One warm-up run, then the timed ones.
-  Timing time(const std::function<void()>& run) {
-    std::vector<double> ms;
-    for (int i = -1; i < repeat_; ++i) {
-      flush_cache();
-      const std::unique_ptr<StageMark> from = clock_();
-      run();
-      const std::unique_ptr<StageMark> to = clock_();
-      to->wait();
-      if (i >= 0) ms.push_back(to->ms_since(*from));
-    }
-    return summarize(std::move(ms));
-  }
-
-  std::vector<ParameterGradient> gradients() {
-    rasterizer_.backward(gaussians_, grad_, gradients_);
-    std::vector<ParameterGradient> all;
-    for (const torch::Tensor* const own : gradients_.all()) {
-      all.push_back({values_of(*own)});
-      // For nearly spherical Gaussians, gradients of the rotation are only rounding errors, of about the size of those
-      // in the gradients of the scales. Differences are therefore taken relative to the latter.
-      if (own == &gradients_.quats) all.back().size = gradients_.log_scales.abs().max().item<double>();
-    }
-    return all;
-  }
-
-  const torch::Device device_;
-  const int repeat_;
-  const CameraView view_;
-  const GaussianTensors gaussians_;
-  GaussianTensors gradients_;
-  Rasterizer rasterizer_;
-  RenderSettings settings_;
-  RenderedView rendered_;
-  RenderedViewGrad grad_;
-  torch::Tensor flush_;
-  StageClock clock_;
-  StageTimer stages_;
-};
 
 void time_passes(BenchView& view, BenchFile& file) {
   const std::vector<StageTimes> times = view.run_passes();
@@ -183,11 +44,11 @@ void time_passes(BenchView& view, BenchFile& file) {
 
 /// A mistyped subcommand or built-in scene would be taken for a folder. @throws InputError
 void check_scene(const std::string& scene) {
-  static const std::vector<std::string> kNames{"street", "spread", "kernels", "step", "sweep"};
+  static const std::vector<std::string> kNames{"street", "spread", "kernels", "step", "sweep", "paper"};
   if (std::find(kNames.begin(), kNames.end(), scene) != kNames.end() || std::filesystem::exists(scene)) return;
   const std::string nearest = nearest_name(scene, kNames);
   input_error("neither a scene nor a subcommand of bench: ", scene,
-              nearest.empty() ? " (expected a COLMAP or model folder, street, spread, step or sweep)"
+              nearest.empty() ? " (expected a COLMAP or model folder, street, spread, step, sweep or paper)"
                               : "; did you mean " + nearest + "?");
 }
 
@@ -196,7 +57,9 @@ int run_bench_kernels(const std::vector<std::string>& words) {
   CommandLine line(
       "bench",
       "Time the kernels and the rendering passes on one view. `b3dgs bench step` times training steps by stage, `b3dgs "
-      "bench sweep` the forward kernels for various numbers and distributions of Gaussians.",
+      "bench sweep` the forward kernels for various numbers and distributions of Gaussians, `b3dgs bench paper` "
+      "repeats "
+      "the table of the paper.",
       "b3dgs bench street");
   line.add(config, "Benchmark", {"scene"});
   if (!line.parse(words)) return 0;
@@ -211,7 +74,7 @@ int run_bench_kernels(const std::vector<std::string>& words) {
   file.set("config", config_to_json(config));
   file.set("n_gaussians", scene.cloud.size());
   BenchView view(config, scene);
-  view.render(ForwardKernel::kNaive, /*keep=*/false);
+  view.render(kStandardKernel, /*keep=*/false);
   const nlohmann::ordered_json lists = view.lists();
   std::printf("%lld visible Gaussians; %s\n", static_cast<long long>(view.n_splats()), view.device_text().c_str());
   std::printf(
@@ -224,15 +87,18 @@ int run_bench_kernels(const std::vector<std::string>& words) {
   file.set("lists", lists);
   file.set("n_splats", view.n_splats());
   file.set("threads", thread_count());
-  const auto compare = [&](const char* title, const char* key, const auto& kernels) {
-    ComparisonTable table(title);
-    for (const auto& kernel : kernels) {
-      table.add(view.measure(kernel));
-      file.set(key, table.rows());
+  ComparisonTable forward("forward kernel");
+  for (const KernelRow& kernel : kForwardKernels) {
+    forward.add(view.measure(kernel));
+    file.set(view.is_on_gpu() ? "forward" : "kernels", forward.rows());
+  }
+  if (view.is_on_gpu()) {
+    ComparisonTable backward("backward kernel");
+    for (const KernelFamily family : {KernelFamily::kPaper, KernelFamily::kOwn}) {
+      backward.add(view.measure_backward(family));
     }
-  };
-  compare("forward kernel", view.is_on_gpu() ? "forward" : "kernels", kForwardKernels);
-  if (view.is_on_gpu()) compare("backward kernel", "backward", kBackwardKernels);
+    file.set("backward", backward.rows());
+  }
   time_passes(view, file);
   return 0;
 }
@@ -256,7 +122,8 @@ nlohmann::ordered_json time_cell(int points, double skew, BenchView& view) {
   const nlohmann::ordered_json lists = view.lists();
   std::vector<Timing> timings;
   nlohmann::ordered_json kernels;
-  for (const ForwardKernelName& kernel : kForwardKernels) {
+  for (const KernelRow& kernel : kForwardKernels) {
+    view.render(kernel.kernel, /*keep=*/false);
     timings.push_back(view.time_blend(kernel.kernel));
     kernels.push_back(to_json(timings.back(), {{"kernel", std::string(kernel.name)}}));
   }
@@ -296,14 +163,14 @@ int run_bench_sweep(const std::vector<std::string>& words) {
       // Colours do not affect the time of blending; SH degree 0 makes creating the scenes ten times faster.
       const BenchScene scene = make_spread_scene({points, skew, /*sh_degree=*/0, SpreadState::kFirstIteration}, config);
       BenchView view(config, scene);
-      view.render(ForwardKernel::kNaive, /*keep=*/false);
+      view.render(kStandardKernel, /*keep=*/false);
       if (cells.empty()) {
         std::printf("%d x %d px; %s\n", config.width, config.height, view.device_text().c_str());
         std::printf(
             "mean, max, Gini: Gaussians per tile and their Gini coefficient (0 = even); kernels: median ms; "
             "speedup: of the fastest kernel relative to naive\n");
         std::printf("%10s %5s | %7s %8s %5s |", "points", "skew", "mean", "max", "Gini");
-        for (const ForwardKernelName& kernel : kForwardKernels) std::printf(" %14s", std::string(kernel.name).c_str());
+        for (const KernelRow& kernel : kForwardKernels) std::printf(" %14s", std::string(kernel.name).c_str());
         std::printf(" | %-14s %s\n", "fastest", "speedup");
         file.set("device", view.device_text());
       }
@@ -320,6 +187,7 @@ int run_bench(const std::vector<std::string>& words) {
   const auto rest = [&] { return std::vector<std::string>(words.begin() + 1, words.end()); };
   if (what == "sweep") return run_bench_sweep(rest());
   if (what == "step") return run_bench_step(rest());
+  if (what == "paper") return run_bench_paper(rest());
   return run_bench_kernels(what == "kernels" ? rest() : words);
 }
 

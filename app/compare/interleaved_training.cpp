@@ -10,7 +10,6 @@
 #include "core/files/folders.h"
 #include "core/text.h"
 #include "dist/communicator.h"
-#include "report/train_log_reader.h"
 #include "report/train_report.h"
 #include "train/checkpoint/checkpoint.h"
 #include "train/device.h"
@@ -69,7 +68,6 @@ class InterleavedTraining {
   void add(const Configuration& configuration, std::int64_t image_budget) {
     const ModelFolder folder = plan_.folder(configuration, seed_);
     TrainConfig config = with_scene_limits(run_config(configuration, folder, seed_), scene_);
-    config.kernel_times_interval = config.stats_interval;  // over the whole training, whatever kernel is in use
     const std::string label = detail::concat(configuration.name, ", seed ", seed_, ": ");
     Turn& turn = turns_.emplace_back(Turn{configuration, folder, label, Eta(config.iterations)});
     turn.lock = std::make_unique<FolderLock>(folder.root());
@@ -151,7 +149,7 @@ std::size_t first_in_turn(std::size_t seed_index, int turn, std::size_t n_config
   return (seed_index + 1 + static_cast<std::size_t>(turn)) % n_configurations;
 }
 
-double warm_up(const ComparisonPlan& plan, const Scene& scene) {
+void warm_up(const ComparisonPlan& plan, const Scene& scene) {
   constexpr std::int64_t kPoints = 10000;
   Scene part = scene;
   const auto n = static_cast<std::size_t>(std::min(kPoints, part.points.size()));
@@ -161,36 +159,16 @@ double warm_up(const ComparisonPlan& plan, const Scene& scene) {
   part.test.clear();
   TrainHooks hooks;
   hooks.resume_command = resume_command(plan);
-  const auto train = [&](const Configuration& configuration) {
+  for (const Configuration& configuration : plan.configurations()) {
     const WorkFolder folder(plan.root());
     TrainConfig config = run_config(configuration, ModelFolder(folder.path()), 0);
-    if (n > 0) config.init_ply.clear();  // the part has fewer points; without points, the PLY is needed
-    constexpr int kIterations = 5;
+    if (n > 0) config.init_ply.clear();   // the part has fewer points; without points, the PLY is needed
+    constexpr int kIterations = 5;        // the first of which are in a timing check, which runs both kernels
     config.iterations = kIterations + 1;  // at its end, a training writes its outputs
     config.densify_from_iter = 0;
     config.densification_interval = 2;
-    config.kernel_check_interval = 2;  // the kernel choice `published` has no check before that
     Trainer(config, part, ModelFolder(folder.path()), hooks).run(kIterations);
-    double loading_ms = 0;
-    const TrainHistory history = read_train_log(ModelFolder(folder.path()).log());
-    for (const auto& check : history.events["kernel_check"]) {
-      if (check["warm_up_ms"].is_number()) loading_ms += check["warm_up_ms"].get<double>();
-    }
-    return loading_ms;
-  };
-  // First load what every configuration needs, then what configurations with a choice of kernels need. Kernels that
-  // fixed configurations need as well are counted too, so the result is rather too large than too small.
-  Configuration common{"", plan.base};
-  common.config.kernel = std::string(kernel_name(ForwardKernel::kNaive));
-  common.config.backward_kernel = kStandardBackwardKernel;
-  train(common);
-  double loading_ms = 0;
-  for (const bool chooses : {true, false}) {
-    for (const Configuration& configuration : plan.configurations()) {
-      if (measures_kernels(configuration.config) == chooses) loading_ms = std::max(loading_ms, train(configuration));
-    }
   }
-  return loading_ms;
 }
 
 }  // namespace b3dgs

@@ -24,8 +24,7 @@ std::string resume_command(const ComparisonPlan& plan);
 std::size_t first_in_turn(std::size_t seed_index, int turn, std::size_t n_configurations);
 
 /// Runs a few steps of each configuration on a part of the scene and discards them; otherwise the configuration that
-/// trains first would bear the loading of kernels and libraries. Returns the time of loading kernels that only
-/// configurations with a choice of kernels need, ms; 0 if there are none.
-double warm_up(const ComparisonPlan& plan, const Scene& scene);
+/// trains first would bear the loading of kernels and libraries.
+void warm_up(const ComparisonPlan& plan, const Scene& scene);
 
 }  // namespace b3dgs

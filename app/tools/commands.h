@@ -41,6 +41,7 @@ int run_report(const std::vector<std::string>& words);
 int run_bench(const std::vector<std::string>& words);
 int run_bench_sweep(const std::vector<std::string>& words);  // b3dgs bench sweep
 int run_bench_step(const std::vector<std::string>& words);   // b3dgs bench step
+int run_bench_paper(const std::vector<std::string>& words);  // b3dgs bench paper
 
 struct Command {
   const char* name;

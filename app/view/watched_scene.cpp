@@ -113,7 +113,7 @@ Frame WatchedScene::paint(const FrameRequest& request, const GaussianTensors& ga
   }
   frame.render_ms = 1000 * (steady_seconds() - start_s);
   if (request.mode == FrameMode::kDifference) paint_difference(*request.photograph, frame);
-  if (request.mode == FrameMode::kLoad) paint_load(rasterizer_.count_load(), settings.tile, frame);
+  if (request.mode == FrameMode::kLoad) paint_load(rasterizer_.count_load(), settings.tile_shape(), frame);
   return frame;
 }
 

@@ -23,7 +23,10 @@ constexpr const char* kShared[] = {"source_path", "model_path",       "images", 
 /// Options closest to the original 3DGS trainer. Its loss, optimizer and projection cannot be selected.
 constexpr const char *kNaiveKernels = "naive-kernels", *kFormerNaiveKernels = "original";
 
-constexpr const char* kForwardKernelOptions[] = {"kernel", "kernel_policy", "kernel_candidates"};
+/// An entry that stands for the two configurations of the Balanced 3DGS paper.
+constexpr const char *kPaper = "paper", *kPaperEntries[] = {kNaiveKernels, "published:naive-kernels+kernel=published"};
+
+constexpr const char* kKernelOptions[] = {"kernel", "kernel_check_interval"};
 
 std::vector<std::string> split(const std::string& text, char separator) {
   std::vector<std::string> parts;
@@ -33,6 +36,19 @@ std::vector<std::string> split(const std::string& text, char separator) {
   }
   parts.push_back(text.substr(begin));
   return parts;
+}
+
+/// The entries of `--configs`, with those that `paper` stands for in its place.
+std::vector<std::string> entries_of(const std::string& text) {
+  std::vector<std::string> entries;
+  for (const std::string& entry : split(text, ',')) {
+    if (entry == kPaper) {
+      entries.insert(entries.end(), std::begin(kPaperEntries), std::end(kPaperEntries));
+    } else {
+      entries.push_back(entry);
+    }
+  }
+  return entries;
 }
 
 struct NamedOption {
@@ -125,7 +141,7 @@ void add_part(const std::string& part, std::vector<std::string>& words) {
   if (part.empty()) input_error("empty part; expected a kernel, naive-kernels or option=value");
   const std::size_t equals = part.find('=');
   if (part == kNaiveKernels) {
-    words.insert(words.end(), {"--kernel=naive", "--backward_kernel=per-pixel", "--culling=square"});
+    words.insert(words.end(), {"--kernel=naive", "--culling=square"});
   } else if (equals == std::string::npos) {
     check_kernel(part);
     words.push_back("--kernel=" + part);
@@ -182,7 +198,7 @@ Configuration parse_entry(const std::string& entry, const TrainConfig& base, con
 std::vector<Configuration> parse_configurations(const std::string& text, const TrainConfig& base,
                                                 const GivenOptions& given, const Photographs& photographs) {
   std::vector<Configuration> configurations;
-  for (const std::string& entry : split(text, ',')) {
+  for (const std::string& entry : entries_of(text)) {
     const Configuration next = parse_entry(entry, base, given, photographs);
     for (const Configuration& other : configurations) {
       if (other.name != next.name) continue;
@@ -198,7 +214,7 @@ std::vector<Configuration> parse_configurations(const std::string& text, const T
 
 std::vector<std::string> describe_former_parts(const std::string& text) {
   std::vector<std::string> lines;
-  for (const std::string& entry : split(text, ',')) {
+  for (const std::string& entry : entries_of(text)) {
     for (const std::string& part : split(split_name(entry).second, '+')) {
       const std::string now = present_part(part);
       if (now != part) lines.push_back(detail::concat("--configs ", entry, ": ", part, " is now ", now));
@@ -219,17 +235,13 @@ Configuration repeat_baseline(const std::vector<Configuration>& configurations) 
   return {name, baseline.config};
 }
 
-bool measures_kernels(const TrainConfig& config) {
-  return !config.deterministic && (forward_candidates(config).size() > 1 || config.backward_kernel == kAdaptive);
-}
-
 DifferingOptions differing_options(const TrainConfig& a, const TrainConfig& b) {
   DifferingOptions options;
   visit_differing(a, b, [&](const Option& option, std::string_view) {
     const std::string name(option.name);
-    const bool is_kernel = std::find(std::begin(kForwardKernelOptions), std::end(kForwardKernelOptions), name) !=
-                           std::end(kForwardKernelOptions);
-    (is_kernel ? options.forward_kernel : options.others).push_back(name);
+    const bool is_kernel =
+        std::find(std::begin(kKernelOptions), std::end(kKernelOptions), name) != std::end(kKernelOptions);
+    (is_kernel ? options.kernel : options.others).push_back(name);
   });
   return options;
 }

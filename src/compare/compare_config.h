@@ -28,8 +28,9 @@ struct ConfigurationHistory : Configuration {
 /// training option, the name of a kernel, or `naive-kernels`: the options closest to the original 3DGS trainer. Later
 /// parts override earlier ones. An entry without a name is named by its text:
 ///
-///   naive,adaptive,shared-memory+exposure=true,wide:kernel=combined+culling=square,naive-kernels,b:naive-kernels+kernel=published
-/// Lists are separated by slashes: mixed:kernel_candidates=combined/shared-memory.
+///   naive,adaptive,sub-tile+exposure=true,wide:kernel=combined+culling=square,naive-kernels,b:naive-kernels+kernel=dynamic
+/// Lists are separated by slashes: early:save_iterations=1000/7000. The entry `paper` stands for the two configurations
+/// of the Balanced 3DGS paper: naive-kernels,published:naive-kernels+kernel=published.
 ///
 /// `given` are options for all configurations; a configuration's own come on top, so `preset=fast` applies below both
 /// (option_layers.h). With `photographs` for training, --max_epochs has been applied; none: not known yet. `base` has
@@ -46,14 +47,11 @@ std::vector<std::string> describe_former_parts(const std::string& text);
 /// @throws InputError if that name is taken
 Configuration repeat_baseline(const std::vector<Configuration>& configurations);
 
-/// Whether training with this config times kernels to choose between them.
-bool measures_kernels(const TrainConfig& config);
-
 /// Names of the options in which two configurations differ.
 struct DifferingOptions {
-  std::vector<std::string> forward_kernel;  // those that only decide which forward kernel runs when
+  std::vector<std::string> kernel;  // those that only decide which kernel runs when
   std::vector<std::string> others;
-  bool empty() const { return forward_kernel.empty() && others.empty(); }
+  bool empty() const { return kernel.empty() && others.empty(); }
 };
 DifferingOptions differing_options(const TrainConfig& a, const TrainConfig& b);
 

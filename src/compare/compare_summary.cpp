@@ -1,6 +1,7 @@
 #include "compare/compare_summary.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <optional>
 #include <set>
@@ -68,12 +69,12 @@ struct SavedShares {
 
 std::optional<int> first_kernel_switch(const TrainHistory& history) {
   for (const Json& check : history.events["kernel_check"]) {
-    if (switches_forward_kernel(check)) return check["iteration"].get<int>();
+    if (switches_kernel(check)) return check["iteration"].get<int>();
   }
   return std::nullopt;
 }
 
-/// The iterations that `ours` ran with a load-balanced forward kernel, or those with any other: which kernels, how many
+/// The iterations that `ours` ran with a load-balanced kernel, or those with any other: which kernels, how many
 /// iterations, and the time saved in them.
 Json kernel_part(const ConfigurationHistory& baseline, const ConfigurationHistory& ours,
                  const std::vector<int>& done_by_seed, bool is_balanced) {
@@ -123,8 +124,8 @@ Json compare_times(const ConfigurationHistory& baseline, const ConfigurationHist
   const DifferingOptions differing = differing_options(baseline.config, ours.config);
   return {{"name", ours.name},
           {"baseline", baseline.name},
-          {"differs_in", differing.others},  // options, except those of the forward kernel
-          {"has_own_kernel", !differing.forward_kernel.empty()},
+          {"differs_in", differing.others},  // options, except those of the kernel
+          {"has_own_kernel", !differing.kernel.empty()},
           {"learns_differently", learns_differently(baseline.config, ours.config)},
           {"saved_overall", effect_of(overall.shares, time_limits(overall.noise))},
           {"saved_before_inflection", spread_of(before.shares)},
@@ -139,26 +140,34 @@ Json compare_times(const ConfigurationHistory& baseline, const ConfigurationHist
 
 // --- Load balancing
 
-/// Whether the forward kernel is load-balanced, or chosen from candidates that include a load-balanced one.
+/// Whether the kernel is load-balanced, or chosen by timing: then it may be.
 bool may_balance(const ConfigurationHistory& configuration) {
-  const std::vector<std::string> kernels = forward_candidates(configuration.config);
-  return std::any_of(kernels.begin(), kernels.end(), [](const std::string& name) { return is_balanced_kernel(name); });
+  return chooses_kernel(configuration.config) || is_balanced_kernel(configuration.config.kernel);
 }
 
-/// The first configuration with this fixed kernel that differs from `ours` only in the forward kernel, or null.
-const ConfigurationHistory* find_kernel(const Histories& configurations, const TrainConfig& ours,
-                                        std::string_view kernel) {
+/// The kernels without load balancing that a configuration is compared with: naive, the baseline of the paper, and the
+/// best one in the family of the configuration's kernels.
+std::array<std::string_view, 2> unbalanced_kernels(const TrainConfig& config) {
+  const std::optional<ForwardKernel> fixed = find_kernel(config.kernel);
+  const bool is_of_paper = fixed ? family_of(*fixed) == KernelFamily::kPaper : config.kernel == kPublishedKernel;
+  return {kernel_name(ForwardKernel::kNaive),
+          kernel_name(is_of_paper ? ForwardKernel::kSharedMemory : ForwardKernel::kSubTile)};
+}
+
+/// The first configuration with this fixed kernel that differs from `ours` only in the kernel, or null.
+const ConfigurationHistory* find_trained(const Histories& configurations, const TrainConfig& ours,
+                                         std::string_view kernel) {
   const auto found = std::find_if(configurations.begin(), configurations.end(), [&](const ConfigurationHistory& own) {
     return own.config.kernel == kernel && differing_options(own.config, ours).others.empty();
   });
   return found == configurations.end() ? nullptr : &*found;
 }
 
-/// Kernels without load balancing for which no configuration differs from `ours` only in the forward kernel.
+/// Those of unbalanced_kernels() for which no configuration differs from `ours` only in the kernel.
 std::vector<std::string> missing_unbalanced_kernels(const Histories& configurations, const TrainConfig& ours) {
   std::vector<std::string> missing;
-  for (const ForwardKernelName& row : kForwardKernels) {
-    if (!row.is_balanced && find_kernel(configurations, ours, row.name) == nullptr) missing.emplace_back(row.name);
+  for (const std::string_view kernel : unbalanced_kernels(ours)) {
+    if (find_trained(configurations, ours, kernel) == nullptr) missing.emplace_back(kernel);
   }
   return missing;
 }
@@ -181,12 +190,11 @@ Json balancing_gain(const Histories& configurations, const ConfigurationHistory&
   if (ours_s.empty()) return nullptr;
   std::vector<double> naive_s, unbalanced_s;
   Json gain{{"name", ours.name}, {"naive", ""}, {"unbalanced", ""}};
-  for (const ForwardKernelName& row : kForwardKernels) {
-    if (row.is_balanced) continue;
-    const ConfigurationHistory& own = *find_kernel(configurations, ours.config, row.name);
+  for (const std::string_view kernel : unbalanced_kernels(ours.config)) {
+    const ConfigurationHistory& own = *find_trained(configurations, ours.config, kernel);
     const std::vector<double> own_s = seconds_of(own);
     if (*std::min_element(own_s.begin(), own_s.end()) <= 0) return nullptr;
-    if (row.kernel == ForwardKernel::kNaive) {
+    if (kernel == kernel_name(ForwardKernel::kNaive)) {
       naive_s = own_s;
       gain["naive"] = own.name;
     }
@@ -206,14 +214,11 @@ Json balancing_gain(const Histories& configurations, const ConfigurationHistory&
   return gain;
 }
 
-/// Whether the two are the comparison in the Balanced3DGS paper (arXiv:2412.17378): naive against the choice between
-/// combined and shared-memory, both with the backward pass of the original 3DGS trainer (per-pixel).
+/// Whether the two are the comparison in the Balanced 3DGS paper (arXiv 2412.17378): naive against the choice between
+/// combined and shared-memory.
 bool is_paper_pair(const TrainConfig& baseline, const TrainConfig& ours) {
-  TrainConfig published = ours;
-  published.kernel = kPublishedKernel;
-  return baseline.kernel == kernel_name(ForwardKernel::kNaive) &&
-         baseline.backward_kernel == kernel_name(BackwardKernel::kPerPixel) && chooses_forward_kernel(ours) &&
-         forward_candidates(ours) == forward_candidates(published) && differing_options(baseline, ours).others.empty();
+  return baseline.kernel == kernel_name(ForwardKernel::kNaive) && ours.kernel == kPublishedKernel &&
+         differing_options(baseline, ours).others.empty();
 }
 
 // --- Quality

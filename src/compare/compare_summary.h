@@ -22,7 +22,7 @@ inline constexpr const char *kPsnrMeasure = "PSNR, dB", *kSsimMeasure = "SSIM", 
 ///              otherwise "unclear": it may be chance
 /// Time saved is a share of the baseline's time, negative if time was lost. "machine_spread" is the difference between
 /// two trainings of the baseline, null if it was trained once; "inflection" (the paper's word) is the iteration of the
-/// first check that switched to another forward kernel, and "before" and "after" refer to it.
+/// first check that switched to another kernel, and "before" and "after" refer to it.
 nlohmann::ordered_json summarize_comparison(const std::vector<ConfigurationHistory>& configurations, int iterations);
 
 /// Whether all configurations of a summary train for the same number of iterations.

@@ -30,7 +30,6 @@ Json to_json(const ComparisonPlan& plan) {
           {"noise", plan.has_repetition},
           {"chunk", plan.chunk},
           {"reading_s", plan.reading_s},
-          {"loading_ms", plan.loading_ms},
           {"given", plan.given},
           {"photographs", plan.photographs.n},
           {"overlap", plan.photographs.overlap},
@@ -111,7 +110,6 @@ ComparisonPlan read_plan(const fs::path& root) {
     plan.reading_s = own.at("reading_s").get<double>();
     // Files of earlier versions lack some keys; their trainings had no --max_epochs.
     plan.has_repetition = own.value("noise", false);
-    plan.loading_ms = own.value("loading_ms", 0.0);
     stored_config_from_json(plan.base, own.at("config"), path.string());
     plan.is_of_earlier_version = has_removed_options(own.at("config")) || !own.at("config").contains("lenses");
     plan.given = own.contains("given") ? present_options(own.at("given")) : config_to_json(plan.base);
@@ -139,8 +137,6 @@ Comparison load_comparison(const ComparisonPlan& plan) {
       const ModelFolder folder = plan.folder(configuration, seed);
       by_seed.push_back(read_train_log(folder.log()));
       infos.push_back(read_run_info(folder));
-      if (!measures_kernels(configuration.config)) continue;
-      for (LogPoint& point : by_seed.back().points) point.elapsed_s += 1e-3 * plan.loading_ms;
     }
   }
   comparison.summary = summarize_comparison(comparison.configurations, plan.longest());
@@ -201,7 +197,6 @@ Json comparison_report_data(const Comparison& comparison) {
           {"measures_half", comparison.configurations.front().config.train_test_exp},
           {"reading_s", plan.reading_s},
           {"output_s", comparison.output_s()},
-          {"loading_ms", plan.loading_ms},
           {"summary", comparison.summary},
           {"settings", rows},
           {"options", options},
@@ -220,9 +215,9 @@ std::string describe_comparison(const Comparison& comparison) {
   const bool has_savings = have_equal_lengths(summary) && summary["done"] > 0;
   return summary_table(summary) +
          (has_savings ? "time saved: share of " + summary["baseline"].get<std::string>() + "'s training time\n" : "") +
-         "times do not include reading the scene (" + format_seconds(comparison.plan.reading_s, 0) +
-         ") or evaluation, saving and checkpoints (" + format_seconds(comparison.output_s(), 0) + ")\n" +
-         summary["verdict"].get<std::string>() + "\n";
+         paper_table(summary) + "times do not include reading the scene (" +
+         format_seconds(comparison.plan.reading_s, 0) + ") or evaluation, saving and checkpoints (" +
+         format_seconds(comparison.output_s(), 0) + ")\n" + summary["verdict"].get<std::string>() + "\n";
 }
 
 }  // namespace b3dgs

@@ -24,9 +24,6 @@ struct ComparisonPlan {
   int chunk = 0;                // iterations per turn
   Photographs photographs;      // for training; none before the scene has been read
   double reading_s = 0;         // reading the scene, sum over all sessions
-  // Time for loading the candidate kernels in a new process, ms, measured before the first turn. It is added to the
-  // times of all configurations that choose their kernel: `train` spends it in each process, but here all share one.
-  double loading_ms = 0;
 
   bool is_of_earlier_version = false;  // whose defaults differ
 
@@ -48,9 +45,9 @@ bool holds_comparison(const std::filesystem::path& root);
 
 struct Comparison {
   ComparisonPlan plan;
-  std::vector<ConfigurationHistory> configurations;  // times include loading_ms where the kernel is chosen
-  std::vector<std::vector<RunInfo>> infos;           // [configuration][seed]
-  nlohmann::ordered_json summary;                    // summarize_comparison()
+  std::vector<ConfigurationHistory> configurations;
+  std::vector<std::vector<RunInfo>> infos;  // [configuration][seed]
+  nlohmann::ordered_json summary;           // summarize_comparison()
 
   double output_s() const;  // evaluation, saving and checkpoints, all runs
 };

@@ -62,9 +62,11 @@ constexpr FormerOption kFormerOptions[] = {
     {"noise_lr", kVaries, "the noise of mcmc is 50000 x the learning rate of the means"},
     {"prune_interval", kVaries, "removals by --prune_weight follow --opacity_reset_interval"},
     {"prune_until_iter", kVaries, "removals by --prune_weight end with 14/15 of --position_lr_max_steps"},
+    {"backward_kernel", kVaries, "--kernel says which backward kernel belongs to it"},
+    {"kernel_policy", kVaries, "adaptive goes back to a kernel when it is faster again"},
+    {"kernel_candidates", kVaries, "adaptive chooses between segmented and sub-tile, published between the paper's"},
     {"kernel_check_views", "5", "a check times 5 views"},
-    {"kernel_check_interval", kVaries, "kernels are timed every 1000 iterations"},
-    {"kernel_times_interval", kVaries, "compare logs the times of all candidates every 1000 iterations"},
+    {"kernel_times_interval", kVaries, "the times of both kernels are logged at --kernel_check_interval"},
     {"stats_interval", kVaries, "load statistics are logged every 1000 iterations"},
     {"checkpoint_interval", "0", "--checkpoint_minutes and --checkpoint_iterations say when to write checkpoints"},
     {"keep_checkpoints", "2", "the 2 newest checkpoints are kept"},
@@ -96,7 +98,6 @@ constexpr FormerName kFormerNames[] = {
     {"strategy", "balanced", "budget"},
     {"preset", "original", "inria"},
     {"kernel", "paper", "published"},
-    {"backward_kernel", "per-splat", "per-bucket"},
 };
 
 bool has_usual_value(const FormerOption& option, const nlohmann::ordered_json& value) {

@@ -9,11 +9,10 @@
 namespace b3dgs {
 
 struct OutputPlan {
-  bool log = false;           // a line in train.jsonl
-  bool statistics = false;    // a line there with load statistics
-  bool kernel_times = false;  // lines there with times of the candidate kernels
-  bool evaluate = false;      // the test views
-  bool save = false;          // a PLY
+  bool log = false;         // a line in train.jsonl
+  bool statistics = false;  // a line there with load statistics
+  bool evaluate = false;    // the test views
+  bool save = false;        // a PLY
   bool checkpoint = false;
 };
 
@@ -30,7 +29,6 @@ inline OutputPlan output_plan(const TrainConfig& config, int first, int last, bo
   plan.log = plan.evaluate || is_last || is_due(kLogInterval);
   // The load is most uneven in the first iteration.
   plan.statistics = config.stats_interval > 0 && (first == 1 || is_due(config.stats_interval));
-  plan.kernel_times = config.kernel_times_interval > 0 && (is_last || is_due(config.kernel_times_interval));
   plan.save = is_last || is_in(config.save_iterations);
   plan.checkpoint = is_last || is_in(config.checkpoint_iterations) || is_due(config.checkpoint_interval);
   return plan;

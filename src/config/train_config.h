@@ -15,10 +15,8 @@ namespace b3dgs {
 
 /// In place of a kernel name: choose by timing.
 inline constexpr const char* kAdaptive = "adaptive";
-/// The same for the forward kernel, exactly as published: see KernelPolicy::kPublished.
+/// The same with the paper's kernels and its rule: see KernelPolicy::kPublished.
 inline constexpr const char* kPublishedKernel = "published";
-/// The standard kernels, used in place of these where nothing is timed: in evaluation and in deterministic training.
-inline constexpr const char *kStandardKernel = "shared-memory", *kStandardBackwardKernel = "per-bucket";
 
 /// The values of --preset; presets.cpp has their options. The first one changes nothing.
 inline constexpr const char* kPresetNames[] = {"inria", "fast", "quality", "best"};
@@ -112,10 +110,8 @@ struct TrainConfig {
   double prune_weight = 0.03;
 
   // Rasterizer
-  std::string kernel = "adaptive";
-  std::string kernel_policy = "paper";
-  std::vector<std::string> kernel_candidates{"segmented", "shared-memory"};
-  std::string backward_kernel = "per-bucket";
+  std::string kernel = kAdaptive;
+  int kernel_check_interval = 1000;  // as in the paper
   std::string culling = "ellipse";
   bool deterministic = false;
   int threads = 0;  // 0 = all cores
@@ -127,11 +123,9 @@ struct TrainConfig {
   double image_cache_gb = -1;
   int checkpoint_interval = 0;  // iterations; 0: no checkpoints by iterations, but those of checkpoint_iterations
   int keep_checkpoints = 2;
-  int kernel_check_interval = 1000;  // iterations between checks; more if they cost over 0.5 % of the training
-  int stats_interval = 1000;         // load statistics in train.jsonl every N iterations; 0: never
-  int kernel_times_interval = 0;     // times of all candidate kernels there, and at the end; b3dgs compare sets it
-  double pose_opt_lr = 0.0005;       // rad, and of the scene extent; falls to a hundredth over position_lr_max_steps
-  double bilateral_grid_tv = 10;     // weight of the total variation
+  int stats_interval = 1000;      // load statistics in train.jsonl every N iterations; 0: never
+  double pose_opt_lr = 0.0005;    // rad, and of the scene extent; falls to a hundredth over position_lr_max_steps
+  double bilateral_grid_tv = 10;  // weight of the total variation
   double prune_opacity = 0.005;
   // The original code intends to prune Gaussians with a radius above 20 px, but zeroes the radii before testing them
   // (its issue 123), so it never prunes by screen size. 0 does the same; 20 is the intended rule.
@@ -146,17 +140,9 @@ inline bool uses_depths(const TrainConfig& config) {
   return !config.depths.empty() && (config.depth_l1_weight_init > 0 || config.depth_l1_weight_final > 0);
 }
 
-/// Whether the forward kernel is chosen by timing.
-inline bool chooses_forward_kernel(const TrainConfig& config) {
+/// Whether the kernel is chosen by timing.
+inline bool chooses_kernel(const TrainConfig& config) {
   return config.kernel == kAdaptive || config.kernel == kPublishedKernel;
-}
-
-/// The forward kernels that training may use, beginning with the one that it starts with.
-inline std::vector<std::string> forward_candidates(const TrainConfig& config) {
-  if (config.kernel == kPublishedKernel) {
-    return {std::string(kernel_name(ForwardKernel::kCombined)), std::string(kernel_name(ForwardKernel::kSharedMemory))};
-  }
-  return config.kernel == kAdaptive ? config.kernel_candidates : std::vector<std::string>{config.kernel};
 }
 
 }  // namespace b3dgs

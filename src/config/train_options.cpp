@@ -12,13 +12,10 @@ void for_each_option(TrainConfig& c, const std::function<void(const TrainOption&
     take(OptionOf<std::decay_t<decltype(value)>, std::decay_t<decltype(constraint)>>{option, value, constraint, help});
   };
 
-  SomeOf candidates{{}, 2};
-  for (const ForwardKernelName& row : kForwardKernels) candidates.values.emplace_back(row.name);
-  OneOf kernels{candidates.values}, backward_kernels, strategies;
+  OneOf kernels, strategies;
+  for (const KernelRow& row : kForwardKernels) kernels.values.emplace_back(row.name);
   for (const std::string_view name : kDensityStrategies) strategies.values.emplace_back(name);
-  kernels.values.emplace_back(kPublishedKernel);
-  for (const BackwardKernelName& row : kBackwardKernels) backward_kernels.values.emplace_back(row.name);
-  for (OneOf* names : {&kernels, &backward_kernels}) names->values.emplace_back(kAdaptive);
+  kernels.values.insert(kernels.values.end(), {kPublishedKernel, kAdaptive});
 
   field(Option{"source_path", 's', {"data_dir", "data_path"}}.common().group("Scene and output"), c.source_path, Any{},
         "scene folder: a COLMAP model or transforms.json files");
@@ -148,13 +145,9 @@ void for_each_option(TrainConfig& c, const std::function<void(const TrainOption&
         "budget: remove Gaussians whose largest blend weight is below X (0 = none)");
 
   field(Option{"kernel"}.group("Kernels"), c.kernel, kernels,
-        "forward kernel; adaptive: the fastest candidate; published: as in the paper, exactly");
-  field(Option{"kernel_policy"}, c.kernel_policy, OneOf{{"paper", "tracking"}},
-        "of adaptive; paper: switch at most once (not --kernel published); tracking: re-check");
-  field(Option{"kernel_candidates"}, c.kernel_candidates, candidates,
-        "kernels that adaptive chooses from; training starts with the first");
-  field(Option{"backward_kernel"}, c.backward_kernel, backward_kernels,
-        "backward kernel on the GPU; adaptive: the fastest, by --kernel_policy");
+        "blending kernel; adaptive: segmented or sub-tile, timed; published: as in the paper");
+  field(Option{"kernel_check_interval"}.in_steps(Steps::kOutput), c.kernel_check_interval, AtLeast{1},
+        "adaptive, published: time both kernels at the start and every N iterations");
   field(Option{"culling"}, c.culling, OneOf{{"ellipse", "square"}},
         "how to decide which tiles a Gaussian touches; square: 3-sigma box, as in 3DGS");
   field(Option{"deterministic"}.group("Schedule"), c.deterministic, Any{},

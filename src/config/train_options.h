@@ -23,10 +23,10 @@ struct OptionOf {
 };
 
 /// With the pairs of types that occur.
-using TrainOption = std::variant<OptionOf<bool, Any>, OptionOf<int, AtLeast>, OptionOf<int, InRange>,
-                                 OptionOf<std::int64_t, AtLeast>, OptionOf<double, AtLeast>, OptionOf<double, Above>,
-                                 OptionOf<double, InRange>, OptionOf<std::string, Any>, OptionOf<std::string, OneOf>,
-                                 OptionOf<std::vector<int>, AtLeast>, OptionOf<std::vector<std::string>, SomeOf>>;
+using TrainOption =
+    std::variant<OptionOf<bool, Any>, OptionOf<int, AtLeast>, OptionOf<int, InRange>, OptionOf<std::int64_t, AtLeast>,
+                 OptionOf<double, AtLeast>, OptionOf<double, Above>, OptionOf<double, InRange>,
+                 OptionOf<std::string, Any>, OptionOf<std::string, OneOf>, OptionOf<std::vector<int>, AtLeast>>;
 
 /// In the order of help texts and config.json.
 void for_each_option(TrainConfig& config, const std::function<void(const TrainOption&)>& take);

@@ -115,22 +115,12 @@ struct OneOf {
   bool allows(const std::string& value) const { return detail::is_among(value, values); }
   std::string text() const { return "one of " + list_text(values); }
 };
-/// For a list of names: at least `least` of them, without repetition.
-struct SomeOf {
-  std::vector<std::string> values;
-  std::size_t least = 1;
-  bool allows(const std::vector<std::string>& chosen) const {
-    return chosen.size() >= least && std::set<std::string>(chosen.begin(), chosen.end()).size() == chosen.size() &&
-           std::all_of(chosen.begin(), chosen.end(), [&](const auto& name) { return detail::is_among(name, values); });
-  }
-  std::string text() const { return detail::concat(least, " or more different names out of ", list_text(values)); }
-};
 
 namespace detail {
 
 template <class Constraint, class Value>
 bool is_allowed(const Constraint& constraint, const Value& value) {
-  if constexpr (is_vector<Value>::value && !std::is_same_v<Constraint, SomeOf>) {
+  if constexpr (is_vector<Value>::value) {
     return std::all_of(value.begin(), value.end(), [&](const auto& entry) { return is_allowed(constraint, entry); });
   } else if constexpr (std::is_integral_v<Value>) {
     return constraint.allows(static_cast<double>(value));

@@ -101,7 +101,7 @@ void RankStepper::learn_part(int last) {
   part.renderers = render_plan_.renderers(indices);
   StepRecord record;
   record_errors(record, [&] { project_own_gaussians(part, record); });
-  exchange_records(part, record, last);
+  exchange_records(part, record);
   renderers_ = part.renderers;
   render_own_views(part);
   unread_losses_ = views;
@@ -157,9 +157,8 @@ void RankStepper::check_projections(const std::vector<StepRecord>& records) {
   }
 }
 
-void RankStepper::exchange_records(Part& part, StepRecord record, int last) {
-  record.asks = {training_.is_stopped(), training_.recorder.is_checkpoint_due(),
-                 training_.kernels.is_due(training_.check_moment(last + 1))};
+void RankStepper::exchange_records(Part& part, StepRecord record) {
+  record.asks = {training_.is_stopped(), training_.recorder.is_checkpoint_due()};
   training_.views.poses.take_queued_steps();  // of the step before: the device has finished it by now
   record.rendered = take_rendered();
   const std::vector<StepRecord> records = ranks_.exchange_record("step", record);
@@ -215,12 +214,14 @@ void RankStepper::render_view(Part& part, std::size_t v, const ViewSplats& splat
   if (AppearanceModel* const appearance = training_.objective.appearance()) {
     appearance->set_place(static_cast<int>(learned_views_.size() + v));
   }
+  decide_kernel(iteration);
+  const RenderSettings settings = training_.kernels.begin_view(iteration, part_view.settings);
   Rasterizer& rasterizer = training_.rasterizer;
   torch::Tensor entries, splat_grads, scores;
   with_remedies(training_.remedies(), [&] {
     RenderedView rendered;
     try {
-      rendered = rasterizer.forward_splats(splats, view.camera, part_view.settings);
+      rendered = rasterizer.forward_splats(splats, view.camera, settings);
     } catch (const NumericError& error) {
       throw NumericError(detail::concat("iteration ", iteration, ", view ", view.name, ": ", error.what()));
     }

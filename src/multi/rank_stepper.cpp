@@ -171,21 +171,8 @@ void RankStepper::check_same_scene(const Json& fingerprint) {
   }
 }
 
-void RankStepper::share_kernels() {
-  const std::string text =
-      ranks_.exchange("kernels", ranks_.is_first() ? training_.kernels.to_json().dump() : "").front();
-  if (!ranks_.is_first()) training_.kernels.restore(nlohmann::ordered_json::parse(text), "rank 0");
-}
-
 Stepper::Missing RankStepper::agree_on_start(Missing here) {
-  struct Start {
-    Missing missing;
-    bool check_kernels;
-  };
-  const bool check_kernels = training_.kernels.is_due(training_.check_moment(state_.iteration + 1));
-  const Start first = ranks_.exchange_record("start", Start{here, check_kernels}).front();
-  agreed_.check_kernels = first.check_kernels;
-  return first.missing;
+  return ranks_.exchange_record("start", here).front();
 }
 
 bool RankStepper::has_written_files() {

@@ -36,7 +36,6 @@ struct RenderedRecord {
 /// What a rank asks for after a step: `stop` holds if any does, the others if rank 0 does.
 struct StepRequests {
   bool stop = false, write_checkpoint = false;
-  bool check_kernels = false;  // before the next step
 };
 
 /// What each rank tells the others after its projections, for a step or for a view that rank 0 asks for.
@@ -98,8 +97,6 @@ class RankStepper final : public Stepper {
   Missing agree_on_start(Missing here) override;
   bool must_stop() const override { return agreed_.stop; }
   bool is_checkpoint_due() const override { return agreed_.write_checkpoint; }
-  bool is_kernel_check_due() const override { return agreed_.check_kernels; }
-  void share_kernels() override;
   void on_first(const std::function<void()>& work) override;
   bool has_written_files() override;
   std::string last_checkpoint() const override;
@@ -124,7 +121,7 @@ class RankStepper final : public Stepper {
   /// @throws InvalidGaussianError or OutOfMemoryError, on all ranks, if that is what a record says
   void check_projections(const std::vector<StepRecord>& records);
   void project_own_gaussians(Part& part, StepRecord& record);
-  void exchange_records(Part& part, StepRecord record, int last);
+  void exchange_records(Part& part, StepRecord record);
   void render_own_views(Part& part);
   /// View `v` of the part. `next`: views that this rank renders after this one.
   void render_view(Part& part, std::size_t v, const ViewSplats& splats, const std::vector<std::int32_t>& next);

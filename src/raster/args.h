@@ -6,6 +6,7 @@
 
 #include <cstdint>
 #include <functional>
+#include <optional>
 
 #include "core/vec.h"
 #include "raster/constants.h"
@@ -67,27 +68,29 @@ enum class Culling {
   kSquare,   // all tiles of the 3-sigma square, as in the original rasterizer: cuts off the tails of opaque splats
 };
 
-/// Size of a tile, px.
-struct TileShape {
-  std::int32_t width = 16, height = 16;
-};
+/// Runs the forward blend of a view: calls blend(kernel) once or, to time several kernels of the family, more often.
+/// The last call leaves the image and what the backward pass needs.
+using BlendRunner = std::function<void(const std::function<void(ForwardKernel)>& blend)>;
 
 struct RenderSettings {
   Vec3f background{0, 0, 0};      // RGB, multiplied by the final transmittance
   int sh_degree = 0;              // degree to render, at most sh_degree_max
   float near_plane = kNearPlane;  // world units; Gaussians of a smaller depth are culled
   Culling culling = Culling::kEllipse;
-  TileShape tile{};
-  ForwardKernel kernel = ForwardKernel::kSharedMemory;
-  BackwardKernel backward_kernel = BackwardKernel::kPerBucket;  // on CUDA
-  bool deterministic = false;             // on CUDA: sum gradients in a fixed order; the CPU always does
-  bool antialiasing = false;              // see antialiasing.h
-  bool keep_for_backward = true;          // false saves memory and time if backward() will not be called
-  bool depth_gradient = true;             // false saves GPU memory if no gradient with respect to depth follows
-  bool inverse_depth = false;             // the depth image is the sum of weight over depth, 1 / world units
-  bool camera_gradient = false;           // backward() also computes the gradient with respect to the camera's pose
-  StageRecorder* stages = nullptr;        // notified when a stage begins; may be null
-  cuda::ColorPass* color_pass = nullptr;  // on CUDA: computes the splats' colours; null: the projection does
+  std::optional<TileShape> tile{};  // on the CPU, for tests: other tiles than those of the kernel's family
+  ForwardKernel kernel = kStandardKernel;
+  // On CUDA: sum gradients in a fixed order, which the paper's family cannot; the CPU always does.
+  bool deterministic = false;
+  bool antialiasing = false;               // see antialiasing.h
+  bool keep_for_backward = true;           // false saves memory and time if backward() will not be called
+  bool depth_gradient = true;              // false saves GPU memory if no gradient with respect to depth follows
+  bool inverse_depth = false;              // the depth image is the sum of weight over depth, 1 / world units
+  bool camera_gradient = false;            // backward() also computes the gradient with respect to the camera's pose
+  StageRecorder* stages = nullptr;         // notified when a stage begins; may be null
+  const BlendRunner* run_blend = nullptr;  // null: `kernel`, once
+  cuda::ColorPass* color_pass = nullptr;   // on CUDA: computes the splats' colours; null: the projection does
+
+  TileShape tile_shape() const { return tile.value_or(tile_of(family_of(kernel))); }
 };
 
 /// Numbers of a gradient with respect to the camera's pose (math/gaussian_grad.h): rotation, then translation.

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstdint>
+#include <functional>
 #include <vector>
 
 #include "core/check.h"
@@ -41,10 +42,26 @@ struct LastView {
   }
   void check_gaussians(const char* call) const { B3DGS_CHECK(n_gaussians >= 0, call, " before any forward()"); }
   void check_rows(const char* call) const { B3DGS_CHECK(n_given_rows >= 0, call, " before any forward_splats()"); }
+  void check_family(ForwardKernel kernel) const {
+    B3DGS_CHECK(family_of(kernel) == family_of(settings.kernel), kernel_name(kernel), " on the lists of ",
+                kernel_name(settings.kernel), ", which is of the other family");
+  }
   void check_same(const GaussianArrays& gaussians) const {
     B3DGS_CHECK(n_gaussians == gaussians.n_gaussians, "backward() with ", gaussians.n_gaussians,
                 " Gaussians after a forward() with ", n_gaussians, " (-1: none)");
   }
+};
+
+/// How well a kernel fills a GPU in one launch (bench paper).
+struct KernelOccupancy {
+  int registers = 0;         // of a thread
+  int shared_bytes = 0;      // of a block
+  int blocks = 0;            // resident on a multiprocessor at the same time
+  double theoretical = 0;    // resident warps divided by the most that a multiprocessor takes
+  const char* limiter = "";  // what limits the number of blocks: registers, shared memory, warps or blocks
+  // Measured in a launch: resident warps, averaged over the time in which a multiprocessor has any, divided by the
+  // most; and that time's share of the launch, averaged over all multiprocessors.
+  double achieved = 0, active = 0;
 };
 
 /// As Rasterizer, without tensors; torch/rasterizer.h describes the functions of the same name. All arrays are in
@@ -97,11 +114,11 @@ class RasterizerBackend {
   /// `out`: [M] as for backward_splats().
   virtual void score_splats(const float* error, ScoreSums* out) = 0;
 
+  /// `kernel`: of the family of forward()'s.
   virtual void reblend(ForwardKernel kernel) = 0;
   /// Into splat_grads().
-  virtual void reblend_backward(BackwardKernel /*kernel*/, const ImageGradArrays& /*grad*/) {
-    needs_gpu("reblend_backward()");
-  }
+  virtual void reblend_backward(const ImageGradArrays& /*grad*/) { needs_gpu("reblend_backward()"); }
+  virtual KernelOccupancy measure_occupancy(ForwardKernel /*kernel*/) { needs_gpu("measure_occupancy()"); }
 
   /// [H, W] each (CountLoadArgs).
   virtual void count_load(std::int32_t* processed, std::int32_t* contributing) const = 0;
@@ -131,6 +148,14 @@ class RasterizerBackend {
   virtual void release_memory() {}
 
  protected:
+  /// Blends forward() or forward_splats(): run(kernel), or as the settings say.
+  void run_forward_blend(const std::function<void(ForwardKernel)>& run) const {
+    if (state_.settings.run_blend == nullptr) return run(state_.settings.kernel);
+    (*state_.settings.run_blend)([&](ForwardKernel kernel) {
+      state_.check_family(kernel);
+      run(kernel);
+    });
+  }
   void check_camera_gradient() const {
     B3DGS_CHECK(state_.has_camera_gradient,
                 "camera_gradient() without a forward() with camera_gradient and its backward()");

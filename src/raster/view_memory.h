@@ -18,9 +18,12 @@ struct ViewMemory {
 
 inline ViewMemory view_memory(const RenderSettings& settings, const CameraView& view) {
   constexpr double kBucket = 128, kSegment = 512;  // list entries: kBucketEntries, ListCut::kMaxLog2
-  const std::int64_t n_tiles = (std::int64_t{view.width} + settings.tile.width - 1) / settings.tile.width *
-                               ((std::int64_t{view.height} + settings.tile.height - 1) / settings.tile.height);
-  const double tile_pixels = static_cast<double>(settings.tile.width) * settings.tile.height;
+  const TileShape tile = settings.tile_shape();
+  const std::int64_t n_tiles = (std::int64_t{view.width} + tile.width - 1) / tile.width *
+                               ((std::int64_t{view.height} + tile.height - 1) / tile.height);
+  // Only our own kernels store bucket parts, cut lists into segments, or sum in a fixed order.
+  const double tile_pixels =
+      family_of(settings.kernel) == KernelFamily::kOwn ? static_cast<double>(tile.width) * tile.height : 0;
   const bool keeps = settings.keep_for_backward, keeps_slots = keeps && settings.deterministic;
   // Splat, extent, radius; gradient; first slot.
   const double per_splat = 48 + 8 + 4 + (keeps ? 48 : 0) + (keeps_slots ? 8 : 0);

@@ -90,14 +90,12 @@ Json history_json(const TrainHistory& history) {
 Json run_data(const std::string& name, std::int64_t seed, const TrainHistory& history) {
   Json run = {{"name", name}, {"seed", seed}};
   run.update(history_json(history));
-  for (const char* of_no_chart : {"ms", "kernel", "backward_kernel"}) run["curves"].erase(of_no_chart);
+  for (const char* of_no_chart : {"ms", "kernel"}) run["curves"].erase(of_no_chart);
   Json periods = Json::array();
   for (const KernelPeriod& own : kernel_periods(history)) {
     periods.push_back({{"kernel", own.kernel}, {"from", own.from}, {"until", own.until}});
   }
-  run.update({{"kernel_times", history.events["kernel_times"]},
-              {"kernel_periods", periods},
-              {"resumes", history.events["resumed"]}});
+  run.update({{"kernel_periods", periods}, {"resumes", history.events["resumed"]}});
   return run;
 }
 

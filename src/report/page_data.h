@@ -63,7 +63,7 @@ std::string data_uri(const Image8& rgb);
 /// measured), "kernel_checks" and "load_statistics".
 nlohmann::ordered_json history_json(const TrainHistory& history);
 
-/// A run as the page draws it: its name and seed, history_json(), "kernel_times", "kernel_periods" and "resumes".
+/// A run as the page draws it: its name and seed, history_json(), "kernel_periods" and "resumes".
 nlohmann::ordered_json run_data(const std::string& name, std::int64_t seed, const TrainHistory& history);
 
 /// One entry per view: the photograph and the renders of all runs, as data URIs. Images that are missing are left out.

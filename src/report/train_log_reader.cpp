@@ -20,25 +20,25 @@ const Json& event_members() {
   static const Json members{
       {"kernel_check",
        {{"iteration", 0},
-        {"pass", ""},                   // "forward" or "backward"
-        {"times_ms", Json::object()},   // by kernel: median over the views
-        {"spread_ms", Json::object()},  // spread over the views
-        {"views", nullptr},             // number of views that were timed
-        {"before", ""},                 // the kernel in use
-        {"after", ""},
-        {"reason", ""},
-        {"refused", Json::array({""})},  // disabled, since their results differ from those of the reference kernel
+        {"views", nullptr},
+        {"times_ms", Json::object()},  // by kernel: mean over the views
+        {"error_ms", nullptr},         // standard error of the mean difference
         {"cost_ms", nullptr},
-        {"warm_up_ms", nullptr}}},  // loading the kernels before the first check; not part of cost_ms
-      // Times of the candidates that were measured for the log only.
-      {"kernel_times", {{"iteration", 0}, {"pass", ""}, {"times_ms", Json::object()}}},
+        {"before", ""},  // the kernel in use
+        {"after", ""},   // from this iteration on
+        {"reason", ""}}},
+      // Distributions over the tiles and pixels of all views together.
       {"load_statistics",
-       {{"iteration", 0}, {"tile_lists", load}, {"pixel_processed", load}, {"pixel_contributing", load}}},
+       {{"iteration", 0},
+        {"views", nullptr},
+        {"tile_lists", load},
+        {"pixel_processed", load},
+        {"pixel_contributing", load}}},
       // The number of Gaussians has reached a limit, and does not exceed `count` from here on.
       {"held", {{"iteration", 0}, {"count", 0}, {"reason", ""}}},
       {"floaters", {{"iteration", 0}, {"unseen", 0}, {"one_view", 0}, {"close", 0}, {"large", 0}}},
-      // After `iteration`, with these kernels; options as "name: old -> new".
-      {"resumed", {{"iteration", 0}, {"kernel", ""}, {"backward_kernel", ""}, {"changed_options", Json::array({""})}}}};
+      // After `iteration`, with this kernel; options as "name: old -> new".
+      {"resumed", {{"iteration", 0}, {"kernel", ""}, {"changed_options", Json::array({""})}}}};
   return members;
 }
 
@@ -110,8 +110,8 @@ Json TrainHistory::no_events() {
   return none;
 }
 
-bool switches_forward_kernel(const Json& check) {
-  return check["pass"] == "forward" && check["after"] != "" && check["before"] != check["after"];
+bool switches_kernel(const Json& check) {
+  return check["after"] != "" && check["before"] != check["after"];
 }
 
 std::vector<KernelPeriod> kernel_periods(const TrainHistory& history) {
@@ -120,7 +120,7 @@ std::vector<KernelPeriod> kernel_periods(const TrainHistory& history) {
     if (!point.kernel.empty()) kernel_of[point.iteration] = point.kernel;
   }
   for (const Json& check : history.events["kernel_check"]) {  // before the step of its iteration
-    if (check["pass"] != "forward" || check["before"] == "" || check["after"] == "") continue;
+    if (check["before"] == "" || check["after"] == "") continue;
     const int iteration = check["iteration"];
     if (iteration > 1) kernel_of[iteration - 1] = check["before"];
     kernel_of[iteration] = check["after"];

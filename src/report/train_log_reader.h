@@ -18,7 +18,7 @@ struct LogPoint {
   double elapsed_s = 0;  // training time since iteration 0
   std::optional<double> loss, ms, test_psnr, test_ssim;
   std::optional<std::int64_t> count, gpu_peak_bytes;
-  std::string kernel, backward_kernel;                                  // "" if the line does not name it
+  std::string kernel;                                                   // "" if the line does not name it
   nlohmann::ordered_json stages_ms = nlohmann::ordered_json::object();  // mean per step; empty if not timed
 
   /// Calls field(key, member) for what is drawn over the iterations, with its key in train.jsonl and compare.json.
@@ -32,7 +32,6 @@ struct LogPoint {
     field("test_psnr", point.test_psnr);
     field("test_ssim", point.test_ssim);
     field("kernel", point.kernel);
-    field("backward_kernel", point.backward_kernel);
   }
 };
 
@@ -46,16 +45,16 @@ struct TrainHistory {
   static nlohmann::ordered_json no_events();
 };
 
-/// Whether an event "kernel_check" changed the forward kernel.
-bool switches_forward_kernel(const nlohmann::ordered_json& check);
+/// Whether an event "kernel_check" changed the kernel.
+bool switches_kernel(const nlohmann::ordered_json& check);
 
-/// A forward kernel that was in use from iteration from + 1 to until.
+/// A kernel that was in use from iteration from + 1 to until.
 struct KernelPeriod {
   std::string kernel;
   int from = 0, until = 0;
 };
 
-/// Splits the training by forward kernel, as named by log lines and checks; empty if none names a kernel.
+/// Splits the training by kernel, as named by log lines and checks; empty if none names a kernel.
 std::vector<KernelPeriod> kernel_periods(const TrainHistory& history);
 
 TrainHistory parse_train_log(std::istream& lines);

@@ -4,6 +4,7 @@
 #include <ATen/Parallel.h>
 
 #include <algorithm>
+#include <fstream>
 
 #include "core/check.h"
 #include "core/parallel.h"
@@ -45,6 +46,18 @@ torch::Device choose_device(const std::string& name) {
 
 std::string device_name(const torch::Device& device) {
   return device.is_cuda() ? "cuda" : "cpu";
+}
+
+std::string device_model(const torch::Device& device) {
+#if B3DGS_TORCH_CUDA
+  if (device.is_cuda()) return cuda::query_gpu_support().name;
+#endif
+  std::ifstream file("/proc/cpuinfo");
+  for (std::string line; std::getline(file, line);) {
+    const std::size_t colon = line.find(": ");
+    if (line.rfind("model name", 0) == 0 && colon != std::string::npos) return line.substr(colon + 2);
+  }
+  return device_name(device);
 }
 
 std::string describe_device(const torch::Device& device) {

@@ -15,6 +15,9 @@ torch::Device choose_device(const std::string& name);
 /// The device's name on the command line.
 std::string device_name(const torch::Device& device);
 
+/// The name of the CPU or GPU, such as "NVIDIA H200", or "cpu" if it is unknown.
+std::string device_model(const torch::Device& device);
+
 /// A line for the summary of a scene: "device      CPU, 2 threads".
 std::string describe_device(const torch::Device& device);
 

@@ -6,16 +6,13 @@
 namespace b3dgs {
 
 RenderSettings evaluation_settings(const TrainConfig& config, int sh_degree) {
-  const bool backward_is_open = config.backward_kernel == kAdaptive;
   RenderSettings settings;
   settings.background = config.white_background ? Vec3f{1, 1, 1} : Vec3f{0, 0, 0};
   settings.sh_degree = sh_degree;
   settings.near_plane = static_cast<float>(config.near_plane);
   settings.antialiasing = config.antialiasing;
   settings.culling = config.culling == "square" ? Culling::kSquare : Culling::kEllipse;
-  settings.kernel = kernel_named(kForwardKernels, chooses_forward_kernel(config) ? kStandardKernel : config.kernel);
-  settings.backward_kernel =
-      kernel_named(kBackwardKernels, backward_is_open ? kStandardBackwardKernel : config.backward_kernel);
+  settings.kernel = chooses_kernel(config) ? kStandardKernel : kernel_named(config.kernel);
   settings.deterministic = config.deterministic;
   settings.depth_gradient = false;  // only --depths needs it, and sets it itself
   return settings;

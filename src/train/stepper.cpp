@@ -101,12 +101,13 @@ void Stepper::begin_step(int last) {
 void Stepper::learn_view(const TrainView& view) {
   const int iteration = state_.iteration;
   const DensityPlan plan = training_.density->plan(iteration);
+  decide_kernel(iteration);
   RenderSettings settings = step_settings(iteration);
   settings.camera_gradient = training_.views.poses.refines(view.index, iteration);
   RenderedView rendered;
   try {
     // On a GPU, forward() then also applies deferred updates (DeferredSh is the ColorPass).
-    settings = optimizer_.begin_view(state_.gaussians, state_.adam, settings);
+    settings = optimizer_.begin_view(state_.gaussians, state_.adam, training_.kernels.begin_view(iteration, settings));
     rendered = training_.rasterizer.forward(state_.gaussians, view.camera, settings);
   } catch (const InvalidGaussianError&) {
     throw;
@@ -182,7 +183,8 @@ RegularizationWeights Stepper::regularization() const {
 }
 
 RenderSettings Stepper::step_settings(int iteration) {
-  RenderSettings settings = training_.kernels.apply(evaluation_settings(config_, state_.sh_degree));
+  RenderSettings settings = evaluation_settings(config_, state_.sh_degree);
+  settings.kernel = kernel_named(training_.kernels.kernel());
   settings.stages = &training_.timer;
   settings.inverse_depth = settings.depth_gradient = training_.objective.has_depths();
   if (config_.random_background) {
@@ -200,6 +202,17 @@ RenderedViewGrad Stepper::compare(const TrainView& view, int iteration, const Re
       view, iteration, training_.views.images.stored_view(view.index).valid, rendered, wants_errors, state_.appearance);
   training_.timer.end();
   return grad;
+}
+
+void Stepper::decide_kernel(int next_iteration) {
+  const bool is_over = next_iteration > config_.iterations;
+  const std::optional<KernelDecision> check =
+      is_over ? training_.kernels.finish(next_iteration) : training_.kernels.decide(next_iteration);
+  if (!check) return;
+  state_.kernel_selection = training_.kernels.to_json();
+  if (!writes_files()) return;
+  training_.recorder.log_event(next_iteration, "kernel_check", to_json(*check));
+  if (!check->message.empty()) training_.recorder.say(check->message);
 }
 
 void Stepper::complete_pending() {

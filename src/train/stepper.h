@@ -53,6 +53,8 @@ class Stepper {
   /// the available memory. If a round, or the views after it, would not fit, the number of Gaussians is held and
   /// training continues with the existing ones.
   void run_density_control();
+  /// Ends the kernel check that is under way, unless the view of `next_iteration` belongs to it and will come.
+  void decide_kernel(int next_iteration);
   /// Warns if no Gaussian is visible in half of the training views, or in more than before.
   void warn_of_empty_views();
 
@@ -111,11 +113,6 @@ class Stepper {
   /// Whether training is to end after this step.
   virtual bool must_stop() const { return training_.is_stopped(); }
   virtual bool is_checkpoint_due() const { return training_.recorder.is_checkpoint_due(); }
-  /// Before the next step.
-  virtual bool is_kernel_check_due() const {
-    return training_.kernels.is_due(training_.check_moment(state_.iteration + 1));
-  }
-  virtual void share_kernels() {}
   /// Calls work() where files are written; it may render the whole model.
   virtual void on_first(const std::function<void()>& work) {
     complete_pending();

@@ -12,7 +12,7 @@
 #include "train/memory/memory.h"
 #include "train/output/train_recorder.h"
 #include "train/poses/pose_refiner.h"
-#include "train/selection/kernel_chooser.h"
+#include "train/timing/timers.h"
 
 namespace b3dgs {
 
@@ -46,7 +46,7 @@ struct TrainHooks : TrainListeners {
   // For tests and benchmarks.
   std::function<double()> clock_s;       // seconds for train_s and output_s; std::chrono::steady_clock if empty
   bool wait_for_files = false;           // each file is on disk before the next iteration
-  RunTimer time_kernels;                 // of candidates; the device's if empty
+  StageClock kernel_clock;               // for kernel checks; the device's if empty
   std::shared_ptr<MemorySource> memory;  // the device's if null
   // Bytes of photographs that stay on the device, overriding image_cache_gb, for trainers that share a device.
   std::optional<std::int64_t> image_budget;

@@ -34,10 +34,13 @@ bool is_out_of_memory(const std::exception& error) {
 }  // namespace
 
 void check_options(const TrainConfig& config) {
-  if (choose_device(config.device).is_cuda() && config.deterministic &&
-      evaluation_settings(config, 0).backward_kernel != BackwardKernel::kPerBucket) {
-    input_error("--deterministic: the backward kernel ", config.backward_kernel,
-                " sums in an order that differs from run to run; use --backward_kernel per-bucket");
+  if (config.deterministic && config.kernel == kPublishedKernel) {
+    input_error("--deterministic: --kernel published chooses by times, which differ from run to run; omit one of them");
+  }
+  const KernelFamily family = family_of(evaluation_settings(config, 0).kernel);
+  if (choose_device(config.device).is_cuda() && config.deterministic && family == KernelFamily::kPaper) {
+    input_error("--deterministic: on a GPU, the backward kernel of --kernel ", config.kernel,
+                " sums in an order that differs from run to run; use --kernel sub-tile or segmented");
   }
   const bool grows = config.max_gaussians == 0 && config.gaussians_per_pixel == 0;
   if (config.strategy == "mcmc" && grows && choose_device(config.device).is_cpu()) {
@@ -163,7 +166,6 @@ TrainResult Trainer::run(std::optional<int> until) {
 void Trainer::step() {
   ensure_model();
   time_.begin_training();
-  check_kernels();
   stepper_->step();
   stepper_->run_density_control();
   time_.end_training();
@@ -172,18 +174,18 @@ void Trainer::step() {
 
 void Trainer::wait() {
   stepper_->complete_pending();
+  if (state_.iteration == config_.iterations) stepper_->decide_kernel(state_.iteration + 1);
   recorder_.wait_for_stage_times();
 }
 
 void Trainer::run_iteration() {
   time_.begin_training();
-  check_kernels();
   stepper_->step();
   recorder_.report_progress("training");
   time_.end_training();
   const bool is_last = state_.iteration == config_.iterations;
   const OutputPlan plan = output_plan(config_, state_.first_of_step(), state_.iteration, !scene_.test.empty());
-  const bool uses_device = plan.statistics || plan.kernel_times || plan.evaluate || plan.save;
+  const bool uses_device = plan.statistics || plan.evaluate || plan.save;
   // Reading the loss waits for most of the step on a GPU.
   const bool ends = stepper_->must_stop();
   if (plan.log || uses_device || plan.checkpoint || ends) time_.train([&] { stepper_->complete_pending(); });
@@ -215,21 +217,6 @@ void Trainer::run_iteration() {
   recorder_.collect_files();
 }
 
-void Trainer::check_kernels() {
-  if (!stepper_->is_kernel_check_due()) return;
-  const int iteration = state_.iteration + 1;
-  stepper_->on_first([&] {
-    recorder_.report_progress("checking kernels");
-    for (const KernelDecision& check :
-         training_->kernels.check(training_->check_moment(iteration), kernel_check_input())) {
-      recorder_.log_event(iteration, "kernel_check", to_json(check));
-      if (!check.message.empty()) recorder_.say(check.message);
-    }
-  });
-  stepper_->share_kernels();
-  state_.kernel_selection = training_->kernels.to_json();
-}
-
 void Trainer::show_model() {
   time_.train([&] {
     stepper_->complete_pending();
@@ -238,7 +225,7 @@ void Trainer::show_model() {
   time_.output([&] {
     const TrainState& whole = stepper_->flushed_state();
     training_->hooks.on_model(
-        {whole.iteration, whole.gaussians, whole.poses, whole.sh_degree, training_->kernels.forward_name()});
+        {whole.iteration, whole.gaussians, whole.poses, whole.sh_degree, training_->kernels.kernel()});
   });
 }
 

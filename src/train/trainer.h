@@ -99,8 +99,6 @@ class Trainer {
   void ensure_model();
   /// One step and everything that is due after it.
   void run_iteration();
-  /// Times the blending kernels before the next step, if that is due. Does not change the Gaussians.
-  void check_kernels();
   void show_model();
   /// Writes a checkpoint if the state is consistent, and throws `cause` with the checkpoint's path.
   [[noreturn]] void end_with_checkpoint(const std::exception& cause);
@@ -117,8 +115,6 @@ class Trainer {
   void log_load();
   void log_floaters();
   Evaluation evaluate_here(const std::vector<View>& views, const RenderedFn& on_rendered);
-  /// The next views, and the current model.
-  BlendInput kernel_check_input();
   void write_ply();
   /// cameras.json and poses.json, with the refined poses.
   void write_poses();

@@ -55,9 +55,11 @@ void Trainer::begin() {
   has_begun_ = true;
   if (!resumed_.empty()) {
     recorder_.log_event(state_.iteration, "resumed",
-                        {{"kernel", training_->kernels.forward_name()},
-                         {"backward_kernel", training_->kernels.backward_name()},
-                         {"changed_options", changed_options_}});
+                        {{"kernel", training_->kernels.kernel()}, {"changed_options", changed_options_}});
+  }
+  if (config_.kernel == kPublishedKernel && training_->device.is_cpu()) {
+    recorder_.say("--kernel published: on a CPU, the paper's balanced kernel takes up to 18 times as long a blend as " +
+                  std::string("the default; it is meant for GPUs"));
   }
   if (config_.batch > 1) {
     const double root = std::sqrt(config_.batch);
@@ -85,28 +87,22 @@ void Trainer::begin() {
   }
 }
 
-BlendInput Trainer::kernel_check_input() {
-  const auto render = [this](const CameraView& view, const RenderSettings& settings) {
-    return stepper_->render(view, settings);
-  };
-  BlendInput input{
-      training_->rasterizer, render, evaluation_settings(config_, state_.sh_degree), {}, training_->remedies()};
-  for (const std::int32_t view : training_->views.upcoming(state_.view_order, KernelChooser::kViews)) {
-    input.views.push_back(training_->views.images.stored_view(view).camera);
-  }
-  return input;
-}
-
-/// How uneven the load of the first view is: always the same view, so that the log shows the effect of training only.
+/// How uneven the load of some views is: always the same views, so that the log shows the effect of training only.
 void Trainer::log_load() {
-  const TrainView& view = training_->views.images.stored_view(0);
+  constexpr int kMostViews = 4;
+  const int n = std::min(kMostViews, training_->views.size());
   RenderSettings settings = evaluation_settings(config_, state_.sh_degree);
+  settings.kernel = kernel_named(training_->kernels.kernel());  // the tiles are those that training blends
   settings.keep_for_backward = false;
-  const ViewLoad load = with_remedies(training_->remedies(), [&] {
-    stepper_->without_invalid_gaussians([&] { stepper_->render(view.camera, settings); });
-    return training_->rasterizer.count_load();
-  });
-  recorder_.log_event(state_.iteration, "load_statistics", load_json(view.name, load));
+  std::vector<ViewLoad> loads;
+  for (int i = 0; i < n; ++i) {
+    const TrainView& view = training_->views.images.stored_view(training_->views.size() * i / n);
+    loads.push_back(with_remedies(training_->remedies(), [&] {
+      stepper_->without_invalid_gaussians([&] { stepper_->render(view.camera, settings); });
+      return training_->rasterizer.count_load();
+    }));
+  }
+  recorder_.log_event(state_.iteration, "load_statistics", load_json(loads));
 }
 
 void Trainer::log_floaters() {
@@ -145,17 +141,10 @@ Evaluation Trainer::evaluate_here(const std::vector<View>& views, const Rendered
 }
 
 void Trainer::write_outputs(const OutputPlan& plan) {
-  const KernelChooser& kernels = training_->kernels;
   std::optional<ImageQuality> test_quality;
-  if (plan.statistics || plan.kernel_times || plan.evaluate) {
+  if (plan.statistics || plan.evaluate) {
     stepper_->on_first([&] {
       if (plan.statistics) log_load();
-      if (plan.kernel_times) {  // for plots; nothing is decided
-        recorder_.report_progress("timing kernels");
-        for (const KernelTimes& times : kernels.time_candidates(kernel_check_input())) {
-          recorder_.log_event(state_.iteration, "kernel_times", to_json(times));
-        }
-      }
       if (!plan.evaluate) return;
       recorder_.report_progress("evaluating");
       const std::vector<View>& views = scene_.test;
@@ -165,7 +154,7 @@ void Trainer::write_outputs(const OutputPlan& plan) {
     });
   }
   if (plan.log && stepper_->writes_files()) {
-    recorder_.log_iteration(test_quality, kernels.forward_name(), kernels.backward_name());
+    recorder_.log_iteration(test_quality, training_->kernels.kernel());
   }
   if (plan.save) write_ply();
 }

@@ -38,7 +38,7 @@ Training::Training(const TrainConfig& options, const Scene& of, ModelFolder into
       rasterizer(device),
       objective(config, scene, device, hooks.on_loading),
       density(make_density_strategy(config, scene.extent)),
-      kernels(config, device, hooks.time_kernels),
+      kernels(config, device_model(device), hooks.kernel_clock ? hooks.kernel_clock : make_stage_clock(device)),
       views(config, scene, state.poses, device,
             hooks.image_budget.value_or(image_budget(config.image_cache_gb, device, gpu_memory_gb(config, hooks))),
             hooks.on_loading),
@@ -50,12 +50,6 @@ Training::Training(const TrainConfig& options, const Scene& of, ModelFolder into
   for (const std::string& warning : objective.warnings()) recorder.warn(warning);
   hold_images(scene.test, hooks.on_loading);  // in the host memory that the training views have left
   if (views.size() == 0) input_error(scene.source_path, ": no training views");
-}
-
-CheckMoment Training::check_moment(int iteration) const {
-  CheckMoment now{iteration, recorder.step_ms()};
-  if (kernels.is_due(now)) now.is_after_reset = density->is_recovering(iteration);
-  return now;
 }
 
 std::string Training::resume_words(const std::filesystem::path& checkpoint) const {

@@ -7,7 +7,6 @@
 #include <string>
 #include <vector>
 
-#include "adaptive/kernel_selector.h"
 #include "config/train_config.h"
 #include "model/model_folder.h"
 #include "raster/torch/rasterizer.h"
@@ -17,7 +16,7 @@
 #include "train/memory/memory.h"
 #include "train/objective.h"
 #include "train/output/train_recorder.h"
-#include "train/selection/kernel_chooser.h"
+#include "train/selection/kernel_check.h"
 #include "train/timing/timers.h"
 #include "train/train_hooks.h"
 #include "train/training_views.h"
@@ -30,9 +29,6 @@ struct Training {
 
   /// Whether the user has asked for an end.
   bool is_stopped() const { return hooks.stop_signal != nullptr && hooks.stop_signal->load() != 0; }
-
-  /// What the kernel check before the step of `iteration` depends on.
-  CheckMoment check_moment(int iteration) const;
 
   /// How to continue from a checkpoint.
   std::string resume_words(const std::filesystem::path& checkpoint) const;
@@ -56,7 +52,7 @@ struct Training {
   Rasterizer rasterizer;
   Objective objective;
   const std::unique_ptr<DensityStrategy> density;
-  KernelChooser kernels;
+  KernelCheck kernels;
   TrainState state;  // use Stepper::flushed_state() to read SH coefficients beyond degree 0 or their Adam moments
   TrainingViews views;
   StageTimer timer;

@@ -82,7 +82,6 @@ TEST(CommandLine, EveryOptionAndEveryAliasIsAccepted) {
       if constexpr (!std::is_same_v<std::decay_t<decltype(value)>, bool>) {
         const nlohmann::json json = value;
         words.push_back(json.is_string() ? json.get<std::string>() : json.is_array() ? "5" : json.dump());
-        if (option.name == "kernel_candidates") words.back() = "naive,combined";
         if (words.back().empty()) words.back() = "x";
       }
       EXPECT_EQ(complaint(words), "accepted") << name;
@@ -130,26 +129,11 @@ TEST(CommandLine, AListWithoutValuesIsEmpty) {
   EXPECT_TRUE(parse({"--save_iterations"}).save_iterations.empty());
 }
 
-TEST(CommandLine, AcceptsAListOfNamesWithCommasOrSpaces) {
-  const Words wanted{"naive", "gaussian-wise", "combined"};
-  EXPECT_EQ(parse({"--kernel_candidates", "naive,gaussian-wise,combined"}).kernel_candidates, wanted);
-  EXPECT_EQ(parse({"--kernel-candidates", "naive", "gaussian-wise", "combined", "--seed", "2"}).kernel_candidates,
-            wanted);
-  EXPECT_EQ(parse({"--kernel_candidates=naive,gaussian-wise,combined"}).kernel_candidates, wanted);
-}
-
-TEST(CommandLine, RejectsUnknownAndRepeatedNamesInLists) {
-  for (const char* value :
-       {"combined", "combined,combined", "combined,fast", "combined,adaptive", ",", "combined,,naive"}) {
-    const std::string found = complaint({"--kernel_candidates", value});
-    EXPECT_NE(found.find("--kernel_candidates (expected 2 or more different names out of naive, dynamic"),
-              std::string::npos)
-        << value << ": " << found;
-  }
-  EXPECT_NE(complaint({"--kernel_policy", "eager"}).find("one of paper, tracking"), std::string::npos);
+TEST(CommandLine, RejectsValuesOutOfRange) {
+  EXPECT_NE(complaint({"--lenses", "none"}).find("one of undistort, native, auto"), std::string::npos);
+  EXPECT_NE(complaint({"--kernel_check_interval", "0"}).find("at least 1"), std::string::npos);
   EXPECT_NE(complaint({"--densification_interval", "0"}).find("at least 1"), std::string::npos);
   EXPECT_NE(complaint({"--kernel", "fastest"}).find("segmented, published, adaptive"), std::string::npos);
-  EXPECT_NE(complaint({"--backward_kernel", "naive"}).find("per-pixel, per-bucket, adaptive"), std::string::npos);
 }
 
 TEST(CommandLine, FlagsCanBeTurnedOnAndOff) {
@@ -430,7 +414,6 @@ TEST_F(ConfigFile, NumbersAreNeitherWrappedNorRounded) {
                "each entry a whole number from -2147483648 to 2147483647, found [7,");
   expect_error(R"({"test_iterations": 7})", "invalid value for test_iterations: ");
   expect_error(R"({"test_iterations": 7})", "(expected a list, found 7)");
-  expect_error(R"({"kernel_candidates": ["naive", 2]})", "each entry a string");
   expect_error(R"({"opacity_lr": "0.1"})", "(expected a number, found \"0.1\")");
   expect_error(R"({"opacity_lr": 1e999})", "not valid JSON");
   expect_error(R"({"eval": 1})", "(expected true or false, found 1)");

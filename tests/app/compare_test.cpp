@@ -8,7 +8,6 @@
 #include <set>
 
 #include "app/compare/interleaved_training.h"
-#include "report/train_log_reader.h"
 #include "support/files.h"
 #include "support/page_data.h"
 #include "support/run_program.h"
@@ -37,7 +36,7 @@ class Compare : public ::testing::Test {
   fs::path output(const std::string& name = "out") const { return folder_.path() / name; }
 
   Outcome compare(const Words& more, const std::string& name = "out", const test::RunOptions& options = {}) const {
-    Words words{"compare", scene(), "-m", output(name).string(), "--configs", "naive,shared-memory", "--device", "cpu"};
+    Words words{"compare", scene(), "-m", output(name).string(), "--configs", "naive,sub-tile", "--device", "cpu"};
     words.insert(words.end(), more.begin(), more.end());
     return run_b3dgs(words, options);
   }
@@ -54,7 +53,7 @@ TEST_F(Compare, TrainsAllInTurnsAndReports) {
   ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
   EXPECT_NE(outcome.out.find("configuration"), std::string::npos) << outcome.out;
   const json result = this->result();
-  EXPECT_EQ(result["plan"]["configs"], "naive,shared-memory");
+  EXPECT_EQ(result["plan"]["configs"], "naive,sub-tile");
   EXPECT_EQ(result["summary"]["done"], 60);
   EXPECT_FALSE(result["machine"]["program"].get<std::string>().empty());
   ASSERT_EQ(result["runs"].size(), 2u);
@@ -100,7 +99,7 @@ TEST_F(Compare, StoppedAndResumedGivesTheSameCurves) {
       EXPECT_EQ(whole["runs"][run]["curves"][figure], parts["runs"][run]["curves"][figure]) << run << " " << figure;
     }
   }
-  const fs::path ply = "shared-memory/seed_0/point_cloud/iteration_60/point_cloud.ply";
+  const fs::path ply = "sub-tile/seed_0/point_cloud/iteration_60/point_cloud.ply";
   EXPECT_TRUE(test::same(read_bytes(output("whole") / ply), read_bytes(output() / ply)));
 
   const Outcome again = run_b3dgs({"compare", "--resume", "-m", output().string(), "--quiet"});
@@ -126,7 +125,7 @@ TEST_F(Compare, SuggestsFewerIterationsOnACpuUnlessTheyWereChosen) {
 
 TEST_F(Compare, ConfigurationsMayDifferInPresetAndLength) {
   const std::string configs = "long:preset=inria+iterations=40,fast:preset=fast+iterations=20+antialiasing=true";
-  const Words options{"--configs", configs, "--kernel", "shared-memory", "--chunk", "15", "--quiet"};
+  const Words options{"--configs", configs, "--kernel", "sub-tile", "--chunk", "15", "--quiet"};
   test::RunOptions stop;
   stop.signal = SIGTERM;
   stop.signal_when = [&] { return fs::exists(output() / "fast/seed_0/point_cloud/iteration_20/point_cloud.ply"); };
@@ -136,7 +135,7 @@ TEST_F(Compare, ConfigurationsMayDifferInPresetAndLength) {
   ASSERT_EQ(resumed.exit_code, 0) << resumed.err;
   EXPECT_NE(resumed.out.find("at the end of"), std::string::npos) << resumed.out;
   const json result = this->result();
-  EXPECT_EQ(result["plan"]["given"]["kernel"], "shared-memory");
+  EXPECT_EQ(result["plan"]["given"]["kernel"], "sub-tile");
   EXPECT_EQ(result["summary"]["iterations"], 40);
   ASSERT_EQ(result["summary"]["results"].size(), 2u);
   EXPECT_EQ(result["summary"]["results"][0]["iterations"], 40);
@@ -156,7 +155,7 @@ TEST_F(Compare, ConfigurationsMayDifferInPresetAndLength) {
 
 TEST_F(Compare, NoiseMeasuresTheRunToRunVariation) {
   const Outcome outcome =
-      compare({"--iterations", "20", "--noise", "--quiet", "--configs", "naive-kernels,shared-memory,published"});
+      compare({"--iterations", "20", "--noise", "--quiet", "--configs", "naive-kernels,sub-tile,adaptive"});
   ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
   const json result = this->result();
   ASSERT_EQ(result["runs"].size(), 4u);
@@ -164,7 +163,7 @@ TEST_F(Compare, NoiseMeasuresTheRunToRunVariation) {
   EXPECT_EQ(result["summary"]["repetition"], "naive-kernels_again");
   EXPECT_TRUE(result["summary"]["machine_spread"].is_number());
   EXPECT_TRUE(result["summary"]["compared"][0]["machine_spread"]["overall"].is_number());
-  EXPECT_EQ(result["summary"]["compared"][0]["differs_in"], (Words{"backward_kernel", "culling"}));
+  EXPECT_EQ(result["summary"]["compared"][0]["differs_in"], (Words{"culling"}));
   EXPECT_EQ(result["runs"][0]["curves"]["loss"], result["runs"][3]["curves"]["loss"])
       << "the same configuration and seed";
   EXPECT_NE(outcome.out.find("two runs of naive-kernels differ by "), std::string::npos) << outcome.out;
@@ -192,32 +191,38 @@ TEST(FirstInTurn, RotatesOverTurnsAndSeeds) {
 }
 
 TEST_F(Compare, SeveralSeedsGiveARange) {
-  const Outcome outcome =
-      compare({"--iterations", "20", "--seeds", "3", "5", "--quiet", "--configs", "naive,adaptive"});
+  const Outcome outcome = compare({"--iterations", "20", "--kernel_check_interval", "10", "--seeds", "3", "5",
+                                   "--quiet", "--configs", "naive,adaptive"});
   ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
   const json result = this->result();
   ASSERT_EQ(result["runs"].size(), 4u);
   EXPECT_EQ(result["summary"]["compared"][0]["saved_overall"]["n"], 2);
   EXPECT_TRUE(fs::exists(output() / "naive/seed_5/train.jsonl"));
   EXPECT_EQ(result["summary"]["ours"], "adaptive");
-  EXPECT_FALSE(result["runs"][2]["kernel_checks"].empty()) << "the candidate kernels were timed";
-  const TrainHistory history = read_train_log(output() / "adaptive/seed_5/train.jsonl");
-  ASSERT_FALSE(history.events["kernel_times"].empty());
-  EXPECT_EQ(history.events["kernel_times"].back()["iteration"], 20) << "the candidates are timed at the end, too";
-  EXPECT_FALSE(page_data()["runs"][3]["kernel_times"].empty());
+  EXPECT_TRUE(result["runs"][0]["kernel_checks"].empty()) << "a fixed kernel";
+  const json& checks = result["runs"][3]["kernel_checks"];
+  ASSERT_EQ(checks.size(), 2u);
+  EXPECT_EQ(checks[0]["iteration"], 6);
+  EXPECT_EQ(checks[1]["iteration"], 16);
+  for (const char* kernel : {"segmented", "sub-tile"}) {
+    EXPECT_GT(checks[1]["times_ms"][kernel].get<double>(), 0) << kernel;
+  }
+  EXPECT_EQ(page_data()["runs"][3]["kernel_checks"].size(), 2u);
+}
 
-  // On a GPU, a new process loads kernels before its first check. The measured time is added to the run's time.
-  json loaded = result;
-  loaded["plan"]["loading_ms"] = 5000;
-  std::ofstream(output() / "compare.json") << loaded;
-  const Outcome again = run_b3dgs({"report", output().string()});
-  ASSERT_EQ(again.exit_code, 0) << again.err;
-  EXPECT_EQ(page_data()["loading_ms"], 5000);
-  const auto elapsed_s = [](const json& of, int run) {
-    return of["runs"][run]["curves"]["elapsed_s"][0].get<double>();
-  };
-  EXPECT_NEAR(elapsed_s(this->result(), 2), elapsed_s(result, 2) + 5, 1e-6);
-  EXPECT_NEAR(elapsed_s(this->result(), 0), elapsed_s(result, 0), 1e-6) << "no kernel is chosen there";
+TEST_F(Compare, RepeatsTheComparisonOfThePaper) {
+  const Outcome outcome =
+      compare({"--iterations", "20", "--kernel_check_interval", "10", "--quiet", "--configs", "paper"});
+  ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
+  EXPECT_NE(outcome.out.find("\npublished against naive-kernels "), std::string::npos) << outcome.out;
+  EXPECT_NE(outcome.out.find("\nin the paper "), std::string::npos) << outcome.out;
+  const json summary = result()["summary"];
+  EXPECT_EQ(summary["baseline"], "naive-kernels");
+  ASSERT_EQ(summary["beside_paper"].size(), 1u);
+  EXPECT_EQ(summary["beside_paper"][0]["name"], "published");
+  const json checks = result()["runs"][1]["kernel_checks"];
+  ASSERT_EQ(checks.size(), 2u);
+  EXPECT_TRUE(checks[0]["times_ms"].contains("combined") && checks[0]["times_ms"].contains("shared-memory")) << checks;
 }
 
 TEST_F(Compare, RejectsInvalidOptionsBeforeAnythingIsWritten) {
@@ -282,7 +287,7 @@ TEST_F(Compare, OverwriteDeletesOldRunsOnlyAfterReadingTheScene) {
 
   ASSERT_EQ(compare({"--iterations", "5", "--overwrite", "--quiet"}).exit_code, 0);
   EXPECT_FALSE(fs::exists(old)) << "the new comparison does not have this run";
-  EXPECT_TRUE(fs::exists(output() / "shared-memory/seed_0/point_cloud/iteration_5/point_cloud.ply"));
+  EXPECT_TRUE(fs::exists(output() / "sub-tile/seed_0/point_cloud/iteration_5/point_cloud.ply"));
 }
 
 TEST_F(Compare, IsKeptUntilItsSuccessorIsComplete) {
@@ -293,7 +298,7 @@ TEST_F(Compare, IsKeptUntilItsSuccessorIsComplete) {
   const std::string result_before = read_bytes(output() / "compare.json");
   test::RunOptions options;
   options.signal = SIGTERM;
-  options.signal_when = [&] { return fs::exists(output() / "shared-memory/seed_0/train.jsonl"); };  // new
+  options.signal_when = [&] { return fs::exists(output() / "sub-tile/seed_0/train.jsonl"); };  // new
   const Outcome stopped = compare({"--iterations", "50000", "--overwrite", "--quiet"}, "out", options);
   ASSERT_EQ(stopped.exit_code, 143) << stopped.out << stopped.err;
   EXPECT_TRUE(test::same(read_bytes(of_naive / ply), before));
@@ -308,7 +313,7 @@ TEST_F(Compare, OverwriteMovesNothingIfAFolderCannotBeMade) {
   const fs::path ply = output() / "naive/seed_0/point_cloud/iteration_5/point_cloud.ply";
   fs::create_directories(ply.parent_path());
   std::ofstream(ply) << "mine";
-  fs::create_symlink("shared-memory", output() / "shared-memory");  // to itself, where a folder is needed
+  fs::create_symlink("sub-tile", output() / "sub-tile");  // to itself, where a folder is needed
   EXPECT_EQ(compare({"--iterations", "5", "--overwrite", "--quiet"}).exit_code, 2);
   EXPECT_EQ(read_bytes(ply), "mine");
   EXPECT_FALSE(fs::exists(output() / "compare.json"));

@@ -235,8 +235,8 @@ TEST_F(EndToEnd, TenIterationsAndTenMoreEqualTwenty) {
                        "0.00001",
                        "--sh_increase_interval",
                        "7",
-                       "--kernel_candidates",
-                       "naive,shared-memory"};
+                       "--kernel_check_interval",
+                       "8"};
   const auto train_into = [&](const std::string& name, Words words) {
     words.insert(words.begin(), {"train", "-s", scene(), "-m", model(name)});
     words.insert(words.end(), schedule.begin(), schedule.end());

@@ -176,7 +176,7 @@ TEST_F(TrainedModel, IsRenderedAndEvaluatedWithRefinedPoses) {
 
 TEST_F(TrainedModel, ImagesKeepNothingForABackwardPass) {
   change_config("deterministic", true);
-  change_config("backward_kernel", "per-pixel");
+  change_config("kernel", "naive");
   const LoadedModel model = load_cameras(options_, status_);
   EXPECT_FALSE(image_settings(model).keep_for_backward) << "on a GPU this pair has no backward pass";
   EXPECT_EQ(run_b3dgs({"render", path("model"), "--device", "cpu", "--quiet"}).exit_code, 0);

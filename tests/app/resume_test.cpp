@@ -109,7 +109,7 @@ TEST_F(Resume, OfACompleteTrainingInAnotherFolderWritesItsFilesThere) {
   EXPECT_TRUE(test::same(read_bytes(b.ply(6)), read_bytes(a.ply(6))));
   EXPECT_EQ(b.checkpoint_iterations(), std::vector<int>{6});
 
-  const Words kernel{"--kernel", "naive", "--backward_kernel", "per-bucket"};  // results do not depend on times
+  const Words kernel{"--kernel", "naive"};  // results do not depend on times
   for (const ModelFolder& folder : {a, b}) {
     Words more{"--resume", folder.root(), "--iterations", "9"};
     more.insert(more.end(), kernel.begin(), kernel.end());

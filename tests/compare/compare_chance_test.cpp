@@ -199,7 +199,7 @@ TEST(CompareChance, BalancingIsRarelyCreditedWhereItSavesNothing) {
       double n_saved = 0, n_lost = 0;
       for (int i = 0; i < kSimulations; ++i) {
         std::vector<ConfigurationHistory> histories;
-        for (const char* kernel : {"naive", "shared-memory", "segmented", "naive"}) {
+        for (const char* kernel : {"naive", "sub-tile", "segmented", "naive"}) {
           if (histories.size() == 3 && !has_repetition) continue;
           histories.push_back({histories.size() == 3 ? "again" : kernel, {}, {}});
           histories.back().config.kernel = kernel;

@@ -30,30 +30,44 @@ TEST(CompareConfig, AnEntryIsAKernelOrOptions) {
   EXPECT_TRUE(entries[2].config.random_background);
   EXPECT_EQ(entries[2].config.kernel, base.kernel);
   EXPECT_TRUE(parse("a:no-antialiasing=false,naive", base)[0].config.antialiasing) << "a negated flag";
-  const auto mixed = parse("naive,mixed:kernel_candidates=combined/shared-memory", base);
-  EXPECT_EQ(mixed[1].config.kernel_candidates, (std::vector<std::string>{"combined", "shared-memory"}))
+  EXPECT_EQ(parse("naive,early:save_iterations=1000/7000", base)[1].config.save_iterations,
+            (std::vector<int>{1000, 7000}))
       << "commas separate configurations";
+  const auto often = parse("naive,fast:published+kernel_check_interval=200", base);
+  EXPECT_EQ(often[1].config.kernel, "published");
+  EXPECT_EQ(often[1].config.kernel_check_interval, 200);
   EXPECT_EQ(parse("a:naive,b:naive", base).size(), 2u) << "training the same twice measures the run-to-run variation";
 }
 
 TEST(CompareConfig, NaiveKernelsSelectsTheOptionsClosestToTheOriginalTrainer) {
-  const auto entries =
-      parse("naive-kernels,b:naive-kernels+kernel=published,c:published+culling=square", TrainConfig{});
-  const TrainConfig& original = entries[0].config;
-  EXPECT_EQ(original.kernel, "naive");
-  EXPECT_EQ(original.backward_kernel, "per-pixel");
-  EXPECT_EQ(original.culling, "square");
-  EXPECT_EQ(entries[1].config.kernel, "published") << "later parts override earlier ones";
+  const auto entries = parse("naive-kernels,b:naive-kernels+kernel=dynamic", TrainConfig{});
+  EXPECT_EQ(entries[0].config.kernel, "naive");
+  EXPECT_EQ(entries[0].config.culling, "square");
+  EXPECT_EQ(entries[1].config.kernel, "dynamic") << "later parts override earlier ones";
   EXPECT_EQ(entries[1].config.culling, "square");
-  EXPECT_EQ(entries[2].config.backward_kernel, TrainConfig{}.backward_kernel);
-  EXPECT_EQ(forward_candidates(entries[2].config), (std::vector<std::string>{"combined", "shared-memory"}));
+}
+
+TEST(CompareConfig, PaperStandsForTheTwoConfigurationsOfThePaper) {
+  const auto names_and_kernels = [](const std::vector<Configuration>& entries) {
+    std::string text;
+    for (const Configuration& own : entries)
+      text += own.name + ": " + own.config.kernel + " " + own.config.culling + "\n";
+    return text;
+  };
+  const std::string pair = "naive-kernels: naive square\npublished: published square\n";
+  EXPECT_EQ(names_and_kernels(parse("paper", TrainConfig{})), pair);
+  EXPECT_EQ(names_and_kernels(parse("adaptive,paper,sub-tile", TrainConfig{})),
+            "adaptive: adaptive ellipse\n" + pair + "sub-tile: sub-tile ellipse\n");
+  EXPECT_TRUE(describe_former_parts("adaptive,paper").empty());
+  EXPECT_TRUE(test::fails_with<InputError>({"naive-kernels occurs twice"},
+                                           [] { parse("naive-kernels,paper", TrainConfig{}); }));
 }
 
 TEST(CompareConfig, FormerNamesStandForThePresentOnes) {
   const std::string text = "original,b:paper+culling=square,c:preset=original+strategy=balanced";
   const auto entries = parse_configurations(text, TrainConfig{}, {});
   EXPECT_EQ(entries[0].name, "original") << "the name that the user gave is kept";
-  EXPECT_EQ(entries[0].config.backward_kernel, "per-pixel");
+  EXPECT_EQ(entries[0].config.culling, "square");
   EXPECT_EQ(entries[1].config.kernel, kPublishedKernel);
   EXPECT_EQ(entries[2].config.preset + " " + entries[2].config.strategy, "inria budget");
   EXPECT_EQ(describe_former_parts(text),
@@ -100,13 +114,13 @@ TEST(CompareConfig, PresetsApplyBelowWhatIsGiven) {
   EXPECT_EQ(entries[2].config.opacity_lr, 0.25);
 }
 
-TEST(CompareConfig, SeparatesOptionsOfTheForwardKernelFromOthers) {
-  const auto entries = parse("naive,adaptive+kernel_policy=tracking,naive-kernels,again:naive", TrainConfig{});
+TEST(CompareConfig, SeparatesOptionsOfTheKernelFromOthers) {
+  const auto entries = parse("naive,adaptive+kernel_check_interval=200,naive-kernels,again:naive", TrainConfig{});
   const DifferingOptions kernels = differing_options(entries[0].config, entries[1].config);
-  EXPECT_EQ(kernels.forward_kernel, (std::vector<std::string>{"kernel", "kernel_policy"}));
+  EXPECT_EQ(kernels.kernel, (std::vector<std::string>{"kernel", "kernel_check_interval"}));
   EXPECT_TRUE(kernels.others.empty());
-  EXPECT_EQ(differing_options(entries[0].config, entries[2].config).others,
-            (std::vector<std::string>{"backward_kernel", "culling"}));
+  EXPECT_FALSE(learns_differently(entries[0].config, entries[1].config));
+  EXPECT_EQ(differing_options(entries[0].config, entries[2].config).others, (std::vector<std::string>{"culling"}));
   EXPECT_TRUE(differing_options(entries[0].config, entries[3].config).empty());
 }
 

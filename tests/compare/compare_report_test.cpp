@@ -24,10 +24,10 @@ namespace {
 
 using Json = nlohmann::ordered_json;
 
-/// Lines every 10 iterations up to 100; switches from combined to shared-memory at `switch_iteration` (0: never).
+/// Lines every 10 iterations up to 100; switches from segmented to sub-tile at `switch_iteration` (0: never).
 TrainHistory steady_history(double ms, int switch_iteration = 0) {
   const TrainHistory steady = test::history(ms, ms, 100);
-  return switch_iteration == 0 ? test::with_kernel(steady, "combined") : test::with_switch(steady, switch_iteration);
+  return switch_iteration == 0 ? test::with_kernel(steady, "segmented") : test::with_switch(steady, switch_iteration);
 }
 
 /// Two seeds, 3 and 5, of each.
@@ -38,8 +38,8 @@ Comparison comparison_of(const std::vector<std::pair<std::string, std::vector<Tr
   for (const auto& [name, by_seed] : configurations) {
     comparison.configurations.push_back({name, comparison.plan.base, by_seed});
     TrainConfig& config = comparison.configurations.back().config;
-    config.kernel = find_kernel(kForwardKernels, name) || name == kPublishedKernel ? name : kAdaptive;
-    if (name == "naive-kernels" || name == kPublishedKernel) config.backward_kernel = "per-pixel";
+    config.kernel = find_kernel(name) || name == kPublishedKernel ? name : kAdaptive;
+    if (name == "naive-kernels" || name == kPublishedKernel) config.culling = "square";
     if (name == "naive-kernels" || name == "naive_again") config.kernel = "naive";
     comparison.infos.emplace_back(by_seed.size());
   }
@@ -56,11 +56,11 @@ TEST(CompareReportData, HasTheRunsOfAllSeedsAndTheSummary) {
   ASSERT_EQ(data["runs"].size(), 4u);
   EXPECT_EQ(data["runs"][2]["name"], "adaptive");
   EXPECT_EQ(data["runs"][2]["seed"], 3);
-  EXPECT_EQ(data["runs"][2]["kernel_checks"][0]["after"], "shared-memory");
+  EXPECT_EQ(data["runs"][2]["kernel_checks"][0]["after"], "sub-tile");
   EXPECT_EQ(data["summary"]["compared"][0]["inflection"]["n"], 1) << "of two seeds";
   EXPECT_EQ(data["summary"]["compared"][0]["inflection"]["mean"], 51);
   EXPECT_EQ(data["summary"]["compared"][0]["has_own_kernel"], true);
-  EXPECT_EQ(data["summary"]["missing_kernels"], Json::array({"shared-memory"}));
+  EXPECT_EQ(data["summary"]["missing_kernels"], Json::array({"sub-tile"}));
   EXPECT_EQ(data["summary"]["repetition"], "") << "the run-to-run variation was not measured";
   EXPECT_EQ(data["options"], Json::array({Json::array({"kernel", "naive", "adaptive"})}));
 }
@@ -118,6 +118,41 @@ TEST(CompareReport, TheTableOnTheTerminalShowsTrainingsThatAreNotComplete) {
   EXPECT_TRUE(test::contains(text, " 0.80      20.0 %  faster    23.00  differs  0.7500       1234\n")) << text;
 }
 
+TEST(CompareReport, TheTerminalShowsTheNumbersOfThePaperBesideTheSameComparison) {
+  const TrainHistory naive = steady_history(10);
+  TrainHistory ours = test::history(8, 8, 100);  // and 9.5 ms per step after iteration 50
+  for (LogPoint& point : ours.points) point.elapsed_s += 0.0015 * std::max(0, point.iteration - 50);
+  const TrainHistory switches = test::with_switch(ours, 51, "combined", "shared-memory"),
+                     later = test::with_switch(ours, 71, "combined", "shared-memory"),
+                     never = test::with_kernel(ours, "combined");
+  const auto table = [&](const TrainHistory& first, const TrainHistory& second) {
+    const std::string text =
+        describe_comparison(comparison_of({{"naive-kernels", {naive, naive}}, {"published", {first, second}}}));
+    const std::size_t from = text.rfind("\ntime saved  ") + 1, until = text.find("times do not include");
+    return text.substr(from, until - from);
+  };
+  EXPECT_EQ(table(switches, switches),
+            "time saved                       up to the inflection  from it  overall   inflection\n"
+            "published against naive-kernels                20.0 %    5.0 %   12.5 %           51\n"
+            "in the paper                                   19.6 %    7.9 %    8.5 %  about 2,000\n");
+  EXPECT_EQ(table(switches, later),
+            "time saved                       up to the inflection  from it  overall   inflection\n"
+            "published against naive-kernels                17.9 %    5.0 %   12.5 %     51 to 71\n"
+            "in the paper                                   19.6 %    7.9 %    8.5 %  about 2,000\n");
+  EXPECT_EQ(table(never, never),
+            "time saved                       up to the inflection    from it  overall   inflection\n"
+            "published against naive-kernels             no switch  no switch   12.5 %            -\n"
+            "in the paper                                   19.6 %      7.9 %    8.5 %  about 2,000\n");
+  EXPECT_TRUE(test::contains(table(never, switches), "20.0 % in 1 of 2 seeds  5.0 % in 1 of 2 seeds   12.5 %"));
+  EXPECT_TRUE(test::contains(table(TrainHistory{}, TrainHistory{}),
+                             "published against naive-kernels                     "
+                             "-        -        -            -\n"))
+      << table(TrainHistory{}, TrainHistory{});
+  EXPECT_FALSE(test::contains(describe_comparison(comparison_of({{"naive", {naive}}, {"published", {switches}}})),
+                              "in the paper"))
+      << "not of configurations that differ in culling";
+}
+
 class ReportInBrowser : public ::testing::Test {
  protected:
   /// What a browser shows of a page; "" if none is installed. Words of a table's cells are separated by tabs.
@@ -154,7 +189,7 @@ TEST_F(ReportInBrowser, ShowsRunToRunVariationBesideEveryDifference) {
   for (TrainHistory* own : {&naive, &again, &shared, &ours}) own->points.back().test_psnr = 25;
   again.points.back().test_psnr = 25.25;
   const std::string text = shown(comparison_of({{"naive", {naive, naive}},
-                                                {"shared-memory", {shared, shared}},
+                                                {"sub-tile", {shared, shared}},
                                                 {"mine", {ours, ours}},
                                                 {"naive_again", {again, again}}}));
   if (text.empty()) GTEST_SKIP() << "chromium is not installed";
@@ -169,16 +204,16 @@ TEST_F(ReportInBrowser, ShowsRunToRunVariationBesideEveryDifference) {
                          "naive (baseline)\t1.00 s",
                          "50.0 % ± 2.0 % (95 %: 50.0 to 50.0 %)\tfaster",
                          "mine\t0.40 s (0.40 to 0.40)",
-                         "60.0 % ± 2.0 % (60.0 to 60.0)\t60.0 % ± 2.0 % (60.0 to 60.0)\t51\tforward kernel",
+                         "60.0 % ± 2.0 % (60.0 to 60.0)\t60.0 % ± 2.0 % (60.0 to 60.0)\t51\tkernel",
                          "saved by load balancing",
                          "20.0 % ± 2.0 %",
                          "Run-to-run variation of naive: time 2.0 %, PSNR 0.25.",
+                         "No configurations here repeat that comparison; --configs paper does.",
                          "/scenes/garden",
-                         "option\tnaive\tshared-memory\tmine",
+                         "option\tnaive\tsub-tile\tmine",
                          "mine, seed 3",
-                         "from combined to shared-memory",
+                         "from segmented to sub-tile",
                          "Load statistics were not recorded",
-                         "No configurations here repeat that comparison",
                          "kernel switch at 51 (seed 3)"});
 }
 
@@ -190,8 +225,10 @@ TEST_F(ReportInBrowser, ShowsPublishedResultsBesideTheSameComparison) {
   if (text.empty()) GTEST_SKIP() << "chromium is not installed";
   expect_in_order(text,
                   {"Quality has not been measured yet.", "51 in 1 of 2 seeds", "was not measured (--noise does that)",
-                   "lambda_dssim\t0.1", "published against naive-kernels\t20.0 % (95 %: 20.0 to 20.0 %)\tfaster",
-                   "in the paper\t8.5 %\t\t19.6 %\t7.9 %"});
+                   "published against naive-kernels\t20.0 % (95 %: 20.0 to 20.0 %)\tfaster\t20.0 % in 1 of 2 seeds\t",
+                   "in the paper\t8.5 %\t\t19.6 %\t7.9 %\tabout 2,000", "lambda_dssim\t0.1"});
+  expect_in_order(shown(comparison_of({{"naive-kernels", {original, original}}, {"published", {late, late}}})),
+                  {"published against naive-kernels\t20.0 % (95 %: 20.0 to 20.0 %)\tfaster\tno switch\tno switch\t-"});
 }
 
 /// A log as training on a GPU writes it, with everything that a report can show.
@@ -206,28 +243,26 @@ void write_eventful_log(const std::filesystem::path& path, double early_ms, doub
                  {"ms", ms},
                  {"count", 1000 + iteration},
                  {"elapsed_s", elapsed_s},
-                 {"kernel", iteration <= 30 ? "combined" : "shared-memory"},
+                 {"kernel", iteration <= 30 ? "segmented" : "sub-tile"},
                  {"stages_ms", {{"project", 1}, {"blend_forward", 0.5 * ms}, {"of a later version", 1}}},
                  {"test_psnr", 20 + 0.1 * iteration},
                  {"test_ssim", 0.8}}
          << "\n";
     file << Json{{"iteration", iteration + 1},
                  {"event", "kernel_check"},
-                 {"pass", "forward"},
-                 {"times_ms", {{"combined", 1 + 0.01 * iteration}, {"shared-memory", 1.3}}},
-                 {"spread_ms", {{"combined", 0.02}, {"shared-memory", 0.01}}},
-                 {"views", 5},
-                 {"refused", {"dynamic"}},
-                 {"before", iteration <= 30 ? "combined" : "shared-memory"},
-                 {"after", iteration < 30 ? "combined" : "shared-memory"},
-                 {"reason", "slower by 3 % <b>"},
+                 {"views", 8},
+                 {"times_ms", {{"segmented", 1 + 0.01 * iteration}, {"sub-tile", 1.3}}},
+                 {"error_ms", 0.02},
                  {"cost_ms", 5},
-                 {"warm_up_ms", iteration == 10 ? 125 : 0}}
+                 {"before", iteration <= 30 ? "segmented" : "sub-tile"},
+                 {"after", iteration < 30 ? "segmented" : "sub-tile"},
+                 {"reason", "slower by 3 % <b>"}}
          << "\n";
     const Json load{{"min", 0},    {"median", 30}, {"p90", 400},   {"p99", 2000},
                     {"max", 9000}, {"mean", 90},   {"gini", 0.75}, {"log2_bins", {1, 2, 5, 9, 20, 30, 12, 5, 1}}};
     file << Json{{"iteration", iteration},
                  {"event", "load_statistics"},
+                 {"views", 4},
                  {"tile_lists", load},
                  {"pixel_processed", load}}
          << "\n";
@@ -259,7 +294,7 @@ ComparisonPlan write_eventful_comparison(const std::filesystem::path& root) {
   plan.base.iterations = 60;
   plan.base.eval = true;
   plan.given = {{"iterations", 60}};
-  plan.configs = "naive,shared-memory";
+  plan.configs = "naive,sub-tile";
   plan.seeds = {0};
   plan.chunk = 25;
   double ms = 40;
@@ -285,8 +320,8 @@ TEST_F(ReportInBrowser, DrawsAllChartsOfAComparisonAndOfATraining) {
   const ComparisonPlan plan = write_eventful_comparison(folder_.path() / "out");
   write_comparison(load_comparison(read_plan(plan.root())));
   const Json check = Json::parse(test::read_bytes(plan.root() / "compare.json"))["runs"][0]["kernel_checks"][0];
-  EXPECT_EQ(check["refused"], Json::array({"dynamic"}));
-  EXPECT_EQ(check["spread_ms"]["combined"], 0.02);
+  EXPECT_EQ(check["error_ms"], 0.02);
+  EXPECT_EQ(check["times_ms"]["sub-tile"], 1.3);
   const std::string text = shown(plan.root() / "report.html");
   if (text.empty()) GTEST_SKIP() << "chromium is not installed";
   expect_in_order(text, {"11 charts",
@@ -300,15 +335,16 @@ TEST_F(ReportInBrowser, DrawsAllChartsOfAComparisonAndOfATraining) {
                          "25.0 %",
                          "logical cores\t2",
                          "of a later version",
-                         "dynamic was disabled: slower by 3 % &lt;b&gt; (iteration 11, forward pass).",
-                         "combined 1.100 (0.020), shared-memory 1.300 (0.010)\t5\tcombined\tslower by 3 %",
-                         "The timing checks took 30 ms (1.61 % of the training time)",
-                         "took another 125 ms (6.72 % of the training time)",
+                         "Blending time of both kernels over the training",
+                         "6 timing checks took 30 ms, 1.61 % of the training time",
+                         "segmented 1.100, sub-tile 1.300\t0.020\t8\tsegmented\tslower by 3 % &lt;b&gt;",
+                         "from segmented to sub-tile",
+                         "Measured over all tiles and pixels of 4 training views together.",
                          "Gini coefficient (0 = evenly",
                          "0 = evenly",
                          "Words",
                          "kernel switch at 31",
-                         "to shared-memory",
+                         "to sub-tile",
                          "99th percentile to maximum",
                          "iteration 60"});
   for (const char* missing : {"were not", "not measured yet", "have been rendered"}) {
@@ -327,7 +363,8 @@ TEST_F(ReportInBrowser, DrawsAllChartsOfAComparisonAndOfATraining) {
       own, {"10 charts", "&lt;b&gt;garden: trained in 1.49 s, PSNR 26.00 dB on test views, 1,060 Gaussians",
             "Photographs and renders", "These are test views", "Quality", "PSNR, mean over the test views.",
             "Time and memory", "forward blending", "Scene, options and machine", "Number of Gaussians in a tile's list",
-            "combined\t1 to 30\t", "from combined to shared-memory", "Gini coefficient"});
+            "segmented\t1 to 30\t", "ms per view", "6 timing checks took 30 ms, 2.02 % of the training time",
+            "from segmented to sub-tile", "to sub-tile"});
 }
 
 }  // namespace

@@ -44,7 +44,7 @@ TEST(CompareSummary, SplitsTimeSavedAtTheKernelSwitch) {
   EXPECT_EQ(saved["saved_overall"]["n"], 1);
   EXPECT_NEAR(saved["by_seed"][0]["baseline_s"], 40, 1e-9);
   EXPECT_NEAR(saved["by_seed"][0]["ours_s"], 35, 1e-9);
-  EXPECT_EQ(saved["balanced_kernels"]["names"], Json::array({"combined"}));
+  EXPECT_EQ(saved["balanced_kernels"]["names"], Json::array({"segmented"}));
   EXPECT_EQ(saved["balanced_kernels"]["iterations"]["mean"], 2000);
   EXPECT_NEAR(saved["other_kernels"]["saved_against_baseline"]["mean"], 0.05, 1e-9);
 
@@ -61,22 +61,33 @@ TEST(CompareSummary, WithoutAKernelSwitchThereIsNoBeforeAndAfter) {
   EXPECT_NEAR(saved["saved_overall"]["mean"], 0.2, 1e-9);
   EXPECT_TRUE(summarize_pair({history(10, 10)}, {TrainHistory{}})["compared"][0]["saved_overall"].is_null());
 
-  TrainHistory backward = with_switch(history(8, 8), 2000);
-  for (Json& check : backward.events["kernel_check"]) check["pass"] = "backward";
-  EXPECT_TRUE(summarize_pair({history(10, 10)}, {backward})["compared"][0]["inflection"].is_null());
+  TrainHistory checked = with_kernel(history(8, 8), "segmented");
+  checked.events["kernel_check"].push_back(check(1009, "segmented", "sub-tile", false));
+  EXPECT_TRUE(summarize_pair({history(10, 10)}, {checked})["compared"][0]["inflection"].is_null());
+}
+
+TEST(CompareSummary, TheInflectionIsTheFirstOfSeveralSwitches) {
+  TrainHistory back = with_switch(history(8, 9.5), 2001);
+  back.events["kernel_check"].push_back(check(3001, "sub-tile", "segmented", true));
+  for (LogPoint& point : back.points) point.kernel = point.iteration >= 3001 ? "segmented" : point.kernel;
+  const Json saved = summarize_pair({history(10, 10)}, {back})["compared"][0];
+  EXPECT_EQ(saved["inflection"]["mean"], 2001);
+  EXPECT_NEAR(saved["saved_after_inflection"]["mean"], 0.05, 1e-9);
+  EXPECT_EQ(saved["balanced_kernels"]["iterations"]["mean"], 3000);
+  EXPECT_EQ(saved["other_kernels"]["iterations"]["mean"], 1000);
 }
 
 TEST(CompareSummary, KernelPeriodsFollowLinesAndChecks) {
   EXPECT_TRUE(kernel_periods(history(10, 10)).empty());
   const std::vector<KernelPeriod> late = kernel_periods(with_switch(history(10, 10), 2000));
   ASSERT_EQ(late.size(), 2u);
-  EXPECT_EQ(late[0].kernel, "combined");
+  EXPECT_EQ(late[0].kernel, "segmented");
   EXPECT_EQ(late[0].until, 1999) << "the check runs before the step of its iteration";
   EXPECT_EQ(late[1].from, 1999);
   EXPECT_EQ(late[1].until, 4000);
   const std::vector<KernelPeriod> early = kernel_periods(with_switch(history(10, 10), 1));
   ASSERT_EQ(early.size(), 1u);
-  EXPECT_EQ(early[0].kernel, "shared-memory");
+  EXPECT_EQ(early[0].kernel, "sub-tile");
   EXPECT_EQ(early[0].from, 0);
 
   TrainHistory resumed = with_kernel(history(10, 10), "dynamic");  // with another kernel, without a check
@@ -98,14 +109,14 @@ TEST(CompareSummary, TheVerdictIsAboutTheFirstAdaptiveConfiguration) {
 
 TEST(CompareSummary, SeparatesTheGainOfLoadBalancing) {
   const Json summary = summarize_comparison(
-      {trained("naive", {history(10, 10), history(10, 10)}), trained("shared-memory", {history(5, 5), history(5, 5)}),
+      {trained("naive", {history(10, 10), history(10, 10)}), trained("sub-tile", {history(5, 5), history(5, 5)}),
        trained("segmented", {history(4, 4), history(3, 3)})},
       4000);
   ASSERT_EQ(summary["balancing"].size(), 1u) << "only for the balanced configuration";
   const Json& gain = summary["balancing"][0];
   EXPECT_EQ(gain["name"], "segmented");
   EXPECT_EQ(gain["naive"], "naive");
-  EXPECT_EQ(gain["unbalanced"], "shared-memory");
+  EXPECT_EQ(gain["unbalanced"], "sub-tile");
   EXPECT_NEAR(gain["saved_naive_to_unbalanced"]["mean"], 0.5, 1e-9);
   EXPECT_NEAR(gain["saved_by_balancing"]["mean"], 0.3, 1e-9);
   EXPECT_NEAR(gain["saved_by_balancing"]["min"], 0.2, 1e-9);
@@ -114,7 +125,7 @@ TEST(CompareSummary, SeparatesTheGainOfLoadBalancing) {
 }
 
 TEST(CompareSummary, TheGainNeedsEveryUnbalancedKernelWithTheSameOptions) {
-  ConfigurationHistory other = trained("shared-memory", {history(5, 5)});
+  ConfigurationHistory other = trained("sub-tile", {history(5, 5)});
   const auto summary = [&] {
     return summarize_comparison({trained("naive", {history(10, 10)}), other, trained("adaptive", {history(4, 4)})},
                                 4000);
@@ -124,21 +135,42 @@ TEST(CompareSummary, TheGainNeedsEveryUnbalancedKernelWithTheSameOptions) {
   other.config.culling = "square";
   const Json changed = summary();
   EXPECT_TRUE(changed["balancing"].empty());
-  EXPECT_EQ(changed["missing_kernels"], Json::array({"shared-memory"}));
+  EXPECT_EQ(changed["missing_kernels"], Json::array({"sub-tile"}));
   EXPECT_EQ(changed["compared"][0]["differs_in"], Json::array({"culling"}));
-  EXPECT_TRUE(changed["compared"][1]["differs_in"].empty()) << "it differs only in the forward kernel";
+  EXPECT_TRUE(changed["compared"][1]["differs_in"].empty()) << "it differs only in the kernel";
   EXPECT_TRUE(changed["compared"][1]["has_own_kernel"]);
 }
 
+TEST(CompareSummary, TheGainIsAgainstUnbalancedKernelsOfTheSameFamily) {
+  const Json both =
+      summarize_comparison({trained("naive", {history(10, 10)}), trained("shared-memory", {history(8, 8)}),
+                            trained("sub-tile", {history(4, 4)}), trained("adaptive", {history(2, 2)}),
+                            trained("published", {history(7, 7)}), trained("combined", {history(6, 6)})},
+                           4000)["balancing"];
+  ASSERT_EQ(both.size(), 3u);
+  for (std::size_t i = 0; i < 3; ++i) EXPECT_EQ(both[i]["naive"], "naive");
+  EXPECT_EQ(both[0]["unbalanced"], "sub-tile") << "adaptive";
+  EXPECT_EQ(both[1]["unbalanced"], "shared-memory") << "published";
+  EXPECT_EQ(both[2]["unbalanced"], "shared-memory") << "combined";
+  EXPECT_NEAR(both[2]["saved_by_balancing"]["mean"], 0.25, 1e-9);
+
+  const auto missing = [](const char* kernel) {
+    return summarize_pair({history(1, 1)}, {history(1, 1)}, kernel)["missing_kernels"];
+  };
+  for (const char* ours : {"adaptive", "segmented"}) EXPECT_EQ(missing(ours), Json::array({"sub-tile"})) << ours;
+  for (const char* of_paper : {"published", "combined", "dynamic", "gaussian-wise"}) {
+    EXPECT_EQ(missing(of_paper), Json::array({"shared-memory"})) << of_paper;
+  }
+  for (const char* unbalanced : {"shared-memory", "sub-tile"}) EXPECT_TRUE(missing(unbalanced).empty()) << unbalanced;
+}
+
 TEST(CompareSummary, KnowsWhichKernelsAreBalanced) {
-  EXPECT_FALSE(is_balanced_kernel("naive") || is_balanced_kernel("shared-memory") || is_balanced_kernel("no kernel"));
+  for (const char* name : {"naive", "shared-memory", "sub-tile", "no kernel"}) {
+    EXPECT_FALSE(is_balanced_kernel(name)) << name;
+  }
   for (const char* name : {"dynamic", "gaussian-wise", "combined", "segmented"}) {
     EXPECT_TRUE(is_balanced_kernel(name)) << name;
   }
-  for (const char* kernel : {"adaptive", "published"}) {
-    EXPECT_FALSE(summarize_pair({history(1, 1)}, {history(1, 1)}, kernel)["missing_kernels"].empty()) << kernel;
-  }
-  EXPECT_TRUE(summarize_pair({history(1, 1)}, {history(1, 1)}, "shared-memory")["missing_kernels"].empty());
 }
 
 TEST(CompareSummary, ARepeatedBaselineGivesTheRunToRunVariation) {
@@ -174,17 +206,21 @@ TEST(CompareSummary, OnlyTheSameComparisonIsSetBesideThePaper) {
   const auto original = [](const std::string& kernel) {
     ConfigurationHistory own = trained(kernel, {with_switch(history(8, 9.5), 2001)});
     own.name = "original_" + kernel;
-    own.config.backward_kernel = "per-pixel";
+    own.config.culling = "square";
     return own;
   };
-  const Json pairs =
-      summarize_comparison({trained("naive", {history(10, 10)}), trained("published", {history(9, 9)}),
-                            original("naive"), original("adaptive"), original("published"), original("combined")},
-                           4000)["beside_paper"];
-  ASSERT_EQ(pairs.size(), 1u) << "not with another backward pass, another pair or a fixed kernel";
+  ConfigurationHistory often = original("published");
+  often.name = "often";
+  often.config.kernel_check_interval = 200;
+  const Json pairs = summarize_comparison(
+      {trained("sub-tile", {history(10, 10)}), trained("published", {history(9, 9)}), original("naive"),
+       original("adaptive"), original("published"), original("combined"), often},
+      4000)["beside_paper"];
+  ASSERT_EQ(pairs.size(), 2u) << "not with another culling, another baseline or a fixed kernel";
   EXPECT_EQ(pairs[0]["baseline"], "original_naive");
   EXPECT_EQ(pairs[0]["name"], "original_published");
   EXPECT_FALSE(pairs[0]["saved_before_inflection"].is_null());
+  EXPECT_EQ(pairs[1]["name"], "often") << "the interval belongs to the choice of the kernel";
 }
 
 TEST(CompareSummary, QualityIsComparedSeedBySeed) {

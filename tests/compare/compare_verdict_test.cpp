@@ -16,23 +16,22 @@ std::string verdict_of(const std::vector<ConfigurationHistory>& configurations) 
   return summarize_comparison(configurations, 4000)["verdict"];
 }
 
-/// naive with 10 ms per step, shared-memory with 5, and `ours` as adaptive.
+/// naive with 10 ms per step, sub-tile with 5, and `ours` as adaptive.
 std::string three(const TrainHistory& ours) {
-  return verdict_of({trained("naive", {history(10, 10)}),
-                     trained("shared-memory", {with_kernel(history(5, 5), "shared-memory")}),
+  return verdict_of({trained("naive", {history(10, 10)}), trained("sub-tile", {with_kernel(history(5, 5), "sub-tile")}),
                      trained("adaptive", {ours})});
 }
 
 TEST(Verdict, LoadBalancingIsComparedWithTheFastestUnbalancedKernel) {
   EXPECT_EQ(three(with_kernel(history(4, 4), "segmented")),
             "adaptive saved 60.0 % of the training time of naive (adaptive 16.0 s, naive 40.0 s); load balancing "
-            "alone: adaptive saved 20.0 % of the training time of shared-memory, the fastest kernel without it.");
+            "alone: adaptive saved 20.0 % of the training time of sub-tile, the fastest kernel without it.");
   EXPECT_EQ(three(with_kernel(history(6, 6), "segmented")),
             "adaptive saved 40.0 % of the training time of naive (adaptive 24.0 s, naive 40.0 s); load balancing "
-            "alone: adaptive took 20.0 % longer than shared-memory, the fastest kernel without it.");
+            "alone: adaptive took 20.0 % longer than sub-tile, the fastest kernel without it.");
   EXPECT_EQ(three(with_kernel(history(4.8, 4.8), "segmented")),
             "adaptive saved 52.0 % of the training time of naive (adaptive 19.2 s, naive 40.0 s); load balancing "
-            "alone: adaptive shows no clear difference in training time from shared-memory (time saved: 4.0 %; with "
+            "alone: adaptive shows no clear difference in training time from sub-tile (time saved: 4.0 %; with "
             "one seed, less than 10.0 % may be chance), the fastest kernel without it.");
   EXPECT_EQ(verdict_of({trained("naive", {history(10, 10)}), trained("shared-memory", {history(12, 12)}),
                         trained("combined", {with_kernel(history(8, 8), "combined")})}),
@@ -49,29 +48,29 @@ TEST(Verdict, SeveralSeedsTellSmallDifferencesFromChance) {
   };
   const auto balancing = [&](std::vector<double> ms) {
     const std::string text = verdict_of(
-        {trained_for("naive", {10, 10, 10}), trained_for("shared-memory", {5, 5, 5}), trained_for("segmented", ms)});
+        {trained_for("naive", {10, 10, 10}), trained_for("sub-tile", {5, 5, 5}), trained_for("segmented", ms)});
     return text.substr(text.find("alone: ") + 7);
   };
   EXPECT_EQ(balancing({4.8, 4.79, 4.81}),
-            "segmented saved 4.0 % of the training time of shared-memory (95 % interval 3.5 to 4.5 %), the fastest "
+            "segmented saved 4.0 % of the training time of sub-tile (95 % interval 3.5 to 4.5 %), the fastest "
             "kernel without it.");
   EXPECT_EQ(balancing({5.2, 5.19, 5.21}),
-            "segmented took 4.0 % longer than shared-memory (95 % interval 3.5 to 4.5 %), the fastest kernel without "
+            "segmented took 4.0 % longer than sub-tile (95 % interval 3.5 to 4.5 %), the fastest kernel without "
             "it.");
   EXPECT_EQ(balancing({4.99, 5, 5}),
-            "segmented took as long as shared-memory (95 % interval -0.2 to 0.4 %), the fastest kernel without it.");
+            "segmented took as long as sub-tile (95 % interval -0.2 to 0.4 %), the fastest kernel without it.");
   EXPECT_EQ(balancing({4.6, 5, 5.1}),
-            "segmented shows no clear difference in training time from shared-memory (time saved: 2.0 %, 95 % interval "
+            "segmented shows no clear difference in training time from sub-tile (time saved: 2.0 %, 95 % interval "
             "-11.1 to 15.1 %), the fastest kernel without it.");
 }
 
 TEST(Verdict, WithoutAllUnbalancedKernelsTheShareOfLoadBalancingIsUnknown) {
-  const auto pair = [](TrainHistory ours, const char* kernel = "shared-memory") {
+  const auto pair = [](TrainHistory ours, const char* kernel = "sub-tile") {
     return summarize_pair({history(10, 10)}, {std::move(ours)}, kernel)["verdict"].get<std::string>();
   };
-  EXPECT_EQ(pair(with_kernel(history(8, 9.5), "combined"), "adaptive"),
+  EXPECT_EQ(pair(with_kernel(history(8, 9.5), "segmented"), "adaptive"),
             "ours saved 12.5 % of the training time of naive (ours 35.0 s, naive 40.0 s); what load balancing "
-            "contributes is unknown, since shared-memory was not trained.");
+            "contributes is unknown, since sub-tile was not trained.");
   EXPECT_EQ(pair(history(8, 8)), "ours saved 20.0 % of the training time of naive (ours 32.0 s, naive 40.0 s).");
   EXPECT_EQ(pair(history(12, 12)), "ours took 20.0 % longer than naive (ours 48.0 s, naive 40.0 s).");
   EXPECT_EQ(pair(TrainHistory{}), "No result yet: not every configuration has been trained.");
@@ -80,18 +79,17 @@ TEST(Verdict, WithoutAllUnbalancedKernelsTheShareOfLoadBalancingIsUnknown) {
 TEST(Verdict, OtherOptionsAreNoLoadBalancing) {
   ConfigurationHistory ours = trained("adaptive", {with_kernel(history(6, 6), "segmented")});
   ours.config.sh_degree = 0;
-  EXPECT_EQ(verdict_of({trained("naive", {history(10, 10)}), trained("shared-memory", {history(5, 5)}), ours}),
+  EXPECT_EQ(verdict_of({trained("naive", {history(10, 10)}), trained("sub-tile", {history(5, 5)}), ours}),
             "adaptive saved 40.0 % of the training time of naive (adaptive 24.0 s, naive 40.0 s). No views were held "
             "out (--no_eval), so quality was not measured.");
 
   ConfigurationHistory original = trained("naive", {history(20, 20)});
   original.name = "naive-kernels";
   original.config.culling = "square";
-  original.config.backward_kernel = "per-pixel";
-  EXPECT_EQ(verdict_of({original, trained("naive", {history(10, 10)}), trained("shared-memory", {history(5, 5)}),
+  EXPECT_EQ(verdict_of({original, trained("naive", {history(10, 10)}), trained("sub-tile", {history(5, 5)}),
                         trained("adaptive", {with_kernel(history(4, 4), "segmented")})}),
             "adaptive saved 80.0 % of the training time of naive-kernels (adaptive 16.0 s, naive-kernels 80.0 s); load "
-            "balancing alone: adaptive saved 20.0 % of the training time of shared-memory, the fastest kernel without "
+            "balancing alone: adaptive saved 20.0 % of the training time of sub-tile, the fastest kernel without "
             "it.");
 }
 
@@ -135,7 +133,6 @@ TEST(Verdict, NamesNoPsnrWhereOnlyKernelsDiffer) {
   ConfigurationHistory original = trained("naive", {with_quality(history(20, 20), 28, 1000)});
   original.name = "naive-kernels";
   original.config.culling = "square";
-  original.config.backward_kernel = "per-pixel";
   original.config.save_iterations = {7};
   const std::string text = verdict_of({original, trained("naive", {with_quality(history(10, 10), 25, 1000)})});
   EXPECT_EQ(text.find("PSNR"), std::string::npos) << text;
@@ -156,27 +153,27 @@ TEST(Verdict, DifferencesWithinRunToRunVariationAreNotSavings) {
   const auto text = [](double again_ms) {
     ConfigurationHistory again = trained("naive", {history(again_ms, again_ms)});
     again.name = "naive_again";
-    return verdict_of({trained("naive", {history(10, 10)}), trained("shared-memory", {history(5, 5)}),
+    return verdict_of({trained("naive", {history(10, 10)}), trained("sub-tile", {history(5, 5)}),
                        trained("adaptive", {with_kernel(history(4.9, 4.9), "segmented")}), again});
   };
   EXPECT_EQ(text(10.01),
             "adaptive saved 51.0 % of the training time of naive (adaptive 19.6 s, naive 40.0 s); load balancing "
-            "alone: adaptive saved 2.0 % of the training time of shared-memory, the fastest kernel without it; two "
+            "alone: adaptive saved 2.0 % of the training time of sub-tile, the fastest kernel without it; two "
             "runs of naive differ by 0.1 %.");
   EXPECT_EQ(text(9.9),
             "adaptive saved 51.0 % of the training time of naive (adaptive 19.6 s, naive 40.0 s); load balancing "
-            "alone: adaptive shows no clear difference in training time from shared-memory (time saved: 2.0 %; with "
+            "alone: adaptive shows no clear difference in training time from sub-tile (time saved: 2.0 %; with "
             "one seed, less than 12.7 % may be chance), the fastest kernel without it; two runs of naive differ by 1.0 "
             "%.");
 }
 
 TEST(Verdict, SaysIfSeedsAreMissing) {
-  EXPECT_EQ(summarize_pair({history(10, 10, 3000)}, {history(8, 8, 1000)}, "shared-memory")["verdict"],
+  EXPECT_EQ(summarize_pair({history(10, 10, 3000)}, {history(8, 8, 1000)}, "sub-tile")["verdict"],
             "Not finished: 1000 of 4000 iterations. So far: ours saved 20.0 % of the training time of naive (ours "
             "8.00 s, naive 10.00 s).");
   const nlohmann::ordered_json one_of_three =
       summarize_pair({history(10, 10), history(10, 10, 500), TrainHistory{}},
-                     {history(8, 8), TrainHistory{}, TrainHistory{}}, "shared-memory");
+                     {history(8, 8), TrainHistory{}, TrainHistory{}}, "sub-tile");
   EXPECT_EQ(one_of_three["done"], 4000);
   EXPECT_EQ(one_of_three["done_by_seed"], (std::vector<int>{4000, 0, 0}));
   EXPECT_EQ(one_of_three["compared"][0]["saved_overall"]["n"], 1);

@@ -23,36 +23,31 @@ inline TrainHistory history(double early_ms, double late_ms, int until = 4000) {
   return history;
 }
 
-/// With the same forward kernel in all lines.
+/// With the same kernel in all lines.
 inline TrainHistory with_kernel(TrainHistory history, const std::string& kernel) {
   for (LogPoint& point : history.points) point.kernel = kernel;
   return history;
 }
 
-/// The event of a timing check, with the members that are always there.
-inline nlohmann::ordered_json check(int iteration, const std::string& before, const std::string& after,
-                                    const std::string& pass = "forward") {
+/// The event of a timing check.
+inline nlohmann::ordered_json check(int iteration, const std::string& in_use, const std::string& other, bool switches) {
   return {{"iteration", iteration},
-          {"pass", pass},
-          {"times_ms", {{"combined", 2.0}, {"shared-memory", 1.0}}},
-          {"spread_ms", nlohmann::ordered_json::object()},
-          {"views", 5},
-          {"before", before},
-          {"after", after},
-          {"reason", "shared-memory takes half"},
-          {"refused", nlohmann::ordered_json::array()},
+          {"views", 8},
+          {"times_ms", {{in_use, 2.0}, {other, switches ? 1.0 : 3.0}}},
+          {"error_ms", 0.125},
           {"cost_ms", nullptr},
-          {"warm_up_ms", nullptr}};
+          {"before", in_use},
+          {"after", switches ? other : in_use},
+          {"reason", other + (switches ? " takes less" : " takes more")}};
 }
 
-/// With a switch from combined to shared-memory before the step of `iteration`.
-inline TrainHistory with_switch(TrainHistory history, int iteration) {
-  for (LogPoint& point : history.points) {
-    point.kernel = point.iteration < iteration ? "combined" : "shared-memory";
-  }
+/// With a switch between two kernels before the step of `iteration`.
+inline TrainHistory with_switch(TrainHistory history, int iteration, const std::string& from = "segmented",
+                                const std::string& to = "sub-tile") {
+  for (LogPoint& point : history.points) point.kernel = point.iteration < iteration ? from : to;
   nlohmann::ordered_json& checks = history.events["kernel_check"];
-  if (iteration > 1000) checks.push_back(check(iteration - 1000, "combined", "combined"));
-  checks.push_back(check(iteration, "combined", "shared-memory"));
+  if (iteration > 1000) checks.push_back(check(iteration - 1000, from, to, false));
+  checks.push_back(check(iteration, from, to, true));
   return history;
 }
 

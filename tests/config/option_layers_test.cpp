@@ -134,11 +134,11 @@ TEST(FormerOptions, FormerNamesOfValuesAreReadAndNamed) {
   EXPECT_EQ(describe_former_options(line.given()),
             (Words{"--strategy balanced is now --strategy budget", "--preset original is now --preset inria",
                    "--kernel paper is now --kernel published"}));
-  EXPECT_TRUE(describe_former_options({{"strategy", "budget"}, {"kernel_policy", "paper"}}).empty());
-  const nlohmann::ordered_json stored{{"strategy", "balanced"}, {"preset", "original"}, {"kernel_policy", "paper"}};
+  EXPECT_TRUE(describe_former_options({{"strategy", "budget"}, {"kernel", "published"}}).empty());
+  const nlohmann::ordered_json stored{{"strategy", "balanced"}, {"preset", "original"}, {"kernel", "paper"}};
   TrainConfig config;
   stored_config_from_json(config, stored, "config.json");
-  EXPECT_EQ(config.strategy + config.preset + config.kernel_policy, "budgetinriapaper");
+  EXPECT_EQ(config.strategy + config.preset + config.kernel, "budgetinriapublished");
   EXPECT_FALSE(has_removed_options(stored)) << "so that a comparison can be resumed";
 }
 

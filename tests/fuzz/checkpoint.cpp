@@ -27,17 +27,9 @@ void check_header(const CheckpointHeader& header) {
 }
 
 void restore_selector(const CheckpointHeader& header) {
-  KernelSelectorOptions options;
-  options.candidates = header.config.kernel_candidates;
-  options.reference = "naive";
-  options.interval = header.config.kernel_check_interval;
-  options.policy = header.config.kernel_policy == "tracking" ? KernelPolicy::kTracking : KernelPolicy::kPaper;
-  KernelSelector selector(options);
-  const auto it = header.kernel_selection.find("forward");
-  if (it == header.kernel_selection.end()) return;
-  selector.restore(*it, kName);
-  selector.is_due({header.iteration, 1.0});
-  selector.to_json();
+  KernelSelector selector({"segmented", "sub-tile"});
+  selector.restore(header.kernel_selection, "A device", kName);
+  selector.to_json("A device");
 }
 
 void read_file(std::string_view bytes) {

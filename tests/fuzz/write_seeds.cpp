@@ -123,13 +123,8 @@ void write_spz_seeds(const fs::path& folder) {
 
 /// A selector after one check, and that check.
 std::pair<KernelSelector, KernelDecision> kernel_check() {
-  KernelSelectorOptions options;
-  options.candidates = TrainConfig{}.kernel_candidates;
-  options.reference = "naive";
-  KernelSelector selector(options);
-  std::vector<KernelMeasurement> times;
-  for (const std::string& name : selector.candidates()) times.push_back({name, {1.0, 1.5, 2.0 + times.size()}, ""});
-  const KernelDecision decision = selector.decide({1, 5}, times, 9);
+  KernelSelector selector({"segmented", "sub-tile"});
+  const KernelDecision decision = selector.decide(1009, {{2, 1}, {3, 1.5}, {4, 2}});
   return {selector, decision};
 }
 
@@ -153,7 +148,7 @@ void write_checkpoint_seeds(const fs::path& folder) {
     state.view_order.remaining = {1, 0};
     state.loss_average = 0.25;
     state.elapsed_s = 1.5;
-    if (degree > 0) state.kernel_selection = {{"forward", kernel_check().first.to_json()}};
+    if (degree > 0) state.kernel_selection = kernel_check().first.to_json("A device");
     write_checkpoint(folder / ("degree" + std::to_string(degree)), config, state, scene);
   }
 }
@@ -205,11 +200,6 @@ void write_log_seeds(const fs::path& folder) {
   nlohmann::ordered_json check{{"iteration", 30}, {"event", "kernel_check"}};
   check.update(to_json(kernel_check().second));
   log.write(check);
-  log.write({{"iteration", 30},
-             {"event", "kernel_times"},
-             {"pass", "forward"},
-             {"times_ms", {{"naive", 2.5}}},
-             {"views", 3}});
   log.write({{"iteration", 30},
              {"event", "load_statistics"},
              {"tile_lists", {{"min", 0}, {"max", 7}, {"log2_bins", {1, 2, 3}}}}});

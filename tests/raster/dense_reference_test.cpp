@@ -203,7 +203,7 @@ TEST(DenseReference, CutsTheSquareAtTiles) {
   // About row 1: rows -3 to 5, tiles of 3 from the first to ceil(5 / 3) - 1 = 1, rows 0 to 5.
   RenderSettings settings;
   settings.culling = Culling::kSquare;
-  settings.tile = {4, 3};
+  settings.tile = TileShape{4, 3};
   const GaussianTensors leaves = leaves_of({{{0, -0.36, 1}, {0.1, 0.1, 0.1}, {1, 0, 0, 0}, 0.98, 0.5}});
   PinholeView camera = axis_view();
   camera.cy = 4.6f;
@@ -214,7 +214,7 @@ TEST(DenseReference, CutsTheSquareAtTiles) {
   EXPECT_EQ(at(view.alpha.slice(0, 6, 9).sum(), {}), 0.0);
 
   // A little larger, and the tail within alpha >= 1/255 reaches a row that the square does not.
-  settings.tile = {1, 1};
+  settings.tile = TileShape{1, 1};
   const GaussianTensors tail = leaves_of({{{0, 0, 1}, {0.1, 0.1, 0.1}, {1, 0, 0, 0}, 0.98, 0.5}});
   const DenseView cut = dense_render(tail, axis_view(), settings);
   EXPECT_TRUE(test::same(cut.alpha, dense_render(tail, axis_view(), {}).alpha));  // 4 px > 3.33 sigma = 3.8 px

@@ -11,7 +11,7 @@ TEST(HostileScenes, GiveFiniteResultsOrAnErrorWithEveryKernel) {
     const TestScene scene = hostile_scene(seed);
     RenderSettings settings = hostile_settings(scene, seed);
     const ScopedSimdTarget simd(targets[seed % targets.size()]);
-    for (const ForwardKernelName& kernel : kForwardKernels) {
+    for (const KernelRow& kernel : kForwardKernels) {
       SCOPED_TRACE(testing::Message() << "scene " << seed << ", " << kernel.name);
       settings.kernel = kernel.kernel;
       expect_finite_or_refused<CpuView>(scene, settings, outcome);

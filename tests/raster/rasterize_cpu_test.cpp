@@ -28,7 +28,7 @@ TEST(RasterizeCpu, MoreTilesThan16BitsCountMakeNoDifference) {
   scene.view.height *= kScale;
   RenderSettings settings = settings_of(scene);
   const CpuView expected(scene, settings);
-  settings.tile = {1, 1};
+  settings.tile = TileShape{1, 1};
   const CpuView view(scene, settings);
   ASSERT_GT(view.rasterizer().grid().n_tiles(), 1 << 16);
   EXPECT_TRUE(test::same(view.color, expected.color));
@@ -37,11 +37,12 @@ TEST(RasterizeCpu, MoreTilesThan16BitsCountMakeNoDifference) {
 
 class RasterizeCpuTest : public testing::TestWithParam<TestSceneRow> {};
 
-/// Kernels of a group have the same lanes, and agree bit for bit: training chooses among them by timing, and must not
-/// depend on what it chose.
+/// Kernels of a group have the same tiles and lanes, and agree bit for bit: training chooses among them by timing, and
+/// must not depend on what it chose.
 const std::vector<ForwardKernel> kSameLanes[]{
-    {ForwardKernel::kNaive, ForwardKernel::kSharedMemory, ForwardKernel::kSegmented, ForwardKernel::kDynamic},
-    {ForwardKernel::kGaussianWise, ForwardKernel::kCombined}};
+    {ForwardKernel::kNaive, ForwardKernel::kSharedMemory, ForwardKernel::kDynamic},
+    {ForwardKernel::kGaussianWise, ForwardKernel::kCombined},
+    {ForwardKernel::kSubTile, ForwardKernel::kSegmented}};
 
 /// A kernel whose bits this one has, or itself.
 ForwardKernel first_of_same_lanes(ForwardKernel kernel) {
@@ -77,15 +78,17 @@ void expect_same_bytes(const std::vector<torch::Tensor>& a, const std::vector<to
 TEST(RasterizeCpu, SplatsMayMissTheLargestTiles) {
   const TestScene scene = anisotropic_cloud();
   RenderSettings settings = settings_of(scene);
-  settings.tile = {cpu::kMaxTileSide, cpu::kMaxTileSide};
+  settings.tile = TileShape{cpu::kMaxTileSide, cpu::kMaxTileSide};
   settings.culling = Culling::kSquare;  // lists contain splats that reach no pixel of the tile
   for (const std::int64_t target : hwy::SupportedAndGeneratedTargets()) {
     SCOPED_TRACE(hwy::TargetName(target));
     const ScopedSimdTarget simd(target);
     settings.kernel = ForwardKernel::kNaive;
     const std::vector<torch::Tensor> expected = all_results(scene, settings);
-    settings.kernel = ForwardKernel::kSharedMemory;
-    expect_same_bytes(all_results(scene, settings), expected);
+    for (const ForwardKernel kernel : {ForwardKernel::kSharedMemory, ForwardKernel::kSubTile}) {
+      settings.kernel = kernel;
+      expect_same_bytes(all_results(scene, settings), expected);
+    }
   }
 }
 
@@ -93,29 +96,33 @@ TEST_P(RasterizeCpuTest, EveryKernelOnEveryInstructionSetAgreesWithTheDenseRefer
   const TestScene scene = GetParam().build();
   const std::vector<std::int64_t> targets = hwy::SupportedAndGeneratedTargets();
   for (const auto& [culling, culling_name] : kCullings) {
-    RenderSettings settings = settings_of(scene);
-    settings.culling = culling;
-    const Reference reference(scene, settings);
-    ASSERT_TRUE(reference.view.hazards.empty())
-        << "scene cannot check a float rasterizer: " << reference.view.hazards.front();
-    for (const std::int64_t target : targets) {
-      const ScopedSimdTarget simd(target);
-      std::map<ForwardKernel, std::vector<torch::Tensor>> results;
-      for (const ForwardKernelName& kernel : kForwardKernels) {
-        SCOPED_TRACE(testing::Message() << kernel.name << ", " << culling_name << ", " << hwy::TargetName(target));
-        settings.kernel = kernel.kernel;
-        CpuView view(scene, settings);
-        const DenseGradients gradients = view.backward(reference.grad);
-        const auto [first, is_new] =
-            results.try_emplace(first_of_same_lanes(kernel.kernel), all_results(view, gradients));
-        if (is_new) {
-          expect_same_image(view, reference.view);
-          expect_same_radii(view.radii(), reference.view);
-          expect_same_gradients(gradients, reference, reference.gradients);
-        } else {
-          expect_same_bytes(all_results(view, gradients), first->second);
+    for (const KernelFamily family : kFamilies) {
+      RenderSettings settings = settings_of(scene);
+      settings.culling = culling;
+      settings.tile = tile_of(family);
+      const Reference reference(scene, settings);
+      ASSERT_TRUE(reference.view.hazards.empty())
+          << "scene cannot check a float rasterizer: " << reference.view.hazards.front();
+      settings.tile.reset();
+      for (const std::int64_t target : targets) {
+        const ScopedSimdTarget simd(target);
+        std::map<ForwardKernel, std::vector<torch::Tensor>> results;
+        for (const KernelRow& kernel : kernels_of(family)) {
+          SCOPED_TRACE(testing::Message() << kernel.name << ", " << culling_name << ", " << hwy::TargetName(target));
+          settings.kernel = kernel.kernel;
+          CpuView view(scene, settings);
+          const DenseGradients gradients = view.backward(reference.grad);
+          const auto [first, is_new] =
+              results.try_emplace(first_of_same_lanes(kernel.kernel), all_results(view, gradients));
+          if (is_new) {
+            expect_same_image(view, reference.view);
+            expect_same_radii(view.radii(), reference.view);
+            expect_same_gradients(gradients, reference, reference.gradients);
+          } else {
+            expect_same_bytes(all_results(view, gradients), first->second);
+          }
+          if (HasFailure()) return;  // one failing case is enough
         }
-        if (HasFailure()) return;  // one failing case is enough
       }
     }
   }
@@ -161,7 +168,7 @@ TEST_P(RasterizeCpuTest, AntialiasedViewsAgreeWithTheDenseReference) {
 }
 
 TEST_P(RasterizeCpuTest, InverseDepthAgreesWithTheDenseReference) {
-  expect_same_inverse_depth<CpuView>(GetParam().build(), {BackwardKernel::kPerBucket});
+  expect_same_inverse_depth<CpuView>(GetParam().build());
 }
 
 TEST_P(RasterizeCpuTest, AGaussianIsSeenExactlyIfItIsInTheListOfATile) {
@@ -188,7 +195,7 @@ INSTANTIATE_TEST_SUITE_P(Scenes, RasterizeCpuTest, testing::ValuesIn(test_scenes
 
 TEST(RasterizeCpu, ResultsDoNotDependOnTheNumberOfThreads) {
   for (const TestScene& scene : {large_cloud(), anisotropic_cloud(), ten_thousand_in_one_tile()}) {
-    for (const ForwardKernelName& kernel : kForwardKernels) {
+    for (const KernelRow& kernel : kForwardKernels) {
       SCOPED_TRACE(kernel.name);
       RenderSettings settings = settings_of(scene);
       settings.kernel = kernel.kernel;
@@ -262,7 +269,7 @@ TEST(RasterizeCpu, TooManyPairsAreRefusedBeforeTheyAreListed) {
 
 TEST(RasterizeCpu, RunsAreReproducible) {
   const TestScene scene = saturated_pixels();
-  for (const ForwardKernelName& kernel : kForwardKernels) {
+  for (const KernelRow& kernel : kForwardKernels) {
     SCOPED_TRACE(kernel.name);
     RenderSettings settings = settings_of(scene);
     settings.kernel = kernel.kernel;
@@ -288,7 +295,7 @@ TEST(RasterizeCpu, CullingByEllipseChangesNoImageThatAllTilesWouldGive) {
   // With one tile for the whole image culling excludes nothing; with small tiles every pixel depends on it.
   for (const TestScene& scene : {anisotropic_cloud(), needles(), far_outside_the_field_of_view()}) {
     RenderSettings settings = settings_of(scene);
-    settings.tile = {32, 32};
+    settings.tile = TileShape{32, 32};
     const CpuView large(scene, settings);
     for (const TileShape tile :
          {TileShape{1, 1}, TileShape{3, 5}, TileShape{32, 1}, TileShape{1, 32}, TileShape{17, 9}}) {
@@ -296,7 +303,7 @@ TEST(RasterizeCpu, CullingByEllipseChangesNoImageThatAllTilesWouldGive) {
       settings.tile = tile;
       settings.kernel = ForwardKernel::kCombined;  // quads are cut off at the edges of tiles of odd sides
       EXPECT_TRUE(within(CpuView(scene, settings).color, large.color, 1e-5));
-      settings.kernel = ForwardKernel::kSharedMemory;
+      settings.kernel = ForwardKernel::kSubTile;
       const CpuView small(scene, settings);
       EXPECT_TRUE(within(small.color, large.color, 1e-6));
       EXPECT_TRUE(within(small.alpha, large.alpha, 1e-6));
@@ -364,8 +371,8 @@ TEST(RasterizeCpu, RefusesWhatItCannotRender) {
     change(settings);
     const CpuView view(scene, settings);
   };
-  EXPECT_THROW(render([](RenderSettings& s) { s.tile = {0, 16}; }), LogicError);
-  EXPECT_THROW(render([](RenderSettings& s) { s.tile = {64, 16}; }), LogicError);
+  EXPECT_THROW(render([](RenderSettings& s) { s.tile = TileShape{0, 16}; }), LogicError);
+  EXPECT_THROW(render([](RenderSettings& s) { s.tile = TileShape{64, 16}; }), LogicError);
   EXPECT_THROW(render([](RenderSettings& s) { s.sh_degree = 4; }), LogicError);
   EXPECT_THROW(render([](RenderSettings& s) { s.sh_degree = -1; }), LogicError);
 }

@@ -130,9 +130,10 @@ TEST(Rasterizer, ReblendIsTheForwardOfThatKernelAndLeavesTheRestToBackward) {
   const TestScene scene = saturated_pixels();
   RenderSettings settings = settings_of(scene);
   Rasterizer again(torch::kCPU), direct(torch::kCPU);
-  again.forward(scene.gaussians, scene.view, settings);
-  for (const ForwardKernelName& kernel : kForwardKernels) {
+  for (const KernelRow& kernel : kForwardKernels) {
     SCOPED_TRACE(kernel.name);
+    settings.kernel = family_of(kernel.kernel) == KernelFamily::kPaper ? ForwardKernel::kNaive : kStandardKernel;
+    again.forward(scene.gaussians, scene.view, settings);
     settings.kernel = kernel.kernel;
     const RenderedView wanted = direct.forward(scene.gaussians, scene.view, settings);
     const RenderedView found = again.reblend(kernel.kernel);
@@ -149,8 +150,40 @@ TEST(Rasterizer, ReblendIsTheForwardOfThatKernelAndLeavesTheRestToBackward) {
 TEST(Rasterizer, ReblendNeedsAForward) {
   Rasterizer rasterizer(torch::kCPU);
   EXPECT_THROW(rasterizer.reblend(ForwardKernel::kNaive), LogicError);
-  EXPECT_THROW(rasterizer.reblend_backward(BackwardKernel::kPerBucket, {}), LogicError);
+  EXPECT_THROW(rasterizer.reblend_backward({}), LogicError);
+  EXPECT_THROW(rasterizer.measure_occupancy(ForwardKernel::kNaive), LogicError);
   EXPECT_THROW(rasterizer.count_load(), LogicError);
+}
+
+TEST(Rasterizer, ReblendRefusesAKernelOfTheOtherFamily) {
+  const TestScene scene = smooth_scene();
+  RenderSettings settings = settings_of(scene);
+  Rasterizer rasterizer(torch::kCPU);
+  rasterizer.forward(scene.gaussians, scene.view, settings);
+  EXPECT_TRUE(test::fails_with<LogicError>({"naive", "sub-tile", "other family"},
+                                           [&] { rasterizer.reblend(ForwardKernel::kNaive); }));
+  const BlendRunner run_blend = [](const auto& blend) { blend(ForwardKernel::kCombined); };
+  settings.run_blend = &run_blend;
+  EXPECT_TRUE(test::fails_with<LogicError>({"combined", "sub-tile", "other family"},
+                                           [&] { rasterizer.forward(scene.gaussians, scene.view, settings); }));
+}
+
+TEST(Rasterizer, BlendsWithTheKernelsThatTheSettingsRunAndKeepsTheLast) {
+  const TestScene scene = saturated_pixels();
+  RenderSettings settings = settings_of(scene);
+  Rasterizer rasterizer(torch::kCPU), direct(torch::kCPU);
+  settings.kernel = ForwardKernel::kNaive;
+  const RenderedView wanted = direct.forward(scene.gaussians, scene.view, settings);
+  const BlendRunner run_blend = [](const auto& blend) {
+    blend(ForwardKernel::kCombined);  // other bits than naive
+    blend(ForwardKernel::kNaive);
+  };
+  settings.run_blend = &run_blend;
+  EXPECT_TRUE(test::same(rasterizer.forward(scene.gaussians, scene.view, settings).color, wanted.color));
+  settings.run_blend = nullptr;
+  settings.kernel = ForwardKernel::kCombined;
+  EXPECT_FALSE(test::same(direct.forward(scene.gaussians, scene.view, settings).color,
+                          rasterizer.reblend(ForwardKernel::kNaive).color));
 }
 
 TEST(Rasterizer, BackwardNeedsAForward) {

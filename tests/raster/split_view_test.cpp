@@ -183,7 +183,8 @@ TEST(SplitView, CanBeReblendedAndItsLoadCounted) {
     whole.forward(scene.gaussians, scene.view, settings);
     const ViewSplats splats = split.project(scene.gaussians, scene.view, settings);
     split.forward_splats(splats, scene.view, settings);
-    EXPECT_TRUE(test::same(split.reblend(ForwardKernel::kNaive).color, whole.reblend(ForwardKernel::kNaive).color));
+    EXPECT_TRUE(
+        test::same(split.reblend(ForwardKernel::kSegmented).color, whole.reblend(ForwardKernel::kSegmented).color));
     EXPECT_TRUE(test::same(split.count_load().processed, whole.count_load().processed));
     EXPECT_EQ(split.view_size().n_splats, whole.view_size().n_splats);
     EXPECT_EQ(split.view_size().n_pairs, whole.view_size().n_pairs);
@@ -257,7 +258,7 @@ TEST(SplitView, KeepsTheTwoKindsOfViewsApart) {
   const ViewSplats splats = rasterizer.project(scene.gaussians, scene.view, settings);
   expect_no_splats();
   expect_no_gaussians();
-  EXPECT_THROW(rasterizer.reblend(ForwardKernel::kNaive), LogicError);
+  EXPECT_THROW(rasterizer.reblend(ForwardKernel::kSegmented), LogicError);
   EXPECT_THROW(rasterizer.count_load(), LogicError);
   rasterizer.forward_splats(splats, scene.view, settings);
   expect_no_gaussians();

@@ -24,9 +24,8 @@ TrainHistory eventful_history() {
   history.points.back().test_psnr = 21.5;
   const Json times{{"combined", 1.25}, {"shared-memory", 1.5}};
   history.events["kernel_check"].push_back(
-      {{"iteration", 1}, {"pass", "forward"}, {"times_ms", times}, {"before", "combined"}, {"after", "combined"}});
-  history.events["kernel_times"].push_back({{"iteration", 50}, {"pass", "forward"}, {"times_ms", times}});
-  history.events["load_statistics"].push_back({{"iteration", 10}, {"tile_lists", {{"p99", 2000}}}});
+      {{"iteration", 9}, {"times_ms", times}, {"before", "combined"}, {"after", "combined"}});
+  history.events["load_statistics"].push_back({{"iteration", 10}, {"views", 4}, {"tile_lists", {{"p99", 2000}}}});
   history.events["resumed"].push_back({{"iteration", 40}, {"changed_options", {"kernel: combined -> naive"}}});
   return history;
 }
@@ -47,14 +46,15 @@ TEST(RunData, HasWhatTheSectionOnKernelsNeeds) {
   const Json run = run_data("garden", 7, eventful_history());
   EXPECT_EQ(run["name"], "garden");
   EXPECT_EQ(run["seed"], 7);
-  EXPECT_EQ(run["kernel_times"][0]["times_ms"]["combined"], 1.25);
+  EXPECT_EQ(run["kernel_checks"][0]["times_ms"]["combined"], 1.25);
+  EXPECT_EQ(run["load_statistics"][0]["views"], 4);
   ASSERT_EQ(run["kernel_periods"].size(), 2u);
   EXPECT_EQ(run["kernel_periods"][0], Json({{"kernel", "combined"}, {"from", 0}, {"until", 40}}));
   EXPECT_EQ(run["kernel_periods"][1], Json({{"kernel", "naive"}, {"from", 40}, {"until", 100}}));
   EXPECT_EQ(run["resumes"][0]["changed_options"][0], "kernel: combined -> naive");
   EXPECT_FALSE(run["curves"].contains("kernel")) << "the periods say that in fewer bytes";
   const Json empty = run_data("", 0, TrainHistory{});
-  for (const char* list : {"kernel_checks", "load_statistics", "kernel_times", "kernel_periods", "resumes"}) {
+  for (const char* list : {"kernel_checks", "load_statistics", "kernel_periods", "resumes"}) {
     EXPECT_EQ(empty[list], Json::array()) << list;
   }
 }

@@ -16,7 +16,7 @@ TrainHistory parse(const std::string& lines) {
 
 TEST(TrainLogReader, ReadsAllFieldsOfALine) {
   const TrainHistory history = parse(
-      R"({"iteration":10,"loss":0.5,"ms":20,"count":100,"elapsed_s":0.25,"gpu_peak_bytes":2000000000,"kernel":"combined","backward_kernel":"x",)"
+      R"({"iteration":10,"loss":0.5,"ms":20,"count":100,"elapsed_s":0.25,"gpu_peak_bytes":2000000000,"kernel":"combined",)"
       R"("stages_ms":{"bin":1.5,"loss":2},"test_psnr":21.5,"test_ssim":0.7})"
       "\n");
   ASSERT_EQ(history.points.size(), 1u);
@@ -28,7 +28,6 @@ TEST(TrainLogReader, ReadsAllFieldsOfALine) {
   EXPECT_EQ(point.gpu_peak_bytes, 2000000000);
   EXPECT_EQ(point.elapsed_s, 0.25);
   EXPECT_EQ(point.kernel, "combined");
-  EXPECT_EQ(point.backward_kernel, "x");
   EXPECT_EQ(point.stages_ms, Json({{"bin", 1.5}, {"loss", 2}}));
   EXPECT_EQ(point.test_psnr, 21.5);
   EXPECT_EQ(point.test_ssim, 0.7);
@@ -36,10 +35,12 @@ TEST(TrainLogReader, ReadsAllFieldsOfALine) {
 
 TEST(TrainLogReader, SeparatesEventsFromPoints) {
   const TrainHistory history = parse(
-      R"({"iteration":1000,"event":"kernel_check","pass":"forward","times_ms":{"combined":2,"shared-memory":1.5},)"
-      R"("spread_ms":{"combined":0.1},"views":5,"refused":["naive",7],"before":"combined","after":"shared-memory","reason":"r","cost_ms":12.5})"
+      R"({"iteration":1009,"event":"kernel_check","views":8,"times_ms":{"combined":2,"shared-memory":1.5,"naive":"?"},)"
+      R"("error_ms":0.125,"cost_ms":12.5,"before":"combined","after":"shared-memory","reason":"r"})"
       "\n"
-      R"({"iteration":1000,"event":"load_statistics","tile_lists":{"min":1,"median":5,"p90":8,"p99":9,"max":10,)"
+      R"({"iteration":1000,"event":"resumed","kernel":"naive","changed_options":["kernel: published -> naive",7]})"
+      "\n"
+      R"({"iteration":1000,"event":"load_statistics","views":4,"tile_lists":{"min":1,"median":5,"p90":8,"p99":9,"max":10,)"
       R"("mean":5.5,"gini":0.25,"log2_bins":[0,1,2]}})"
       "\n"
       R"({"iteration":1000,"event":"held","reason":"GPU memory","count":2912344,"limit_bytes":4000000000})"
@@ -49,20 +50,23 @@ TEST(TrainLogReader, SeparatesEventsFromPoints) {
   EXPECT_TRUE(history.points.empty());
   ASSERT_EQ(history.events["kernel_check"].size(), 1u);
   const Json& check = history.events["kernel_check"][0];
-  EXPECT_EQ(check["pass"], "forward");
-  EXPECT_EQ(check["times_ms"], Json({{"combined", 2}, {"shared-memory", 1.5}}));
-  EXPECT_EQ(check["spread_ms"], Json({{"combined", 0.1}}));
-  EXPECT_EQ(check["views"], 5);
-  EXPECT_EQ(check["refused"], Json::array({"naive"})) << "values that are not strings are ignored";
+  EXPECT_EQ(check["iteration"], 1009);
+  EXPECT_EQ(check["times_ms"], Json({{"combined", 2}, {"shared-memory", 1.5}})) << "what is not a number is ignored";
+  EXPECT_EQ(check["error_ms"], 0.125);
+  EXPECT_EQ(check["views"], 8);
   EXPECT_EQ(check["before"], "combined");
   EXPECT_EQ(check["after"], "shared-memory");
+  EXPECT_EQ(check["reason"], "r");
   EXPECT_EQ(check["cost_ms"], 12.5);
-  EXPECT_TRUE(check["warm_up_ms"].is_null()) << "not in the line";
-  EXPECT_TRUE(switches_forward_kernel(check));
+  EXPECT_TRUE(switches_kernel(check));
+  EXPECT_EQ(history.events["resumed"][0]["kernel"], "naive");
+  EXPECT_EQ(history.events["resumed"][0]["changed_options"], Json::array({"kernel: published -> naive"}))
+      << "what is not a text is ignored";
   ASSERT_EQ(history.events["held"].size(), 1u);
   EXPECT_EQ(history.events["held"][0], Json({{"iteration", 1000}, {"count", 2912344}, {"reason", "GPU memory"}}));
   ASSERT_EQ(history.events["load_statistics"].size(), 1u);
   const Json& load = history.events["load_statistics"][0];
+  EXPECT_EQ(load["views"], 4);
   EXPECT_EQ(load["tile_lists"]["p99"], 9);
   EXPECT_EQ(load["tile_lists"]["gini"], 0.25);
   EXPECT_EQ(load["tile_lists"]["log2_bins"], Json::array({0, 1, 2}));
@@ -77,7 +81,7 @@ TEST(TrainLogReader, SkipsMissingFieldsAndDamagedLines) {
 {"iteration":10,"loss":null,"count":"many","stages_ms":[1],"kernel":7}
 {"iteration":5,"loss":1}
 {"iteration":20,"event":"kernel_check"}
-{"iteration":20,"event":"load_statistics","tile_lists":3}
+{"iteration":20,"event":"load_statistics","view":"a.png","tile_lists":3}
 {"iteration":20,"lo)");
   ASSERT_EQ(history.points.size(), 1u) << "lines whose iteration does not increase are ignored";
   EXPECT_FALSE(history.points[0].loss);
@@ -88,8 +92,13 @@ TEST(TrainLogReader, SkipsMissingFieldsAndDamagedLines) {
   ASSERT_EQ(history.events["kernel_check"].size(), 1u);
   EXPECT_EQ(history.events["kernel_check"][0]["times_ms"], Json::object());
   EXPECT_EQ(history.events["kernel_check"][0]["reason"], "");
+  for (const char* unknown : {"views", "error_ms", "cost_ms"}) {
+    EXPECT_TRUE(history.events["kernel_check"][0][unknown].is_null()) << unknown;
+  }
+  EXPECT_FALSE(switches_kernel(history.events["kernel_check"][0]));
   ASSERT_EQ(history.events["load_statistics"].size(), 1u);
   EXPECT_TRUE(history.events["load_statistics"][0]["tile_lists"].is_null());
+  EXPECT_TRUE(history.events["load_statistics"][0]["views"].is_null()) << "earlier versions named one view";
   EXPECT_TRUE(read_train_log("/nonexistent/train.jsonl").points.empty());
 }
 

@@ -170,7 +170,7 @@ TEST(CoarseTraining, LearnsAndEvaluatesAtFullSize) {
   config.iterations = 800;
   config.densify_from_iter = 100;
   config.test_iterations = {1};
-  config.kernel = "shared-memory";
+  config.kernel = "sub-tile";
   config.coarse_scale = 3;
   config.coarse_until = 2400;  // longer than the training: full size after 400 iterations
   ASSERT_EQ(coarse_scale_at(config, 100), 3);

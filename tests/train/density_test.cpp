@@ -335,20 +335,6 @@ TEST(DensityPlan, WithAWhiteBackgroundResetsOpacitiesOnceMoreAtTheStart) {
   EXPECT_TRUE(make_density_strategy(config, 1)->plan(500).lower_opacities);
 }
 
-TEST(DensityPlan, KnowsWhenOpacitiesHaveNotRecovered) {
-  TrainConfig config;  // resets at 3000, 6000, 9000 and 12,000
-  const auto is_recovering = [&](int iteration) { return make_density_strategy(config, 1)->is_recovering(iteration); };
-  EXPECT_FALSE(is_recovering(1));
-  EXPECT_FALSE(is_recovering(3000)) << "the reset comes after that iteration";
-  EXPECT_TRUE(is_recovering(3001));
-  EXPECT_TRUE(is_recovering(3500));
-  EXPECT_FALSE(is_recovering(3501));
-  EXPECT_FALSE(is_recovering(15001)) << "density control has ended before";
-  config.opacity_reset_interval = 100;
-  EXPECT_TRUE(is_recovering(150));
-  EXPECT_FALSE(is_recovering(151)) << "otherwise there would never be a kernel check";
-}
-
 TEST(DensityStrategy, DefaultFollowsItsScheduleAndTheLimit) {
   TrainConfig config;
   config.densify_grad_threshold = 1;
@@ -356,7 +342,6 @@ TEST(DensityStrategy, DefaultFollowsItsScheduleAndTheLimit) {
   EXPECT_FALSE(strategy->plan(500).densify);
   EXPECT_TRUE(strategy->plan(600).densify);
   EXPECT_TRUE(strategy->plan(3000).lower_opacities);
-  EXPECT_TRUE(strategy->is_recovering(3001));
   EXPECT_EQ(strategy->make_statistics(3, torch::kCPU).all().size(), 3u);
 
   const Model model = make_model({{kSmall, 0.5f, 2.0f}, {kSmall, 0.5f, 3.0f}, {kLarge, 0.5f, 4.0f}});

@@ -17,7 +17,6 @@
 #include "train/checkpoint/checkpoint.h"
 #include "train/density/strategies/strategies.h"
 #include "train/device.h"
-#include "train/selection/kernel_chooser.h"
 
 namespace b3dgs {
 namespace {
@@ -305,20 +304,19 @@ TEST(Trainer, AddsUpTimeOverAllSessions) {
 TEST(Trainer, RendersWithTheGivenOptions) {
   TrainConfig config;
   EXPECT_EQ(evaluation_settings(config, 2).culling, Culling::kEllipse);
-  EXPECT_EQ(evaluation_settings(config, 2).backward_kernel, BackwardKernel::kPerBucket);
+  EXPECT_EQ(evaluation_settings(config, 2).kernel, kStandardKernel);
   EXPECT_FALSE(evaluation_settings(config, 2).deterministic);
-  config_from_json(config, {{"culling", "square"}, {"backward_kernel", "per-pixel"}, {"deterministic", true}}, "test");
+  config_from_json(config, {{"culling", "square"}, {"kernel", "combined"}, {"deterministic", true}}, "test");
   const RenderSettings settings = evaluation_settings(config, 2);
   EXPECT_EQ(settings.culling, Culling::kSquare);
-  EXPECT_EQ(settings.backward_kernel, BackwardKernel::kPerPixel);
+  EXPECT_EQ(settings.kernel, ForwardKernel::kCombined);
   EXPECT_TRUE(settings.deterministic);
   EXPECT_EQ(settings.stages, nullptr);
   const auto refused = [&](const nlohmann::ordered_json& json, const std::string& part) {
     return test::fails_with<InputError>({part}, [&] { config_from_json(config, json, "test"); });
   };
   EXPECT_TRUE(refused({{"culling", "round"}}, "invalid value for culling: test (expected one of ellipse, square"));
-  EXPECT_TRUE(refused({{"backward_kernel", "naive"}},
-                      "invalid value for backward_kernel: test (expected one of per-pixel, per-bucket"));
+  EXPECT_TRUE(refused({{"kernel", "per-pixel"}}, "invalid value for kernel: test (expected one of naive, dynamic"));
   EXPECT_TRUE(refused({{"host_memory_gb", -2}}, "invalid value for host_memory_gb: test (expected at least -1"));
 }
 
@@ -328,7 +326,6 @@ TEST(Trainer, IsAlwaysDeterministicOnTheCpu) {
   TrainConfig config = eventful_config();
   const Trained first = train(config, scene, temp / "first");
   config.deterministic = true;
-  config.backward_kernel = "per-pixel";
   config.image_cache_gb = 0;
   EXPECT_TRUE(test::same(train(config, scene, temp / "same").ply, first.ply)) << "these options only affect the GPU";
 }
@@ -350,152 +347,16 @@ std::vector<int> iterations_of(const std::vector<nlohmann::json>& lines) {
   return iterations;
 }
 
-/// Checks before iterations 1, 3, 6, ...; on the CPU these candidates give the same bits, so the choice does not affect
-/// the result.
-TrainConfig checked_config() {
-  TrainConfig config = eventful_config();
-  config.kernel = "adaptive";
-  config.kernel_policy = "tracking";
-  config.kernel_candidates = {"naive", "shared-memory", "dynamic"};
-  config.kernel_check_interval = 3;
-  config.stats_interval = 7;
-  return config;
-}
-
-TEST(Trainer, KernelChecksDoNotChangeTheModel) {
-  const Scene scene = test::make_tiny_scene();
-  const test::TempDir temp;
-  TrainConfig unchecked = eventful_config();
-  unchecked.stats_interval = 0;
-  const Trained plain = train(unchecked, scene, temp / "plain"),
-                checked = train(checked_config(), scene, temp / "checked", {}, test::slow_training());
-  EXPECT_TRUE(test::same(checked.ply, plain.ply));
-  EXPECT_GE(log_lines(temp / "checked", "kernel_check").size(), 3u);
-  EXPECT_TRUE(log_lines(temp / "plain", "kernel_check").empty());
-  EXPECT_TRUE(log_lines(temp / "plain", "load_statistics").empty());
-  for (const nlohmann::json& line : log_lines(temp / "plain", "")) EXPECT_EQ(line.at("kernel"), "shared-memory");
-}
-
-TEST(Trainer, LogsKernelChecks) {
-  const Scene scene = test::make_tiny_scene();
-  const test::TempDir temp;
-  std::vector<std::string> messages;
-  TrainHooks hooks = test::slow_training();
-  hooks.on_message = [&](const std::string& message) {
-    if (message.find("gaussian-wise") != std::string::npos) messages.push_back(message);
-  };
-  TrainConfig config = checked_config();
-  config.kernel_candidates = {"gaussian-wise", "shared-memory"};
-  Trainer(config, scene, ModelFolder(temp.path()), hooks).run();
-  std::string kernel = "gaussian-wise";
-  std::size_t n_changes = 0;
-  const std::vector<nlohmann::json> checks = log_lines(temp.path(), "kernel_check");
-  ASSERT_FALSE(checks.empty());
-  EXPECT_EQ(checks.front()["iteration"], 1);
-  for (const nlohmann::json& check : checks) {
-    SCOPED_TRACE(check.dump());
-    EXPECT_EQ(check.at("pass"), "forward");
-    EXPECT_GE(check.at("views").get<int>(), 3);
-    EXPECT_LE(check.at("views").get<std::size_t>(), KernelChooser::kViews);
-    for (const char* candidate : {"gaussian-wise", "shared-memory"}) {
-      EXPECT_GT(check.at("times_ms").at(candidate).get<double>(), 0);
-      EXPECT_GE(check.at("spread_ms").at(candidate).get<double>(), 0);
-    }
-    EXPECT_GT(check.at("cost_ms").get<double>(), 0);
-    EXPECT_FALSE(check.at("reason").get<std::string>().empty());
-    EXPECT_EQ(check.at("before"), kernel);
-    n_changes += check.at("after") != kernel;
-    kernel = check.at("after");
-  }
-  EXPECT_EQ(messages.size(), n_changes) << "one per switch";
-  EXPECT_EQ(log_lines(temp.path(), "").back().at("kernel"), kernel);
-  EXPECT_FALSE(log_lines(temp.path(), "").back().contains("backward_kernel")) << "the CPU has only one";
-}
-
-TEST(Trainer, ResumesTheKernelSelection) {
-  const Scene scene = test::make_tiny_scene();
-  const test::TempDir temp;
-  TrainConfig config = checked_config();
-  const Trained whole = train(config, scene, temp / "whole", {}, test::slow_training());
-  config.iterations = 8;  // between two checks
-  const Trained first = train(config, scene, temp / "halves", {}, test::slow_training());
-  config.iterations = 20;
-  const Trained second = train(config, scene, temp / "halves", first.result.checkpoint, test::slow_training());
-  EXPECT_TRUE(test::same(second.ply, whole.ply));
-  const nlohmann::json kept =
-      read_checkpoint_header(second.result.checkpoint)["kernel_selection"]["forward"]["history"];
-  const std::vector<nlohmann::json> checks = log_lines(temp / "halves", "kernel_check");
-  ASSERT_EQ(kept.size(), checks.size());
-  ASSERT_GE(checks.size(), 3u);
-  for (std::size_t i = 0; i < checks.size(); ++i) {
-    EXPECT_EQ(kept[i]["cost_ms"], checks[i]["cost_ms"]);
-    EXPECT_TRUE(i == 0 || checks[i]["iteration"] > checks[i - 1]["iteration"]) << "checked twice";
-  }
-}
-
-TEST(Trainer, HasNoKernelCheckThatWouldExceedItsShareOfTheTime) {
-  const Scene scene = test::make_tiny_scene();
-  const test::TempDir temp;
-  TrainConfig config = checked_config();
-  config.kernel_check_interval = 1;
-  train(config, scene, temp.path(), {}, test::training_with_steps_of(1e-9));
-  EXPECT_EQ(iterations_of(log_lines(temp.path(), "kernel_check")), (std::vector<int>{1}));
-}
-
-TEST(Trainer, KnowsTheDurationOfAStepAfterALogLineAndAfterAResume) {
-  const Scene scene = test::make_tiny_scene();
-  const test::TempDir temp;
-  TrainConfig config = checked_config();
-  config.kernel_policy = "paper";
-  config.kernel_candidates = {"shared-memory", "combined"};
-  config.kernel_check_interval = 11;  // right after the line of iteration 10
-  const auto train_as_timed = [&](const char* folder, const fs::path& checkpoint) {
-    TrainHooks hooks = test::slow_training();
-    hooks.time_kernels = test::equal_times();  // the policy keeps checking
-    return train(config, scene, temp / folder, checkpoint, hooks).result.checkpoint;
-  };
-  train_as_timed("whole", {});
-  config.iterations = 10;
-  const fs::path stopped = train_as_timed("halves", {});
-  config.iterations = 20;
-  train_as_timed("halves", stopped);
-  for (const char* folder : {"whole", "halves"}) {
-    const std::vector<nlohmann::json> checks = log_lines(temp / folder, "kernel_check");
-    ASSERT_EQ(iterations_of(checks), (std::vector<int>{1, 11})) << folder;
-    EXPECT_FALSE(checks[0].contains("step_ms")) << "no step has been timed";
-    EXPECT_GT(checks[1].at("step_ms"), 3.6e6) << folder;
-  }
-}
-
-TEST(Trainer, LogsTimesOfTheCandidatesForAFixedKernel) {
-  const Scene scene = test::make_tiny_scene();
-  const test::TempDir temp;
-  TrainConfig config = eventful_config();
-  const Trained plain = train(config, scene, temp / "plain");
-  EXPECT_TRUE(log_lines(temp / "plain", "kernel_times").empty());
-  config.kernel_candidates = {"gaussian-wise", "naive"};
-  config.kernel_times_interval = 7;
-  EXPECT_TRUE(test::same(train(config, scene, temp / "timed").ply, plain.ply)) << "timing changed the training";
-  const std::vector<nlohmann::json> lines = log_lines(temp / "timed", "kernel_times");
-  EXPECT_EQ(iterations_of(lines), (std::vector<int>{7, 14, 20})) << "and at the end";
-  for (const nlohmann::json& line : lines) {
-    EXPECT_EQ(line.at("pass"), "forward");
-    EXPECT_EQ(line.at("views"), KernelChooser::kViews);
-    EXPECT_EQ(line.at("times_ms").size(), 2u);
-    for (const char* candidate : {"gaussian-wise", "naive"}) EXPECT_GT(line["times_ms"].at(candidate), 0);
-  }
-  EXPECT_TRUE(log_lines(temp / "timed", "kernel_check").empty());
-  for (const nlohmann::json& line : log_lines(temp / "timed", "")) EXPECT_EQ(line.at("kernel"), "shared-memory");
-}
-
 TEST(Trainer, LogsHowUnevenTheLoadIs) {
   const Scene scene = test::make_tiny_scene();
   const test::TempDir temp;
-  train(checked_config(), scene, temp.path());
+  TrainConfig config = eventful_config();
+  config.stats_interval = 7;
+  train(config, scene, temp.path());
   const std::vector<nlohmann::json> lines = log_lines(temp.path(), "load_statistics");
   EXPECT_EQ(iterations_of(lines), (std::vector<int>{1, 7, 14}));
   for (const nlohmann::json& line : lines) {
-    EXPECT_EQ(line.at("view"), scene.train.front().name);
+    EXPECT_EQ(line.at("views"), 4);
     for (const char* what : {"tile_lists", "pixel_processed", "pixel_contributing"}) {
       const nlohmann::json& load = line.at(what);
       EXPECT_GT(load.at("max"), 0);

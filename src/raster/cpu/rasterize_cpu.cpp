@@ -116,6 +116,7 @@ class CpuBackend final : public RasterizerBackend {
 
   void reblend(ForwardKernel kernel) override {
     state_.check_view("reblend()");
+    state_.check_family(kernel);
     kForwardPasses[static_cast<std::size_t>(kernel)](blend_args());
   }
 
@@ -152,7 +153,7 @@ class CpuBackend final : public RasterizerBackend {
  private:
   /// Returns the arguments of a projection of n Gaussians, without these.
   ProjectArgs begin(std::int64_t n, const CameraView& view, const RenderSettings& settings, bool is_drawn) {
-    state_.begin_view(view, checked_grid(view, settings.tile), settings);
+    state_.begin_view(view, checked_grid(view, settings.tile_shape()), settings);
     begin_stage(settings.stages, Stage::kProject);
     const std::int64_t n_most = is_drawn ? splats_per_gaussian(view.lens) * n : n;
     const SplatRowArrays out{splats_.resize(n_most), extents_.resize(n_most), radii_.resize(n)};
@@ -183,7 +184,7 @@ class CpuBackend final : public RasterizerBackend {
     const std::int64_t n_pixels = std::int64_t{state_.view.width} * state_.view.height;
     transmittance_.resize(n_pixels);
     last_ids_.resize(n_pixels);
-    kForwardPasses[static_cast<std::size_t>(state_.settings.kernel)](blend_args());
+    run_forward_blend([&](ForwardKernel kernel) { kForwardPasses[static_cast<std::size_t>(kernel)](blend_args()); });
     end_stage(state_.settings.stages);
   }
 

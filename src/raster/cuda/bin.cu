@@ -186,7 +186,7 @@ __global__ void __launch_bounds__(kThreads) emit_entries_kernel(const ListArgs a
   const std::int32_t radius = i < args.n_rows ? args.projected.radii[i] : 0;
   if (radius > 0) {
     const Splat& splat = args.projected.splats[i];
-    rows = tile_rows(with_constant_tiles(args.grid), args.culling, splat, args.projected.extents[i], radius);
+    rows = tile_rows(with_known_tiles(args.grid), args.culling, splat, args.projected.extents[i], radius);
     keys[threadIdx.x] = EntryKey{__float_as_uint(splat.depth)} << 32 | static_cast<std::uint32_t>(i);
   }
   if (kReservesAtOnce) counters.reset(kThreads);

@@ -1,4 +1,4 @@
-// The blending kernels on CUDA, generated from the tables in raster/kernels.h, and their scratch memory.
+// Our blending kernels on CUDA, generated from the table in raster/kernels.h, and their scratch memory.
 #pragma once
 
 #include <array>
@@ -11,27 +11,18 @@ namespace b3dgs::cuda {
 
 #define B3DGS_ROW(kernel, id, name, is_balanced, summary) \
   void launch_forward_##id(const BlendForwardCudaArgs& args, const LaunchContext& context);
-B3DGS_FORWARD_KERNELS(B3DGS_ROW)
+B3DGS_OWN_KERNELS(B3DGS_ROW)
 #undef B3DGS_ROW
 
-/// Indexed by ForwardKernel.
-inline constexpr std::array kForwardLaunches{
+/// In the order of ForwardKernel, from the first of ours on.
+inline constexpr std::array kOwnLaunches{
 #define B3DGS_ROW(kernel, id, name, is_balanced, summary) &launch_forward_##id,
-    B3DGS_FORWARD_KERNELS(B3DGS_ROW)
+    B3DGS_OWN_KERNELS(B3DGS_ROW)
 #undef B3DGS_ROW
 };
 
-#define B3DGS_ROW(kernel, id, name, is_balanced, summary) \
-  void launch_backward_##id(const BlendBackwardCudaArgs& args, const LaunchContext& context);
-B3DGS_BACKWARD_KERNELS(B3DGS_ROW)
-#undef B3DGS_ROW
-
-/// Indexed by BackwardKernel.
-inline constexpr std::array kBackwardLaunches{
-#define B3DGS_ROW(kernel, id, name, is_balanced, summary) &launch_backward_##id,
-    B3DGS_BACKWARD_KERNELS(B3DGS_ROW)
-#undef B3DGS_ROW
-};
+/// The backward blend on our lists.
+void launch_backward_per_bucket(const BlendBackwardCudaArgs& args, const LaunchContext& context);
 
 /// Whether to sum the parts behind each bucket once: if it pays (docs/lab/kernels.md: on street 1.5 M, not on 0.5 M),
 /// and the sums fit into the memory in which pairs were sorted. Otherwise each bucket sums those behind it, which takes
@@ -41,15 +32,8 @@ inline bool has_many_parts(const ViewCounts& counts) {
   return counts.longest_list > 32768 && counts.n_buckets * kSumBytes <= counts.n_pairs * kSortBytes;
 }
 
-/// `combined` has a mask of 32 bits for a quad and 32 list entries.
-inline constexpr std::int32_t kMasksPerBucket = kBucketEntries / 32;
-
-/// Sets the scratch pointers of `args` for this kernel; the other arguments must be set.
-inline void take_forward_scratch(ForwardKernel kernel, BlendForwardCudaArgs& args, ScratchArrays& arrays) {
-  args.next_task = arrays.take<std::int32_t>(1);
-  if (kernel == ForwardKernel::kCombined) {
-    args.quad_masks = arrays.take<std::uint32_t>(args.buckets.n * kMasksPerBucket * kCudaTilePixels / kQuadPixels);
-  }
+/// Sets the scratch pointers of `args`; the other arguments must be set.
+inline void take_forward_scratch(BlendForwardCudaArgs& args, ScratchArrays& arrays) {
   if (args.cut.cuts()) {
     // Each task has a full segment in front of it, since only a list's last segment may be shorter.
     const std::int64_t n_tasks_max = args.blend.bins.n_pairs >> args.cut.entries_log2;

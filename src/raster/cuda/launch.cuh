@@ -1,4 +1,4 @@
-// Launch helpers: kernels, rows, what is constant in a view as template arguments, and the number of resident blocks.
+// Launch helpers: kernels, rows, and what is constant in a view as template arguments.
 #pragma once
 
 #include <type_traits>
@@ -62,19 +62,6 @@ void with_constants(int sh_degree, bool antialiasing, const ViewLens& view_lens,
       }
     });
   });
-}
-
-/// Number of blocks that are resident at the same time on the whole device.
-template <class Kernel>
-int resident_blocks(Kernel kernel, int threads, const LaunchContext& context) {
-  int per_multiprocessor = 0;
-  B3DGS_CUDA_CHECK(cudaOccupancyMaxActiveBlocksPerMultiprocessor(&per_multiprocessor, kernel, threads, 0));
-  return per_multiprocessor * context.n_multiprocessors;
-}
-
-/// Sets a task counter to 0.
-inline void reset_tasks(std::int32_t* next_task, const LaunchContext& context) {
-  B3DGS_CUDA_CHECK(cudaMemsetAsync(next_task, 0, sizeof(std::int32_t), context.stream));
 }
 
 }  // namespace b3dgs::cuda

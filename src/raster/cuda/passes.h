@@ -180,7 +180,7 @@ inline constexpr std::int32_t kSegmentBlocks = 2;
 struct ListCut {
   static constexpr int kMinLog2 = 7, kMaxLog2 = 9;  // of a segment's entries; the smallest is a bucket
   int entries_log2 = kMinLog2;                      // a segment has 2^this entries, the last of a list maybe fewer
-  std::int32_t longest_whole = kAnyLength;          // entries; longer lists are cut. kAnyLength: none, as shared-memory
+  std::int32_t longest_whole = kAnyLength;          // entries; longer lists are cut. kAnyLength: none, as sub-tile
   bool cuts() const { return longest_whole < kAnyLength; }
 
   /// Number of segments of a list; 1 if it is not cut.
@@ -237,9 +237,6 @@ struct BlendForwardCudaArgs {
   const std::int32_t* tiles_by_length = nullptr;  // [n_tiles] a permutation; ListArgs
   ListCut cut{};                                  // for `segmented`
   BucketParts parts{};
-  std::int32_t* next_task = nullptr;  // [1] task counter, for kernels that set it to 0 first
-  // Scratch of `combined`: for each tile: [quads, runs of 32 entries]
-  std::uint32_t* quad_masks = nullptr;
   Segments segments{};
 };
 
@@ -262,7 +259,7 @@ struct BlendBackwardCudaArgs {
   const std::int32_t* tiles_by_length = nullptr;  // ListArgs; with `behind`
   std::int32_t n_long_lists = 0;                  // with `behind`; ViewCounts
   // [n_pairs] by slot, must be zero. Null: gradients are added to splat_grads with atomics, in an order that changes
-  // from run to run. Only the per-bucket kernel supports it.
+  // from run to run, as per-pixel always does.
   SplatGradSum* pair_grads = nullptr;
 };
 

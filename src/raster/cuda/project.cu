@@ -28,7 +28,7 @@ constexpr int kNoColors = -1;
 template <int kShDegree, bool kAntialiasing, class Lens>
 __device__ __forceinline__ TileRows project_one(const ProjectCudaArgs& args, std::int64_t i) {
   const GaussianArrays& g = args.gaussians;
-  const TileGrid grid = with_constant_tiles(args.grid);
+  const TileGrid grid = with_known_tiles(args.grid);
   const ViewTransform<float> view = make_view_transform<float>(args.view);
   const ProjectedGaussian projected =
       project_splat<kAntialiasing>(g, i, view, lens_of<Lens>(args.view), args.near_plane, args.culling, grid);

@@ -9,6 +9,7 @@
 #include "raster/checks.h"
 #include "raster/cuda/blend_kernels.h"
 #include "raster/cuda/device_buffer.h"
+#include "raster/cuda/paper/paper.h"
 #include "raster/cuda/passes.h"
 #include "raster/cuda/view_counts.h"
 #include "raster/math/tiling.h"
@@ -121,8 +122,7 @@ class CudaBackend final : public RasterizerBackend {
     state_.check_rows("backward_splats()");
     const LaunchContext context = context_();
     begin_stage(state_.settings.stages, Stage::kBlendBackward);
-    sum_rows(out, context,
-             [&](SplatGradSum* sums) { blend_backward(state_.settings.backward_kernel, grad, sums, context); });
+    sum_rows(out, context, [&](SplatGradSum* sums) { blend_backward(grad, sums, context); });
     end_stage(state_.settings.stages);
   }
 
@@ -143,13 +143,21 @@ class CudaBackend final : public RasterizerBackend {
 
   void reblend(ForwardKernel kernel) override {
     state_.check_view("reblend()");
+    state_.check_family(kernel);
     blend_forward(kernel, context_());
   }
 
-  void reblend_backward(BackwardKernel kernel, const ImageGradArrays& grad) override {
+  void reblend_backward(const ImageGradArrays& grad) override {
     state_.check_view("reblend_backward()");
     sums_.are_zero = false;  // the caller reads all rows
-    blend_backward(kernel, grad, sums_.splats.data(), context_());
+    blend_backward(grad, sums_.splats.data(), context_());
+  }
+
+  KernelOccupancy measure_occupancy(ForwardKernel kernel) override {
+    state_.check_view("measure_occupancy()");
+    state_.check_family(kernel);
+    const LaunchContext context = context_();
+    return measure_paper(kernel, paper_args(context), context);
   }
 
   void count_load(std::int32_t* processed, std::int32_t* contributing) const override {
@@ -186,7 +194,7 @@ class CudaBackend final : public RasterizerBackend {
                         const LaunchContext& context) {
     n_first_rows_ = gaussians.n_gaussians;
     n_rows_ = n_first_rows_ * splats_per_gaussian(view.lens);
-    state_.begin_view(view, make_tile_grid(view.width, view.height, settings.tile), settings);
+    state_.begin_view(view, make_tile_grid(view.width, view.height, settings.tile_shape()), settings);
     begin_stage(settings.stages, Stage::kProject);
     ProjectCudaArgs args{gaussians, view, settings.sh_degree, settings.near_plane, settings.culling, state_.grid};
     args.out = {rows_.splats.resize(n_rows_, context), rows_.extents.resize(n_rows_, context),
@@ -198,11 +206,9 @@ class CudaBackend final : public RasterizerBackend {
 
   ProjectCudaArgs begin_drawn(const GaussianArrays& gaussians, const CameraView& view, const RenderSettings& settings,
                               const LaunchContext& context) {
-    B3DGS_CHECK(settings.tile.width == kCudaTileSide && settings.tile.height == kCudaTileSide, "tile is ",
-                settings.tile.width, " x ", settings.tile.height, " px, expected 16 x 16 on CUDA");
-    B3DGS_CHECK(!settings.deterministic || !settings.keep_for_backward ||
-                    settings.backward_kernel == BackwardKernel::kPerBucket,
-                "deterministic gradients need the per-bucket backward kernel");
+    B3DGS_CHECK(!settings.tile, "a GPU has only the tiles of the kernel's family");
+    B3DGS_CHECK(!settings.deterministic || !settings.keep_for_backward || is_own(settings),
+                "the paper's family has no deterministic gradients");
     ProjectCudaArgs args = begin(gaussians, view, settings, context);
     args.out.list_growth = rows_.list_growth.resize(kCounterStride * (state_.grid.n_tiles() + 1), context);
     return args;
@@ -264,8 +270,10 @@ class CudaBackend final : public RasterizerBackend {
     begin_stage(settings.stages, Stage::kBlendForward);
     parts_ = {};
     if (settings.keep_for_backward) {
-      parts_.color = blended_.part_color.resize(n_bucket_pixels(), context);
-      if (settings.depth_gradient) parts_.depth = blended_.part_depth.resize(n_bucket_pixels(), context);
+      if (is_own(settings)) {
+        parts_.color = blended_.part_color.resize(n_bucket_pixels(), context);
+        if (settings.depth_gradient) parts_.depth = blended_.part_depth.resize(n_bucket_pixels(), context);
+      }
       // What the backward pass needs, while this pass can still be repeated.
       sums_.splats.resize(n_rows_, context);
       if (settings.deterministic) sums_.pairs.resize(lists_.counts.n_pairs, context);
@@ -277,7 +285,7 @@ class CudaBackend final : public RasterizerBackend {
     const std::int64_t n_pixels = std::int64_t{state_.view.width} * state_.view.height;
     blended_.transmittance.resize(n_pixels, context);
     blended_.last_ids.resize(n_pixels, context);
-    blend_forward(settings.kernel, context);
+    run_forward_blend([&](ForwardKernel kernel) { blend_forward(kernel, context); });
     end_stage(settings.stages);
   }
 
@@ -287,7 +295,16 @@ class CudaBackend final : public RasterizerBackend {
             blended_.last_ids.data()};
   }
 
+  static bool is_own(const RenderSettings& settings) { return family_of(settings.kernel) == KernelFamily::kOwn; }
+
+  PaperArgs paper_args(const LaunchContext& context) {
+    PaperArgs args{blend_args()};
+    assign_scratch(scratch_, context, [&](ScratchArrays& arrays) { args.next_task = arrays.take<std::int32_t>(1); });
+    return args;
+  }
+
   void blend_forward(ForwardKernel kernel, const LaunchContext& context) {
+    if (family_of(kernel) == KernelFamily::kPaper) return launch_paper(kernel, paper_args(context), context);
     BlendForwardCudaArgs args{};
     args.blend = blend_args();
     args.buckets = lists_.buckets();
@@ -305,16 +322,16 @@ class CudaBackend final : public RasterizerBackend {
       stored.segment_fronts = segments.fronts;
       stored.segment_buckets_log2 = args.cut.entries_log2 - ListCut::kMinLog2;
     }
-    assign_scratch(scratch_, context, [&](ScratchArrays& arrays) { take_forward_scratch(kernel, args, arrays); });
-    kForwardLaunches[static_cast<std::size_t>(kernel)](args, context);
+    assign_scratch(scratch_, context, [&](ScratchArrays& arrays) { take_forward_scratch(args, arrays); });
+    kOwnLaunches[static_cast<std::size_t>(kernel) - static_cast<std::size_t>(ForwardKernel::kSubTile)](args, context);
     stored_parts_ = stored;
   }
 
   /// `sums`: [rows] out.
-  void blend_backward(BackwardKernel kernel, const ImageGradArrays& grad, SplatGradSum* sums,
-                      const LaunchContext& context) {
-    B3DGS_CHECK(parts_.color != nullptr, "backward() after a forward() without keep_for_backward");
-    B3DGS_CHECK(grad.depth == nullptr || parts_.depth != nullptr,
+  void blend_backward(const ImageGradArrays& grad, SplatGradSum* sums, const LaunchContext& context) {
+    const RenderSettings& settings = state_.settings;
+    B3DGS_CHECK(settings.keep_for_backward, "backward() after a forward() without keep_for_backward");
+    B3DGS_CHECK(grad.depth == nullptr || settings.depth_gradient,
                 "gradient with respect to depth after a forward() without depth_gradient");
     BlendBackwardCudaArgs args{};
     args.blend = {blend_args(), grad, nullptr};
@@ -322,21 +339,25 @@ class CudaBackend final : public RasterizerBackend {
     args.parts = stored_parts_;
     args.splat_grads = sums;
     if (sums != sums_.splats.data() || !std::exchange(sums_.are_zero, false)) zero(sums, n_rows_, context);
-    if (state_.settings.deterministic && lists_.counts.n_pairs > 0) {
+    if (settings.deterministic && lists_.counts.n_pairs > 0) {
       args.pair_grads = sums_.pairs.resize(lists_.counts.n_pairs, context);
       zero(args.pair_grads, lists_.counts.n_pairs, context);
     }
-    if (kernel == BackwardKernel::kPerBucket && has_many_parts(lists_.counts)) {
+    if (is_own(settings) && has_many_parts(lists_.counts)) {
       assign_scratch(scratch_, context,
                      [&](ScratchArrays& arrays) { args.behind = arrays.take<float>(n_bucket_pixels()); });
       args.tiles_by_length = lists_.tiles_by_length;
       args.n_long_lists = static_cast<std::int32_t>(lists_.counts.n_long_lists);
     }
-    kBackwardLaunches[static_cast<std::size_t>(kernel)](args, context);
+    if (is_own(settings)) {
+      launch_backward_per_bucket(args, context);
+    } else {
+      launch_backward_per_pixel(args, context);
+    }
     if (args.pair_grads != nullptr) {
       sum_splat_grads(n_rows_, lists_.slot_offsets, args.pair_grads, sums, context);
     }
-    if (state_.settings.inverse_depth && grad.depth != nullptr) {
+    if (settings.inverse_depth && grad.depth != nullptr) {
       invert_depth_gradients(n_rows_, rows_.radii.data(), rows_.splats.data(), sums, context);
     }
   }
@@ -374,7 +395,7 @@ class CudaBackend final : public RasterizerBackend {
     const RenderSettings& settings = state_.settings;
     state_.check_same(gaussians);
     begin_stage(settings.stages, Stage::kBlendBackward);
-    blend_backward(settings.backward_kernel, grad, sums_.splats.data(), context);
+    blend_backward(grad, sums_.splats.data(), context);
     join_second_splats(sums_.splats.data(), context);
     end_stage(settings.stages);
     ProjectBackwardCudaArgs args{gaussians,          state_.view,         settings.sh_degree,

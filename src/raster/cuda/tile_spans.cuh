@@ -13,9 +13,12 @@
 
 namespace b3dgs::cuda {
 
-/// The grid with the size of its tiles as constants: a division becomes a product.
-__device__ __forceinline__ TileGrid with_constant_tiles(const TileGrid& grid) {
-  return {grid.image_width, grid.image_height, {kCudaTileSide, kCudaTileSide}, grid.columns, grid.rows};
+/// The grid with what is known of its tiles, so that divisions become products: both families' are 16 px wide, and 8 or
+/// 16 px high.
+__device__ __forceinline__ TileGrid with_known_tiles(const TileGrid& grid) {
+  static_assert(kPaperTile.width == kOwnTile.width);
+  const std::int32_t height = grid.tile.height == kPaperTile.height ? kPaperTile.height : kOwnTile.height;
+  return {grid.image_width, grid.image_height, {kOwnTile.width, height}, grid.columns, grid.rows};
 }
 
 /// Shared memory of share_spans() and visit_spans().
@@ -62,7 +65,7 @@ __device__ __forceinline__ void visit_spans(const SpanTasks<kThreads>& tasks, co
     }
     const TileRows& of_owner = tasks.rows[owner];
     const std::int32_t row = of_owner.begin + task - (owner > 0 ? tasks.up_to[owner - 1] : 0);
-    const Span span = of_owner.span(with_constant_tiles(grid), row);
+    const Span span = of_owner.span(with_known_tiles(grid), row);
     if (span.begin < span.end) visit(owner, row, span);
   }
 }

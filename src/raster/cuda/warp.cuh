@@ -47,20 +47,6 @@ __device__ __forceinline__ float4 warp_sum(float4 value) {
                      __shfl_sync(kFullWarp, sum, 3));
 }
 
-/// Transposes a 32 x 32 bit matrix, a row per lane: bit l of lane k's result is bit k of lane l's argument.
-__device__ __forceinline__ unsigned warp_transpose(unsigned bits) {
-  const int lane = lane_id();
-  unsigned mask = 0x0000ffffu;
-#pragma unroll
-  for (int distance = 16; distance > 0; distance /= 2) {
-    const unsigned other = __shfl_xor_sync(kFullWarp, bits, distance);
-    bits = (lane & distance) == 0 ? (bits & mask) | ((other & mask) << distance)
-                                  : (bits & ~mask) | ((other & ~mask) >> distance);
-    mask ^= mask << (distance / 2);
-  }
-  return bits;
-}
-
 /// Inclusive prefix over the lanes, combined in a tree: `op` must be associative and commutative.
 template <class Value, class Op>
 __device__ __forceinline__ Value warp_prefix(Value value, Op&& op) {

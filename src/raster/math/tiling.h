@@ -33,7 +33,7 @@ B3DGS_HD Rect tile_pixels(const TileGrid& grid, std::int32_t tile) {
           y_end < grid.image_height ? y_end : grid.image_height};
 }
 
-/// Width and height of the tiles that the CUDA kernels support, px.
+/// Width and height of the tiles of our own CUDA kernels, px.
 inline constexpr std::int32_t kCudaTileSide = 16, kCudaTilePixels = kCudaTileSide * kCudaTileSide;
 
 /// A sub-tile is the part of a CUDA tile that one warp blends, a pixel per lane. 8 x 4 has a smaller perimeter than
@@ -42,7 +42,8 @@ inline constexpr std::int32_t kSubTileWidth = 8, kSubTileHeight = 4;
 inline constexpr std::int32_t kSubTilePixels = kSubTileWidth * kSubTileHeight;
 static_assert(kSubTilePixels == 32, "a lane of a warp per pixel");
 
-/// Index within its tile (row by row, kCudaTileSide wide) of the pixel that a thread blends if warp w owns sub-tile w.
+/// Index within its tile (row by row, 16 px wide in both families) of the pixel that a thread blends if warp w owns
+/// sub-tile w.
 B3DGS_HD std::int32_t sub_tile_pixel(std::int32_t thread) {
   constexpr std::int32_t kColumns = kCudaTileSide / kSubTileWidth;
   const std::int32_t sub_tile = thread / kSubTilePixels, lane = thread % kSubTilePixels;
@@ -51,7 +52,7 @@ B3DGS_HD std::int32_t sub_tile_pixel(std::int32_t thread) {
   return y * kCudaTileSide + x;
 }
 
-/// A quad is a task of `combined`: 2 x 2 pixels of a tile.
+/// A quad is a task of `combined`: 2 x 2 pixels of a patch.
 inline constexpr std::int32_t kQuadSide = 2, kQuadPixels = kQuadSide * kQuadSide;
 
 /// Half-open interval of rows or columns, of tiles or pixels.
@@ -75,17 +76,22 @@ B3DGS_HD std::int32_t floor_clamped(float value, std::int32_t low, std::int32_t 
 #endif
 }
 
+/// 1 / side, 1/px. Sides of the kernels' tiles are powers of two, so a product with it has the bits of the quotient.
+B3DGS_HD StrictFloat inverse_side(std::int32_t side) {
+  return side == 16 ? 0.0625f : side == 8 ? 0.125f : 1.0f / static_cast<float>(side);
+}
+
 /// Tiles along one axis with a pixel centre in [low, high], px.
 B3DGS_HD Span tiles_between(StrictFloat low, StrictFloat high, std::int32_t tile_size, std::int32_t n_tiles) {
-  const StrictFloat size = static_cast<float>(tile_size);
-  return {floor_clamped(((low + 0.5f - size) / size).value, -1, n_tiles - 1) + 1,
-          floor_clamped(((high - 0.5f) / size).value, -1, n_tiles - 1) + 1};
+  const StrictFloat size = static_cast<float>(tile_size), inverse = inverse_side(tile_size);
+  return {floor_clamped(((low + 0.5f - size) * inverse).value, -1, n_tiles - 1) + 1,
+          floor_clamped(((high - 0.5f) * inverse).value, -1, n_tiles - 1) + 1};
 }
 
 /// Tiles along one axis that overlap [low, high], px.
 B3DGS_HD Span tiles_overlapping(StrictFloat low, StrictFloat high, std::int32_t tile_size, std::int32_t n_tiles) {
-  const StrictFloat size = static_cast<float>(tile_size);
-  return {floor_clamped((low / size).value, 0, n_tiles), -floor_clamped((-high / size).value, -n_tiles, 0)};
+  const StrictFloat inverse = inverse_side(tile_size);
+  return {floor_clamped((low * inverse).value, 0, n_tiles), -floor_clamped((-high * inverse).value, -n_tiles, 0)};
 }
 
 }  // namespace detail

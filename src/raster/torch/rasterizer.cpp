@@ -221,11 +221,15 @@ RenderedView Rasterizer::reblend(ForwardKernel kernel) {
   return rendered_;
 }
 
-torch::Tensor Rasterizer::reblend_backward(BackwardKernel kernel, const RenderedViewGrad& grad) {
-  backend().reblend_backward(kernel, image_grad(grad));
+torch::Tensor Rasterizer::reblend_backward(const RenderedViewGrad& grad) {
+  backend().reblend_backward(image_grad(grad));
   return tensor_of(backend().splat_grads(), {backend().n_rows(), kWords<SplatGradSum>}, rendered_.color.options(),
                    torch::kFloat32)
       .narrow(1, 0, kWords<SplatGrad>);
+}
+
+KernelOccupancy Rasterizer::measure_occupancy(ForwardKernel kernel) {
+  return backend().measure_occupancy(kernel);
 }
 
 ViewSize Rasterizer::view_size() const {

@@ -154,11 +154,15 @@ class Rasterizer {
   /// score() of the last forward_splats(): a new tensor [M, 6] int32 with a ScoreSums for each row.
   torch::Tensor score_splats(const torch::Tensor& error);
 
-  /// Blends the view of the last forward() again with another kernel, into the same tensors. Asynchronous on a GPU.
+  /// Blends the view of the last forward() again with another kernel of its family, into the same tensors. Asynchronous
+  /// on a GPU.
   RenderedView reblend(ForwardKernel kernel);
   /// The same for the backward blend, on a GPU only. Returns the splats' sums, [M, 10] (SplatGrad), which the next
   /// backward pass overwrites.
-  torch::Tensor reblend_backward(BackwardKernel kernel, const RenderedViewGrad& grad);
+  torch::Tensor reblend_backward(const RenderedViewGrad& grad);
+  /// Blends the view of the last forward() again and measures how well a kernel of the paper fills the GPU.
+  /// @throws LogicError on the CPU, or for a kernel of ours
+  KernelOccupancy measure_occupancy(ForwardKernel kernel);
 
   /// Size of the view of the last forward().
   ViewSize view_size() const;

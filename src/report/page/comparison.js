@@ -85,7 +85,7 @@ function share_cell(share, noise, n_seeds, has_word = true) {
 
 const time_word = (share) => (share.finding !== "differs" ? share.finding : share.mean > 0 ? "faster" : "slower");
 
-const kSavedHead = ["time saved: total", "", "before the switch", "after the switch", "switch at iteration"];
+const kSavedHead = ["time saved: total", "", "up to the inflection", "from it", "inflection at iteration"];
 
 function saved_cells(own, n_seeds) {
   const {saved_overall: total, machine_spread: noise, inflection: at} = own;
@@ -107,7 +107,7 @@ function seconds_cell({by_seed}, key) {
 
 /// "lambda_dssim 0.2 → 0.4", of few options; of more, how many they are.
 function differences_cell({options}, own, i) {
-  const kernel = own.has_own_kernel ? ["forward kernel"] : [], names = own.differs_in;
+  const kernel = own.has_own_kernel ? ["kernel"] : [], names = own.differs_in;
   if (names.length > 3) return [...kernel, `${names.length} options (see below)`].join(", ");
   const text = (name) => {
     const row = options.find((option) => option[0] === name);
@@ -128,8 +128,8 @@ function time_table(data) {
   return [table(["configuration", "training time", ...shown(kSavedHead), "differs in"], rows,
                 {marked: 1 + compared.findIndex((own) => own.name === summary.ours)}),
           soft(`Time saved is a share of ${summary.baseline}'s training time.` +
-               (has_switch ? " The switch is the first timing check after which another forward kernel was used; " +
-                             "before and after it are means over the seeds that have both." : ""))];
+               (has_switch ? " The inflection is the first iteration with another kernel; the shares up to it and " +
+                             "from it are means over the seeds that have both." : ""))];
 }
 
 /// The time that load balancing alone saves.
@@ -147,7 +147,7 @@ function balancing_table({summary}) {
   });
   return [table(["configuration", "compared with", "saved without load balancing", "by", "saved by load balancing",
                  "saved in total"], rows, {marked: gains.findIndex((gain) => gain.name === summary.ours)}),
-          soft("The configurations of a row differ only in the forward kernel. Load balancing is compared with the " +
+          soft("The configurations of a row differ only in the kernel. Load balancing is compared with the " +
                "fastest kernel without it, as a share of that kernel's time; the other two columns are shares of " +
                "naive's time.")];
 }
@@ -157,7 +157,7 @@ function time_charts(data) {
   const curve = ({name, color, curves}, value) =>
       ({name, color, points: [[0, 0], ...curves.iteration.map((x, i) => [x, value(x, curves.elapsed_s[i])])]});
   const ours = runs.find((run) => run.name === summary.ours);
-  const changed = ours.kernel_checks.find((check) => check.pass === "forward" && has_changed(check));
+  const changed = ours.kernel_checks.find(has_changed);
   const seed = seeds.length > 1 ? `seed ${seeds[0]}` : "";
   const events = !changed ? [] : [{x: changed.iteration, label: `kernel switch at ${count_text(changed.iteration)}` +
                                                                 (seed ? ` (${seed})` : "")}];
@@ -185,14 +185,12 @@ function noise_sentence({repetition, machine_spread, baseline, compared}) {
 }
 
 function time_section(data) {
-  const {reading_s, output_s, loading_ms, summary} = data;
+  const {reading_s, output_s, summary} = data;
   return [
     time_table(data), balancing_table(data), soft(noise_sentence(summary)), time_charts(data),
     soft("Times include rendering, gradients, loss, optimizer, density control, uploads and timing checks of " +
          `kernels. Reading the scene (${seconds_text(reading_s, 0)}, once for all configurations) and evaluation, ` +
-         `saving and checkpoints (${seconds_text(output_s, 0)} in total) are not included.` +
-         (loading_ms > 0 ? ` Configurations that choose a kernel by timing also include ${figure_text(loading_ms)} ms ` +
-                           "for loading the candidates, which each process does once." : "")),
+         `saving and checkpoints (${seconds_text(output_s, 0)} in total) are not included.`),
   ];
 }
 
@@ -207,16 +205,14 @@ function one_run({runs, summary}, has) {
   return [...found.filter((run) => run.name === summary.ours), ...found].slice(0, 1);
 }
 
-/// Of all configurations with timing checks; without any, of one whose kernels were timed.
-function compared_kernels(data) {
-  const checked = data.runs.filter((run) => run.kernel_checks.length > 0);
+/// The first run with timing checks of each configuration.
+function compared_kernels({runs}) {
+  const checked = runs.filter((run) => run.kernel_checks.length > 0);
   const first = checked.filter((run, i) => checked.findIndex((own) => own.name === run.name) === i);
-  const chosen = first.length > 0 ? first : one_run(data, (run) => run.kernel_times.length > 0);
-  return chosen.length > 0 ? of_runs(chosen, kernel_section)
-                           : soft("No kernels were timed: the kernels were fixed by options.");
+  return first.length > 0 ? of_runs(first, kernel_section) : soft("No kernels were timed.");
 }
 
-/// The load depends on the scene, hardly on the kernel: one configuration represents all.
+/// The load of one configuration. It depends on the scene and on the size of tiles, hardly on anything else.
 function compared_load(data) {
   const one = one_run(data, (run) => run.load_statistics.length > 0);
   return one.length > 0 ? of_runs(one, load_section) : load_section({load_statistics: []});
@@ -224,17 +220,21 @@ function compared_load(data) {
 
 /// Published results beside those of configurations that repeat the published comparison.
 function paper_section({summary}) {
-  const published = "The Balanced3DGS paper (arXiv 2412.17378) compares the kernel naive with a choice between the " +
+  const published = "The Balanced 3DGS paper (arXiv 2412.17378) compares the kernel naive with a choice between the " +
       "kernels combined (load-balanced) and shared-memory, both with the backward pass and optimizer of the original " +
       "3DGS trainer, on an A100 with its own scene at 960 x 540 px. It reports 8.5 % of training time saved in " +
-      "total: 19.6 % before the switch from combined to shared-memory at about iteration 2,000, and 7.9 % after it.";
+      "total: 19.6 % up to the inflection at about iteration 2,000, where it switches from combined to " +
+      "shared-memory, and 7.9 % from there on.";
   if (summary.beside_paper.length === 0) {
-    return soft(`${published} No configurations here repeat that comparison; --configs ` +
-                "naive-kernels,published:naive-kernels+kernel=published comes closest.");
+    return soft(`${published} No configurations here repeat that comparison; --configs paper does.`);
   }
-  const rows = summary.beside_paper.map((own) => [`${own.name} against ${own.baseline}`,
-                                                  ...saved_cells(own, seeds_started(summary))]);
-  return [table(["comparison", ...kSavedHead], [...rows, ["in the paper", "8.5 %", "", "19.6 %", "7.9 %", "about 2,000"]]),
+  const rows = summary.beside_paper.map((own) => {
+    const cells = saved_cells(own, seeds_started(summary));
+    if (!own.inflection && own.by_seed.length > 0) cells.splice(2, 3, "no switch", "no switch", "-");
+    return [`${own.name} against ${own.baseline}`, ...cells];
+  });
+  const in_paper = ["in the paper", "8.5 %", "", "19.6 %", "7.9 %", "about 2,000"];
+  return [table(["comparison", ...kSavedHead], [...rows, in_paper]),
           soft(`${published} Here, both sides use this program's loss, optimizer and projection, which are faster ` +
                "than the original ones, so the forward pass is a larger share of a step.")];
 }
@@ -286,11 +286,11 @@ function comparison_page(data) {
     section("Photographs and renders", preview_section(data)),
     section("Quality", note(), quality_section(data)),
     section("Training time", note(), time_section(data)),
+    (summary.beside_paper.length > 0 ? section : folded)("Published results", paper_section(data)),
     section("Scene, options and machine", settings_table(data), options_table(data)),
     folded("Time by stage of the training step", stage_section(runs)),
     folded("Kernels: which were used, and why", compared_kernels(data)),
     folded("Load: Gaussians per tile and per pixel", compared_load(data)),
-    folded("Published results", paper_section(data)),
     folded("Words", words_section()),
   ]];
 }

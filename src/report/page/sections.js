@@ -88,95 +88,74 @@ function preview_section({previews, held_out}) {
 
 // --- Kernels
 
-function candidate_figure(run, pass) {
-  const series = new Map(), checks = run.kernel_checks.filter((own) => own.pass === pass);
-  // A check runs before the step of its iteration, a timing for the log after it.
-  const others = run.kernel_times.filter((own) => own.pass === pass &&
-                                                  !checks.some((check) => check.iteration === own.iteration));
-  for (const timed of [...checks, ...others].sort((a, b) => a.iteration - b.iteration)) {
-    for (const [name, ms] of Object.entries(timed.times_ms)) {
+const has_changed = (check) => check.after !== "" && check.before !== check.after;
+
+/// The times of both kernels over the training, with every switch.
+function kernel_figure(checks) {
+  const series = new Map();
+  for (const {iteration, times_ms} of checks) {
+    for (const [name, ms] of Object.entries(times_ms)) {
       if (!series.has(name)) series.set(name, {name, color: series.size, points: [], markers: true});
-      series.get(name).points.push([timed.iteration, ms]);
+      series.get(name).points.push([iteration, ms]);
     }
   }
   const events = checks.filter(has_changed).map((check) => ({x: check.iteration, label: `to ${check.after}`}));
-  const name = `Time of the ${pass} kernels`;
-  return series_figure({name, unit: "ms", height: 280, caption: `${name} over the training. At each point, all ` +
-    "kernels were timed on the same views; a dashed line marks a switch to another kernel."},
-                       [...series.values()], events);
+  return series_figure({name: "Blending time of both kernels", unit: "ms per view", height: 280, caption:
+    "Blending time of both kernels over the training, measured on the same views. A dashed line marks an inflection: " +
+    "from there on, the other kernel is used."}, [...series.values()], events);
 }
 
-const has_changed = (check) => check.after !== "" && check.before !== check.after;
-
-/// A kernel that was disabled points to a defect.
-function disabled_kernels(run) {
-  return run.kernel_checks.filter((check) => check.refused.length > 0).map((check) => {
-    const names = check.refused.join(", "), colon = check.reason.indexOf(": ");
-    // The reason may begin with "NAME is ...: ", which this sentence says already.
-    const is_repeated = colon >= 0 && check.reason.startsWith(`${names} is `);
-    return paragraph(`${names} ${check.refused.length === 1 ? "was" : "were"} disabled: ` +
-      `${is_repeated ? check.reason.slice(colon + 2) : check.reason} (iteration ${count_text(check.iteration)}, ` +
-      `${check.pass} pass).`);
-  });
-}
-
-/// Which forward kernel ran in which iterations.
+/// Which kernel ran in which iterations.
 function kernels_in_use({kernel_periods: periods, kernel_checks}) {
   if (periods.length === 0) return [];
-  if (periods.length === 1) return paragraph(`All iterations used the forward kernel ${periods[0].kernel}.`);
+  if (periods.length === 1) return paragraph(`All iterations used the kernel ${periods[0].kernel}.`);
   const rows = periods.map(({kernel, from, until}, i) => {
-    const is_by_check = kernel_checks.some((check) => check.pass === "forward" && check.iteration === from + 1 &&
-                                                      check.after === kernel);
+    const is_by_check = kernel_checks.some((check) => check.iteration === from + 1 && check.after === kernel);
     return [kernel, `${count_text(from + 1)} to ${count_text(until)}`,
             is_by_check ? "timing check" : i === 0 ? "start of the training" : "resumed with another --kernel"];
   });
-  return table(["forward kernel", "iterations", "selected by"], rows, {words: true});
+  return table(["kernel", "iterations", "selected by"], rows, {words: true});
 }
 
 /// The timing checks, and the kernels that changed because training was resumed with other options.
-function check_table({kernel_checks, resumes, curves}) {
+function check_table({kernel_checks, resumes}) {
   const events = [...resumes.map((own) => ({...own, at: own.iteration + 0.5})),
                   ...kernel_checks.map((own) => ({...own, at: own.iteration}))].sort((a, b) => a.at - b.at);
-  const in_use = {}, rows = [];
+  const rows = [];
+  let in_use = "";
   for (const own of events) {
     if (own.times_ms) {
-      in_use[own.pass] = own.after;
-      const times = Object.entries(own.times_ms).map(([name, ms]) => `${name} ${ms.toFixed(3)}` +
-          (own.spread_ms[name] === undefined ? "" : ` (${own.spread_ms[name].toFixed(3)})`));
-      rows.push([count_text(own.iteration), own.pass, times.join(", ") || "-", String(own.views ?? "-"),
+      in_use = own.after;
+      const times = Object.entries(own.times_ms).map(([name, ms]) => `${name} ${ms.toFixed(3)}`);
+      rows.push([count_text(own.iteration), times.join(", ") || "-",
+                 own.error_ms === null ? "-" : own.error_ms.toFixed(3), String(own.views ?? "-"),
                  has_changed(own) ? `from ${own.before} to ${own.after}` : own.after, own.reason]);
       continue;
     }
-    const reason = `resumed${own.changed_options.length > 0 ? " with " : ""}${own.changed_options.join(", ")}`;
-    for (const [pass, kernel] of [["forward", own.kernel], ["backward", own.backward_kernel]]) {
-      const before = in_use[pass];
-      in_use[pass] = kernel;
-      if (!before || !kernel || before === kernel) continue;
-      rows.push([count_text(own.iteration + 1), pass, "-", "-", `from ${before} to ${kernel}`, reason]);
-    }
+    const before = in_use;
+    in_use = own.kernel;
+    if (!before || !own.kernel || before === own.kernel) continue;
+    rows.push([count_text(own.iteration + 1), "-", "-", "-", `from ${before} to ${own.kernel}`,
+               `resumed${own.changed_options.length > 0 ? " with " : ""}${own.changed_options.join(", ")}`]);
   }
-  return [table(["iteration", "pass", "median time, ms (spread over views)", "views", "kernel", "reason"], rows,
-                {words: true}),
-          soft("Reasons use the median of the per-view ratios, which may disagree with the medians above."),
-          check_cost(kernel_checks, curves.elapsed_s)];
+  return table(["iteration", "mean time per view, ms", "standard error of the difference, ms", "views", "kernel",
+                "reason"], rows, {words: true});
 }
 
-function check_cost(checks, elapsed_s) {
-  const total = (key) => checks.reduce((sum, check) => sum + (check[key] || 0), 0);
-  const last_s = elapsed_s.length > 0 ? elapsed_s[elapsed_s.length - 1] : 0;
+function check_cost({kernel_checks: checks, curves: {elapsed_s}}) {
+  const last_s = elapsed_s[elapsed_s.length - 1] || 0;
   if (last_s <= 0 || checks.every((check) => check.cost_ms === null)) return [];
-  const text = (ms) => `${figure_text(ms)} ms (${figure_text(0.1 * ms / last_s)} % of the training time)`;
-  return soft(`The timing ${checks.length === 1 ? "check" : "checks"} took ${text(total("cost_ms"))}, which the ` +
-    "training time includes." + (total("warm_up_ms") > 0 ? " Loading the kernels before their first check in each " +
-    `session took another ${text(total("warm_up_ms"))}, also included.` : ""));
+  const cost_ms = checks.reduce((sum, check) => sum + (check.cost_ms || 0), 0);
+  return paragraph(`${checks.length} timing ${checks.length === 1 ? "check" : "checks"} took ` +
+    `${figure_text(cost_ms)} ms, ${figure_text(0.1 * cost_ms / last_s)} % of the training time, which includes them.`);
 }
 
 function kernel_section(run) {
-  if (run.kernel_checks.length === 0 && run.kernel_times.length === 0) {
-    return [kernels_in_use(run), soft("No kernels were timed: the kernels were fixed by options.")];
+  const checks = run.kernel_checks;
+  if (checks.length === 0) {
+    return [kernels_in_use(run), soft("No kernels were timed: an option fixed the kernel, or training was too short.")];
   }
-  return [disabled_kernels(run), kernels_in_use(run), candidate_figure(run, "forward"),
-          candidate_figure(run, "backward"), run.kernel_checks.length > 0 ? check_table(run) : []];
+  return [kernels_in_use(run), kernel_figure(checks), check_cost(run), check_table(run)];
 }
 
 // --- Load
@@ -218,8 +197,10 @@ function load_histograms(events, field, name, counted, caption) {
 function load_section({load_statistics: loads}) {
   const tiles = loads.filter((event) => event.tile_lists), pixels = loads.filter((event) => event.pixel_processed);
   if (tiles.length === 0 && pixels.length === 0) return soft("Load statistics were not recorded.");
-  const per_tile = "Gaussians per tile", per_pixel = "Gaussians processed per pixel";
+  const per_tile = "Gaussians per tile", per_pixel = "Gaussians processed per pixel", views = loads[0].views;
   return [
+    views === null ? [] : soft(`Measured over all tiles and pixels of ${views} training ` +
+                               `${views === 1 ? "view" : "views"} together.`),
     load_figure(tiles, "tile_lists", per_tile, "Number of Gaussians in a tile's list: quantiles over all tiles."),
     load_figure(pixels, "pixel_processed", per_pixel, "Number of Gaussians that a pixel processes before it is " +
       "saturated or its tile's list ends: quantiles over all pixels."),
@@ -245,14 +226,16 @@ function settings_table({settings, machine}) {
 const words_section = () => table([], [
   ["PSNR, SSIM", "Quality of a render against its photograph; higher is better."],
   ["percentile", "90 % of the values are at or below the 90th percentile; half of them at or below the median."],
-  ["tile", "16 x 16 pixels with a list of the Gaussians that touch them, sorted by depth."],
+  ["tile", "16 x 16 px, or 16 x 8 px with the paper's kernels; has a list of the Gaussians that touch it, sorted by " +
+   "depth."],
   ["saturated pixel", "So opaque that the Gaussians further behind are not processed: they would not be seen."],
   ["Gini coefficient", "How uneven the work is: 0 if all tiles or pixels have the same, 1 if one has it all."],
   ["forward, backward pass", "From Gaussians to an image; from the error of the image to their gradients."],
-  ["blending kernel", "Combines the Gaussians of a tile into pixels (forward), or adds up their gradients " +
-   "(backward). The candidates compute the same, but divide the work differently, so their times differ."],
-  ["timing check", "The candidates are timed on the same views. Training switches to another one if it is clearly " +
-   "faster."],
+  ["kernel", "Combines the Gaussians of a tile into pixels. All kernels compute the same image, but they divide the " +
+   "work differently, so their times differ."],
+  ["timing check", "At the start of the training and at every interval, two kernels blend the same views and are " +
+   "timed. Training switches to the other one if it is faster."],
+  ["inflection", "The iteration from which the other kernel is used (a word of the paper)."],
   ["warp, thread block", "Groups of GPU threads: the 32 threads of a warp run in step; a block is 1 to 32 warps."],
   ["density control", "Adding Gaussians where detail is missing, and removing transparent ones."],
   ["session", "The part of a training that one run of the program did; each resume begins another."],

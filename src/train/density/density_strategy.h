@@ -82,10 +82,6 @@ class DensityStrategy {
   /// In place: an opacity reset.
   virtual void lower_opacities(GaussianTensors& /*gaussians*/, AdamState& /*adam*/) const {}
 
-  /// Whether opacities were lowered so much, so recently, that what kernels take now says little about later steps:
-  /// kernel checks wait.
-  virtual bool is_recovering(int /*iteration*/) const { return false; }
-
  protected:
   const TrainConfig config_;
   const double extent_;

@@ -43,8 +43,7 @@ void TrainRecorder::log_event(int iteration, const char* event, const nlohmann::
   log_->write(line);
 }
 
-void TrainRecorder::log_iteration(const std::optional<ImageQuality>& test_quality, const std::string& kernel,
-                                  const std::string& backward_kernel) {
+void TrainRecorder::log_iteration(const std::optional<ImageQuality>& test_quality, const std::string& kernel) {
   const TrainState& state = source_.state;
   logged_ms_ = 1e3 * (source_.time.train_s() - logged_s_) / std::max(1, state.iteration - logged_iteration_);
   nlohmann::ordered_json line{{"iteration", state.iteration},
@@ -64,8 +63,7 @@ void TrainRecorder::log_iteration(const std::optional<ImageQuality>& test_qualit
     line["test_ssim"] = test_quality->ssim;
     if (test_quality->corrected_psnr) line["test_cc_psnr"] = *test_quality->corrected_psnr;
   }
-  if (!kernel.empty()) line["kernel"] = kernel;
-  if (!backward_kernel.empty()) line["backward_kernel"] = backward_kernel;
+  line["kernel"] = kernel;
   log_->write(line);
   if (const std::string fault = log_->take_fault(); !fault.empty()) {
     warn(fault + "; log lines are kept in memory until it can be written");
@@ -91,11 +89,6 @@ void TrainRecorder::add_evaluation(const Evaluation& evaluation, const Evaluatio
     message += print_to_string("; colour-corrected PSNR %.2f dB", *corrected);
   }
   say(message);
-}
-
-double TrainRecorder::step_ms() const {
-  if (logged_ms_ > 0 || source_.state.iteration == 0) return logged_ms_;
-  return 1e3 * elapsed_s() / source_.state.iteration;
 }
 
 void TrainRecorder::add_stage_times(const std::vector<StageTimes>& known) {

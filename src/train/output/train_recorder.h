@@ -125,17 +125,14 @@ class TrainRecorder {
   void open_log();
   /// A line about an event: {"iteration", "event", and `fields`}.
   void log_event(int iteration, const char* event, const nlohmann::ordered_json& fields);
-  /// The line of this iteration. Kernel names may be empty: then there is no choice.
-  void log_iteration(const std::optional<ImageQuality>& test_quality, const std::string& kernel,
-                     const std::string& backward_kernel);
+  /// Writes the line of this iteration. `kernel`: in use.
+  void log_iteration(const std::optional<ImageQuality>& test_quality, const std::string& kernel);
   /// Writes the results files, and a message. `source` says what was evaluated.
   void add_evaluation(const Evaluation& evaluation, const EvaluationSource& source);
 
   // Times.
   /// Of training over all sessions, s.
   double elapsed_s() const { return resumed_s_ + source_.time.train_s(); }
-  /// Duration of a step in the last log interval, or on average over the whole training, ms; 0 before the first step.
-  double step_ms() const;
   /// Passes stage times that are known by now to the log and the listener.
   void collect_stage_times() { add_stage_times(source_.timer.take()); }
   void wait_for_stage_times() { add_stage_times(source_.timer.wait()); }

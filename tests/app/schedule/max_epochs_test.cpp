@@ -35,8 +35,8 @@ class MaxEpochs : public ::testing::Test {
 
   /// The kernels are fixed, so that no choice by time makes two trainings differ.
   Outcome train(const Words& more, const std::string& name = "model") const {
-    Words words{"train",     scene(), "-m",       model(name).root(), "--device",          "cpu",
-                "--threads", "1",     "--kernel", "combined",         "--backward_kernel", "per-bucket"};
+    Words words{"train", scene(),     "-m", model(name).root(), "--device",
+                "cpu",   "--threads", "1",  "--kernel",         "combined"};
     words.insert(words.end(), more.begin(), more.end());
     const Outcome outcome = run_b3dgs(words);
     EXPECT_EQ(outcome.exit_code, 0) << outcome.err;

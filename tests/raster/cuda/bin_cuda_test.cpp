@@ -32,7 +32,7 @@ ProjectedRows project_on_gpu(const TestScene& scene, const RenderSettings& setti
   args.view = scene.view;
   args.sh_degree = settings.sh_degree;
   args.culling = settings.culling;
-  args.grid = make_tile_grid(scene.view.width, scene.view.height, settings.tile);
+  args.grid = make_tile_grid(scene.view.width, scene.view.height, settings.tile_shape());
   args.out = {splats.data(), extents.data(), radii.data(), nullptr, counts.data()};
   DriverMemory memory;
   cuda::project(args, cuda::make_launch_context(nullptr, memory));
@@ -43,7 +43,7 @@ ProjectedRows project_on_gpu(const TestScene& scene, const RenderSettings& setti
 /// Returns the length of the longest list.
 std::int64_t expect_counted_pairs(const TestScene& scene, const RenderSettings& settings) {
   const ProjectedRows projected = project_on_gpu(scene, settings);
-  const TileGrid grid = make_tile_grid(scene.view.width, scene.view.height, settings.tile);
+  const TileGrid grid = make_tile_grid(scene.view.width, scene.view.height, settings.tile_shape());
   std::int64_t n_pairs = 0;
   std::vector<std::size_t> by_depth;
   for (std::size_t i = 0; i < projected.radii.size(); ++i) {
@@ -84,20 +84,25 @@ std::int64_t expect_counted_pairs(const TestScene& scene, const RenderSettings& 
   return longest;
 }
 
-void expect_counted_pairs_by_both_cullings(const TestScene& scene) {
+/// With both cullings and the tiles of both families.
+void expect_counted_pairs_of_all_kinds(const TestScene& scene) {
   for (const Culling culling : {Culling::kEllipse, Culling::kSquare}) {
-    SCOPED_TRACE(culling == Culling::kEllipse ? "ellipse" : "square");
-    RenderSettings settings = settings_of(scene);
-    settings.culling = culling;
-    settings.keep_for_backward = false;
-    expect_counted_pairs(scene, settings);
+    for (const ForwardKernel kernel : {ForwardKernel::kNaive, kStandardKernel}) {
+      SCOPED_TRACE(testing::Message() << (culling == Culling::kEllipse ? "ellipse" : "square") << ", "
+                                      << kernel_name(kernel));
+      RenderSettings settings = settings_of(scene);
+      settings.culling = culling;
+      settings.kernel = kernel;
+      settings.keep_for_backward = false;
+      expect_counted_pairs(scene, settings);
+    }
   }
 }
 
 class BinCudaTest : public GpuSceneTest {};
 
 TEST_P(BinCudaTest, WritesThePairsThatTheProjectionCounts) {
-  expect_counted_pairs_by_both_cullings(GetParam().build());
+  expect_counted_pairs_of_all_kinds(GetParam().build());
 }
 
 INSTANTIATE_TEST_SUITE_P(Scenes, BinCudaTest, testing::ValuesIn(test_scenes()), name_of_scene);
@@ -126,9 +131,9 @@ TestScene like_a_trained_scene(std::int64_t n, std::int32_t width, std::int32_t 
 
 TEST(BinCuda, WritesThePairsThatTheProjectionCountsOfManyGaussians) {
   B3DGS_NEEDS_GPU();
-  expect_counted_pairs_by_both_cullings(like_a_trained_scene(50000, 1237, 822));
-  expect_counted_pairs_by_both_cullings(like_a_trained_scene(10000, 4096, 4096));  // 2^16 and 2^17 tiles
-  expect_counted_pairs_by_both_cullings(like_a_trained_scene(150000, 40, 24));     // lists of several runs (bin.cu)
+  expect_counted_pairs_of_all_kinds(like_a_trained_scene(50000, 1237, 822));
+  expect_counted_pairs_of_all_kinds(like_a_trained_scene(10000, 4096, 4096));  // 2^16 and 2^17 tiles
+  expect_counted_pairs_of_all_kinds(like_a_trained_scene(150000, 40, 24));     // lists of several runs (bin.cu)
 }
 
 TEST(BinCuda, WritesThePairsOfACrowdedTileAmongMoreTilesThanABlockCounts) {

@@ -21,14 +21,15 @@ class RasterizeCudaTest : public GpuSceneTest {};
 TEST_P(RasterizeCudaTest, EveryKernelAgreesWithTheDenseReference) {
   const TestScene scene = GetParam().build();
   for (const auto& [culling, culling_name] : kCullings) {
-    RenderSettings settings = settings_of(scene);
-    settings.culling = culling;
-    const Reference reference(scene, settings);
-    for (const ForwardKernelName& forward : kForwardKernels) {
-      for (const BackwardKernelName& backward : kBackwardKernels) {
-        SCOPED_TRACE(testing::Message() << forward.name << ", " << backward.name << ", " << culling_name);
-        settings.kernel = forward.kernel;
-        settings.backward_kernel = backward.kernel;
+    for (const KernelFamily family : kFamilies) {
+      RenderSettings settings = settings_of(scene);
+      settings.culling = culling;
+      settings.tile = tile_of(family);
+      const Reference reference(scene, settings);
+      settings.tile.reset();
+      for (const KernelRow& kernel : kernels_of(family)) {
+        SCOPED_TRACE(testing::Message() << kernel.name << ", " << culling_name);
+        settings.kernel = kernel.kernel;
         CudaView view(scene, settings);
         expect_same_image(view, reference.view);
         expect_same_radii(view.radii(), reference.view);
@@ -44,7 +45,7 @@ TEST_P(RasterizeCudaTest, AntialiasedViewsAgreeWithTheDenseReference) {
 }
 
 TEST_P(RasterizeCudaTest, InverseDepthAgreesWithTheDenseReference) {
-  expect_same_inverse_depth<CudaView>(GetParam().build(), {BackwardKernel::kPerBucket, BackwardKernel::kPerPixel});
+  expect_same_inverse_depth<CudaView>(GetParam().build());
 }
 
 TEST_P(RasterizeCudaTest, SeesTheGaussiansThatTheCpuSees) {
@@ -63,13 +64,13 @@ TEST_P(RasterizeCudaTest, GradientOfEachOutputAloneAgreesWithTheDenseReference) 
   const TestScene scene = GetParam().build();
   RenderSettings settings = settings_of(scene);
   const Reference reference(scene, settings);
-  for (const BackwardKernelName& backward : kBackwardKernels) {
-    settings.backward_kernel = backward.kernel;
+  for (const ForwardKernel kernel : {ForwardKernel::kNaive, kStandardKernel}) {
+    settings.kernel = kernel;
     CudaView view(scene, settings);
     for (const auto& [name, grad] : {std::pair("colour", RenderedViewGrad{reference.grad.color, {}, {}}),
                                      std::pair("depth", RenderedViewGrad{{}, reference.grad.depth, {}}),
                                      std::pair("alpha", RenderedViewGrad{{}, {}, reference.grad.alpha})}) {
-      SCOPED_TRACE(testing::Message() << name << ", " << backward.name);
+      SCOPED_TRACE(testing::Message() << name << ", " << backward_kernel_of(family_of(kernel)));
       const TermSizes terms(reference, grad);
       expect_same_gradients(view.backward(grad), reference, dense_gradients(reference.leaves, reference.view, grad),
                             &terms);
@@ -111,7 +112,7 @@ TEST(RasterizeCuda, AgreesWithTheCpuOnLongListsAndManyGaussians) {
        {std::pair("one tile", hundred_thousand_in_one_tile()), std::pair("large cloud", large_cloud())}) {
     RenderSettings settings = settings_of(scene);
     CpuView expected(scene, settings);
-    for (const ForwardKernelName& forward : kForwardKernels) {
+    for (const KernelRow& forward : kForwardKernels) {
       SCOPED_TRACE(testing::Message() << name << ", " << forward.name);
       settings.kernel = forward.kernel;
       CudaView view(scene, settings);
@@ -152,6 +153,56 @@ TEST(RasterizeCuda, AgreesWithTheCpuOnMoreTilesThan16BitsCount) {
     const torch::Tensor found = view.backward(grad).means2d, wanted = expected.backward(grad).means2d;
     EXPECT_TRUE(within(found, wanted, 1e-3 * largest(wanted, 1e-9)));
   }
+}
+
+TEST(RasterizeCuda, ThePapersFamilyTakesTheMemoryThatIsForecast) {
+  B3DGS_NEEDS_GPU();
+  const TestScene scene = large_cloud();
+  RenderSettings settings = settings_of(scene);
+  settings.depth_gradient = false;
+  settings.kernel = ForwardKernel::kCombined;
+  CudaView view(scene, settings);
+  view.backward({torch::ones_like(view.color), {}, {}});
+  const ViewMemory memory = view_memory(settings, scene.view);
+  const double forecast = memory.of_image + memory.bytes(static_cast<double>(scene.gaussians.size()),
+                                                         static_cast<double>(view.rasterizer().bins().n_pairs));
+  const double taken = static_cast<double>(view.rasterizer().memory_bytes());
+  EXPECT_GE(taken, forecast);
+  EXPECT_LE(taken, 1.25 * forecast + (1 << 20));
+}
+
+TEST(RasterizeCuda, RefusesDeterministicGradientsWithThePapersFamily) {
+  B3DGS_NEEDS_GPU();
+  const TestScene scene = smooth_scene();
+  RenderSettings settings = settings_of(scene);
+  settings.deterministic = true;
+  settings.kernel = ForwardKernel::kNaive;
+  EXPECT_THROW(CudaView(scene, settings), LogicError);
+}
+
+TEST(RasterizeCuda, MeasuresTheOccupancyOfThePapersKernels) {
+  B3DGS_NEEDS_GPU();
+  const TestScene scene = large_cloud();
+  RenderSettings settings = settings_of(scene);
+  for (const KernelRow& row : kernels_of(KernelFamily::kPaper)) {
+    SCOPED_TRACE(row.name);
+    settings.kernel = row.kernel;
+    CudaView view(scene, settings);
+    const RenderedView before = view.image();
+    const KernelOccupancy occupancy = view.rasterizer().measure_occupancy(row.kernel);
+    EXPECT_GT(occupancy.registers, 0);
+    EXPECT_GT(occupancy.shared_bytes, 0);
+    EXPECT_GT(occupancy.blocks, 0);
+    EXPECT_GT(occupancy.achieved, 0);
+    EXPECT_LE(occupancy.achieved, occupancy.theoretical);
+    EXPECT_LE(occupancy.theoretical, 1);
+    EXPECT_GT(occupancy.active, 0);
+    EXPECT_LE(occupancy.active, 1);
+    EXPECT_TRUE(test::same(view.image().color, before.color)) << "measuring changed the image";
+  }
+  settings.kernel = kStandardKernel;
+  CudaView view(scene, settings);
+  EXPECT_THROW(view.rasterizer().measure_occupancy(kStandardKernel), LogicError);
 }
 
 TEST(RasterizeCuda, TakesTheMemoryThatIsForecast) {

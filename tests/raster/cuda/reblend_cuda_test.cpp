@@ -13,9 +13,10 @@ TEST(ReblendCuda, IsTheForwardOfThatKernel) {
   B3DGS_NEEDS_GPU();
   const TestScene scene = saturated_pixels();
   RenderSettings settings = settings_of(scene);
-  CudaView again(scene, settings);
-  for (const ForwardKernelName& kernel : kForwardKernels) {
+  for (const KernelRow& kernel : kForwardKernels) {
     SCOPED_TRACE(kernel.name);
+    settings.kernel = family_of(kernel.kernel) == KernelFamily::kPaper ? ForwardKernel::kNaive : kStandardKernel;
+    CudaView again(scene, settings);
     settings.kernel = kernel.kernel;
     const CudaView direct(scene, settings);
     again.rasterizer().reblend(kernel.kernel);
@@ -50,16 +51,15 @@ TEST(ReblendCuda, BackwardKernelsSumTheSame) {
   B3DGS_NEEDS_GPU();
   for (const TestScene& scene : {anisotropic_cloud(), lists_of_very_different_length()}) {
     RenderSettings settings = settings_of(scene);
-    settings.kernel = ForwardKernel::kSegmented;
-    CudaView view(scene, settings);
     const torch::Tensor nothing = torch::zeros({scene.view.height, scene.view.width}, torch::kBool);
     const RenderedViewGrad uneven = uneven_grad(scene.view, nothing);
     const DeviceTensor grad(uneven.color), grad_depth(uneven.depth);
     for (const bool has_depth : {false, true}) {
       std::vector<torch::Tensor> sums;
-      for (const BackwardKernelName& kernel : kBackwardKernels) {
-        view.rasterizer().reblend_backward(kernel.kernel,
-                                           {grad.data(), has_depth ? grad_depth.data() : nullptr, nullptr});
+      for (const ForwardKernel kernel : {ForwardKernel::kCombined, ForwardKernel::kSegmented}) {
+        settings.kernel = kernel;
+        CudaView view(scene, settings);
+        view.rasterizer().reblend_backward({grad.data(), has_depth ? grad_depth.data() : nullptr, nullptr});
         const std::int64_t n_rows = view.rasterizer().n_rows();
         const std::vector<float> host = download(view.rasterizer().splat_grads(), n_rows * 12);
         sums.push_back(torch::tensor(host).view({n_rows, 12}).narrow(1, 0, has_depth ? 10 : 9));
@@ -77,21 +77,27 @@ TEST(CountLoadCuda, CountsAsTheCpuDoes) {
     SCOPED_TRACE(row.name);
     const TestScene scene = row.build();
     const std::int64_t n_pixels = std::int64_t{scene.view.height} * scene.view.width;
-    const CpuView expected(scene, settings_of(scene));
-    std::vector<std::int32_t> processed(static_cast<std::size_t>(n_pixels)), contributing = processed;
-    expected.rasterizer().count_load(processed.data(), contributing.data());
+    RenderSettings settings = settings_of(scene);
+    for (const ForwardKernel kernel : {ForwardKernel::kNaive, kStandardKernel}) {
+      SCOPED_TRACE(kernel_name(kernel));
+      settings.kernel = kernel;
+      const CpuView expected(scene, settings);
+      std::vector<std::int32_t> processed(static_cast<std::size_t>(n_pixels)), contributing = processed;
+      expected.rasterizer().count_load(processed.data(), contributing.data());
 
-    CudaView view(scene, settings_of(scene));
-    const DeviceArray<std::int32_t> counts[2]{DeviceArray<std::int32_t>(n_pixels), DeviceArray<std::int32_t>(n_pixels)};
-    view.rasterizer().count_load(counts[0].data(), counts[1].data());
-    const std::vector<std::int32_t> found[2]{download(counts[0].data(), n_pixels),
-                                             download(counts[1].data(), n_pixels)};
-    // Rounding may change a decision at a threshold, which changes a count by one or finishes a pixel elsewhere.
-    std::int64_t n_other = 0;
-    for (std::size_t pixel = 0; pixel < processed.size(); ++pixel) {
-      n_other += found[0][pixel] != processed[pixel] || found[1][pixel] != contributing[pixel];
+      CudaView view(scene, settings);
+      const DeviceArray<std::int32_t> counts[2]{DeviceArray<std::int32_t>(n_pixels),
+                                                DeviceArray<std::int32_t>(n_pixels)};
+      view.rasterizer().count_load(counts[0].data(), counts[1].data());
+      const std::vector<std::int32_t> found[2]{download(counts[0].data(), n_pixels),
+                                               download(counts[1].data(), n_pixels)};
+      // Rounding may change a decision at a threshold, which changes a count by one or finishes a pixel elsewhere.
+      std::int64_t n_other = 0;
+      for (std::size_t pixel = 0; pixel < processed.size(); ++pixel) {
+        n_other += found[0][pixel] != processed[pixel] || found[1][pixel] != contributing[pixel];
+      }
+      EXPECT_LE(n_other, 2 + n_pixels / 100);
     }
-    EXPECT_LE(n_other, 2 + n_pixels / 100);
   }
 }
 

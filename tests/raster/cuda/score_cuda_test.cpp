@@ -13,11 +13,15 @@ class ScoreCudaTest : public GpuSceneTest {};
 
 TEST_P(ScoreCudaTest, AgreesWithTheDenseReference) {
   const TestScene scene = GetParam().build();
-  const RenderSettings settings = settings_of(scene);
+  RenderSettings settings = settings_of(scene);
   const torch::NoGradGuard no_grad;
-  const DenseView reference = dense_render(to_dense_leaves(scene.gaussians), scene.view, settings);
-  CudaView view(scene, settings);
-  expect_same_scores(view, scene, reference);
+  for (const ForwardKernel kernel : {ForwardKernel::kNaive, kStandardKernel}) {
+    SCOPED_TRACE(kernel_name(kernel));
+    settings.kernel = kernel;
+    const DenseView reference = dense_render(to_dense_leaves(scene.gaussians), scene.view, settings);
+    CudaView view(scene, settings);
+    expect_same_scores(view, scene, reference);
+  }
 }
 
 INSTANTIATE_TEST_SUITE_P(Scenes, ScoreCudaTest, testing::ValuesIn(test_scenes()), name_of_scene);
@@ -30,7 +34,7 @@ TEST(ScoreCuda, IsTheSameTwiceAndForAnyKernel) {
       uneven_error(scene.view, torch::zeros({scene.view.height, scene.view.width}, torch::kBool));
   GaussianScores first;
   for (int run = 0; run < 2; ++run) {
-    for (const ForwardKernelName& kernel : kForwardKernels) {
+    for (const KernelRow& kernel : kForwardKernels) {
       settings.kernel = kernel.kernel;
       const GaussianScores scores = make_scores(scene.gaussians.size());
       CudaView(scene, settings).score(error, scores);

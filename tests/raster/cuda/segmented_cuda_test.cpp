@@ -1,4 +1,4 @@
-// The segmented kernel where it differs from shared-memory: lists that are cut, pixels that finish in any segment, and
+// The segmented kernel where it differs from sub-tile: lists that are cut, pixels that finish in any segment, and
 // segments that are skipped because all pixels finish before them.
 #include <gtest/gtest.h>
 
@@ -77,8 +77,8 @@ Apart compare(CudaView& found, CudaView& expected, const TestScene& scene) {
 
 /// Renders the scene with both kernels, which differ only in the cutting of lists. Returns whether the colours differ
 /// in any bit, as they do if a segment behind the first was joined.
-bool expect_as_by_shared_memory(const TestScene& scene, RenderSettings settings, std::int64_t n_other_last_max) {
-  settings.kernel = ForwardKernel::kSharedMemory;
+bool expect_as_by_sub_tile(const TestScene& scene, RenderSettings settings, std::int64_t n_other_last_max) {
+  settings.kernel = kStandardKernel;
   CudaView whole(scene, settings);
   settings.kernel = ForwardKernel::kSegmented;
   CudaView cut(scene, settings);
@@ -102,7 +102,7 @@ TEST(SegmentedCuda, CutListsGiveWhatWholeOnesDo) {
   ASSERT_GE(segments.size(), 3u) << "pixels of the scene end in several segments";
 
   // Rounding may move the end of a pixel near the threshold.
-  EXPECT_TRUE(expect_as_by_shared_memory(scene, settings, 2)) << "no list was cut";
+  EXPECT_TRUE(expect_as_by_sub_tile(scene, settings, 2)) << "no list was cut";
 }
 
 /// Splats that each cover the image, faint ones in front of and behind ten opaque ones: eight equal lists, fewer than
@@ -132,7 +132,7 @@ TEST(SegmentedCuda, SegmentsBehindTheEndOfAllPixelsChangeNothing) {
     const TestScene scene = wall_behind(n_splats, n_faint);
     RenderSettings settings = settings_of(scene);
     // All pixels end in the first segment or in one behind the second.
-    EXPECT_EQ(expect_as_by_shared_memory(scene, settings, 2), n_faint > 0) << "whether segments were joined";
+    EXPECT_EQ(expect_as_by_sub_tile(scene, settings, 2), n_faint > 0) << "whether segments were joined";
     settings.kernel = ForwardKernel::kSegmented;
     const CudaView cut(scene, settings);
     // Which segments are skipped differs from run to run; the image does not.
@@ -170,7 +170,7 @@ TEST(SegmentedCuda, MoreSegmentsThanNumbersAreSortedBy) {
   const std::vector<std::int32_t> last_ids = download(cut.rasterizer().last_ids(), cut.alpha.numel());
   EXPECT_GT(*std::min_element(last_ids.begin(), last_ids.end()), 1024 * kSegmentEntries)
       << "behind what is sorted exactly";
-  EXPECT_TRUE(expect_as_by_shared_memory(scene, settings, 2)) << "no list was cut";
+  EXPECT_TRUE(expect_as_by_sub_tile(scene, settings, 2)) << "no list was cut";
 }
 
 TEST(SegmentedCuda, SumsInAFixedOrderRepeatBitForBit) {

@@ -384,12 +384,12 @@ DenseView dense_render(const GaussianTensors& leaves, const CameraView& view, co
       (opacities / kCutoff).log()};
   torch::Tensor touches, nearly_touches;
   if (settings.culling == Culling::kSquare) {
-    touches = nearly_touches = square_meets_a_tile(ellipses.mean_x, radii, settings.tile.width, width) &
-                               square_meets_a_tile(ellipses.mean_y, radii, settings.tile.height, height);
+    touches = nearly_touches = square_meets_a_tile(ellipses.mean_x, radii, settings.tile_shape().width, width) &
+                               square_meets_a_tile(ellipses.mean_y, radii, settings.tile_shape().height, height);
   } else {
     const torch::Tensor size = (2.0 * ellipses.rim.clamp_min(0.0) * (ellipses.xx + ellipses.yy)).sqrt();
-    touches = meets_a_tile(ellipses, width, height, settings.tile, torch::zeros_like(size));
-    nearly_touches = meets_a_tile(ellipses, width, height, settings.tile, 0.01 + 2e-4 * size);
+    touches = meets_a_tile(ellipses, width, height, settings.tile_shape(), torch::zeros_like(size));
+    nearly_touches = meets_a_tile(ellipses, width, height, settings.tile_shape(), 0.01 + 2e-4 * size);
     const torch::Tensor doubtful = is_near(opacities, kCutoff);
     touches = touches & ~doubtful;
     nearly_touches = nearly_touches | doubtful;
@@ -413,13 +413,13 @@ DenseView dense_render(const GaussianTensors& leaves, const CameraView& view, co
   if (settings.culling == Culling::kSquare) {
     hazards.add("radius", (extent - extent.round()).abs() < kDecisionBand * extent, rows);
     const torch::Tensor mean_x = column(means2d, 0).detach(), mean_y = column(means2d, 1).detach();
-    in_reach = square_reaches(pixel_x, mean_x, radii, settings.tile.width, rows, hazards);
+    in_reach = square_reaches(pixel_x, mean_x, radii, settings.tile_shape().width, rows, hazards);
     if (view.lens.kind == LensKind::kEquirectangular) {  // on the other side of the seam
       for (const auto turn : {-width, width}) {
-        in_reach = in_reach | square_reaches(pixel_x, mean_x + turn, radii, settings.tile.width, rows, hazards);
+        in_reach = in_reach | square_reaches(pixel_x, mean_x + turn, radii, settings.tile_shape().width, rows, hazards);
       }
     }
-    in_reach = in_reach & square_reaches(pixel_y, mean_y, radii, settings.tile.height, rows, hazards);
+    in_reach = in_reach & square_reaches(pixel_y, mean_y, radii, settings.tile_shape().height, rows, hazards);
     reached = reached & in_reach;
   }
 

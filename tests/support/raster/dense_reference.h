@@ -71,8 +71,8 @@ struct DenseGradients {
 /// The parameters as double leaves that require gradients.
 GaussianTensors to_dense_leaves(const GaussianTensors& gaussians);
 
-/// Renders `leaves`, double tensors in the shapes of GaussianTensors. `settings.kernel` is ignored. `settings.tile`
-/// matters only for `seen` and for Culling::kSquare, where a Gaussian reaches only the pixels of the tiles
+/// Renders `leaves`, double tensors in the shapes of GaussianTensors. Tiles
+/// matter only for `seen` and for Culling::kSquare, where a Gaussian reaches only the pixels of the tiles
 /// [floor((mean - radius) / tile), ceil((mean + radius) / tile)), per axis and within the image. `motion`: [6] double,
 /// w (rad) and v (world units); undefined: none.
 DenseView dense_render(const GaussianTensors& leaves, const CameraView& view, const RenderSettings& settings,

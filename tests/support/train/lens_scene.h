@@ -49,7 +49,7 @@ inline TrainConfig lens_config() {
   TrainConfig config;
   config.iterations = 200;
   config.device = "cpu";
-  config.kernel = "shared-memory";
+  config.kernel = "sub-tile";
   config.densify_from_iter = 1000;  // none
   config.test_iterations = {1, 200};
   return config;

@@ -29,7 +29,7 @@ inline TrainConfig eventful_config() {
   config.percent_dense = 0.02;
   config.random_background = true;
   config.test_iterations = config.save_iterations = {};
-  config.kernel = "shared-memory";  // a selection by times would differ from run to run
+  config.kernel = "sub-tile";  // a selection by times would differ from run to run
   return config;
 }
 
@@ -68,26 +68,6 @@ inline std::string timeless_bytes(const std::filesystem::path& checkpoint, const
   const std::string bytes = read_bytes(copy);
   std::filesystem::remove(copy);
   return bytes;
-}
-
-/// The clock advances by `seconds` at each reading.
-inline TrainHooks training_with_steps_of(double seconds) {
-  TrainHooks hooks;
-  hooks.clock_s = [seconds, now_s = 0.0]() mutable { return now_s += seconds; };
-  return hooks;
-}
-
-/// Steps take so long that there is time for a kernel check at every interval.
-inline TrainHooks slow_training() {
-  return training_with_steps_of(3600);
-}
-
-/// All kernels take the same time, so none is replaced.
-inline RunTimer equal_times() {
-  return [](const std::vector<std::function<void()>>& runs) {
-    for (const std::function<void()>& run : runs) run();
-    return std::vector<double>(runs.size(), 1.0);
-  };
 }
 
 struct Trained {

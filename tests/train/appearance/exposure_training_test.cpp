@@ -161,7 +161,7 @@ TEST(ExposureTraining, RandomGainsAndTintsCostAtMostThreeTenthsOfADecibel) {
   config.densify_from_iter = 100;
   config.max_gaussians = 200;
   config.save_iterations = config.test_iterations = {};
-  config.kernel = "shared-memory";
+  config.kernel = "sub-tile";
   const double same = test::corrected_psnr(train(config, scene, temp / "same").result.ply, config, scene.test);
   const double without = test::corrected_psnr(train(config, jittered, temp / "without").result.ply, config, scene.test);
   config.exposure = true;

@@ -54,7 +54,7 @@ TEST(BatchTraining, StepsAlongTheSameViewTwiceHaveItsGradient) {
   const test::TempDir temp;
   TrainConfig config;
   config.test_iterations = config.save_iterations = {};
-  config.kernel = "shared-memory";
+  config.kernel = "sub-tile";
   config.iterations = 1;
   const auto moments = [&](const char* name) {
     const fs::path checkpoint = train(config, scene, temp / name).result.checkpoint;
@@ -88,7 +88,7 @@ TEST(BatchTraining, LearnsAsMuchAsWithOneViewAStep) {
     TrainConfig config;
     config.seed = 3;
     config.sh_degree = 0;
-    config.kernel = "shared-memory";
+    config.kernel = "sub-tile";
     config.iterations = 150;
     config.position_lr_max_steps = 150;
     config.densify_until_iter = 0;

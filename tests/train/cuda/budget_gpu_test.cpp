@@ -78,9 +78,9 @@ TEST(BudgetOnGpu, LearnsAsOnTheCpu) {
   const test::TempDir temp;
   TrainConfig config = test::growing_budget_config(400, 350);
   const Trained cpu = train(config, scene, temp / "cpu");
-  for (const char* kernel : {"per-bucket", "per-pixel"}) {
+  for (const char* kernel : {"sub-tile", "combined"}) {
     config.device = "cuda";
-    config.backward_kernel = kernel;
+    config.kernel = kernel;
     const Trained gpu = train(config, scene, temp / kernel);
     EXPECT_NEAR(gpu.result.evaluations.back().second.mean.psnr, cpu.result.evaluations.back().second.mean.psnr, 0.5);
     EXPECT_NEAR(static_cast<double>(gpu.result.n_gaussians), static_cast<double>(cpu.result.n_gaussians), 10);

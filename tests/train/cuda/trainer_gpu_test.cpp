@@ -95,9 +95,8 @@ TEST(TrainerOnGpu, GivesTheSameBytesTwiceIfDeterministic) {
   EXPECT_GT(first.result.n_gaussians, 150) << "no density control happened";
   EXPECT_TRUE(test::same(first.ply, second.ply));
 
-  config.backward_kernel = "per-pixel";
-  EXPECT_TRUE(
-      test::fails_with<InputError>({"--backward_kernel per-bucket"}, [&] { train(config, scene, temp / "c"); }));
+  config.kernel = "naive";
+  EXPECT_TRUE(test::fails_with<InputError>({"--kernel naive", "sub-tile"}, [&] { train(config, scene, temp / "c"); }));
 }
 
 /// Whether `segmented` cuts lists of a view in the log.

@@ -383,7 +383,6 @@ TEST(McmcStrategy, FollowsItsSchedule) {
     if (plan.densify) rounds.push_back(i);
     EXPECT_TRUE(plan.after_step) << "noise in every iteration";
     EXPECT_FALSE(plan.lower_opacities);
-    EXPECT_FALSE(strategy->is_recovering(i));
   }
   EXPECT_EQ(rounds.front(), 600);
   EXPECT_EQ(rounds.back(), 24900);

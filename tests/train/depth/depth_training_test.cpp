@@ -42,7 +42,7 @@ TEST(DepthTraining, DepthsBecomeBetter) {
   config.seed = 3;
   config.sh_degree = 0;
   config.densify_from_iter = config.opacity_reset_interval = 1000;
-  config.kernel = "shared-memory";
+  config.kernel = "sub-tile";
   config.test_iterations = {};
   config.stats_interval = 0;
   config.depth_l1_weight_final = 1;  // few iterations

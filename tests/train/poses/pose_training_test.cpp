@@ -129,7 +129,7 @@ TEST(PoseTraining, RefiningDisturbedPosesImprovesThemAndHeldOutViews) {
   config.iterations = 600;
   config.sh_degree = 0;
   config.densify_until_iter = 0;
-  config.kernel = "shared-memory";
+  config.kernel = "sub-tile";
   // Larger steps than by default, for so few iterations.
   config.position_lr_max_steps = config.iterations;
   config.position_lr_init *= 10;

@@ -115,7 +115,7 @@ TrainConfig on_ranks(TrainConfig config) {
   config.deterministic = true;
   if (runs_on_gpu()) {
     config.device = "cuda";
-    config.kernel = "combined";
+    config.kernel = "segmented";
   }
   return config;
 }

@@ -15,7 +15,7 @@ namespace {
 
 /// What `b3dgs train` does with these options for so many training photographs.
 TrainConfig default_config(GivenOptions given, std::size_t n_photographs) {
-  given.update({{"eval", true}, {"device", "cpu"}, {"kernel", "shared-memory"}});
+  given.update({{"eval", true}, {"device", "cpu"}, {"kernel", "sub-tile"}});
   TrainConfig config = resolve_options(given).config;
   config.stats_interval = 0;
   limit_epochs(config, n_photographs, given);

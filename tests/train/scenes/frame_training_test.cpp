@@ -68,7 +68,7 @@ class FrameTraining : public ::testing::Test {
     config_.densify_from_iter = 5;
     config_.densification_interval = 10;
     config_.densify_until_iter = 50;
-    config_.kernel = "shared-memory";
+    config_.kernel = "sub-tile";
     config_.stats_interval = 0;
     config_.eval = true;
   }

@@ -18,7 +18,7 @@ TrainConfig short_config() {
   config.sh_degree = 0;
   config.densify_from_iter = 20;
   config.densification_interval = 20;
-  config.kernel = "shared-memory";
+  config.kernel = "sub-tile";
   config.test_iterations = {};
   config.stats_interval = 0;
   return config;

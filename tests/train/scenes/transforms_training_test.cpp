@@ -41,7 +41,7 @@ TEST(TransformsTraining, ResultIsThatOfTheColmapScene) {
   TrainConfig config;
   config.iterations = 12;
   config.test_iterations = {};
-  config.kernel = "shared-memory";
+  config.kernel = "sub-tile";
   config.stats_interval = 0;
   const test::Trained a = test::train(config, colmap, temp / "a"), b = test::train(config, transforms, temp / "b");
   const SplatCloud from_colmap = read_splat_ply(a.result.ply), from_transforms = read_splat_ply(b.result.ply);

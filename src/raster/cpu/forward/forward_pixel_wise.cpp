@@ -1,15 +1,18 @@
-// Forward kernels whose lanes are pixels of a row: naive, dynamic, shared-memory, segmented.
+// Forward kernels whose lanes are pixels of a row. A thread corresponds to a thread block of a GPU, and the first-level
+// cache to its shared memory.
 //   naive: each thread gets an equal, contiguous share of the tiles before it starts. A thread whose share contains
 //     the crowded tiles finishes last.
 //   dynamic: threads take tiles from an atomic counter (the paper's inter-block dynamic workload distribution). This
 //     balances tiles of different cost, but a single tile that costs more than a thread's fair share still determines
 //     the time.
-//   shared-memory: as dynamic, with splats staged in the first-level cache, which takes the part of shared memory.
-//   segmented: as shared-memory, with the tiles of long lists cut, so that threads finish at about the same time even
-//     if one tile holds most of the work. A GPU cuts the list; a CPU cuts the tile, into bands of rows: kernels are
-//     chosen by timing, so they must give the image of shared-memory bit for bit. Each band stages the list again.
-// Ends: once per 32 splats, rows whose pixels are all finished are dropped at the top and bottom of the tile
-// (staged), or the tile ends with its last pixel. For the backward pass: final transmittance and last splat of each
+//   shared-memory: as naive, but a batch of splats is copied side by side, and pixels stay in registers while it is
+//     blended.
+//   sub-tile: threads take tiles from a counter; of the staged splats, a vector of pixels blends those that reach it.
+//   segmented: as sub-tile, with the tiles of long lists cut, so that threads finish at about the same time even if one
+//     tile holds most of the work. A GPU cuts the list. A CPU cuts the tile into bands of rows: kernels are chosen by
+//     timing, so they must give the image of sub-tile bit for bit. Each band stages the list again.
+// Once per 32 splats, rows whose pixels are all finished are dropped at the top and bottom of the tile (sub-tile,
+// segmented), or the tile ends with its last pixel. For the backward pass: final transmittance and last splat of each
 // pixel.
 
 #undef HWY_TARGET_INCLUDE
@@ -129,9 +132,33 @@ void run_pixel_wise(const BlendForwardArgs& args, std::int64_t index) {
   tile.finish(args, band);
 }
 
-/// shared-memory, segmented: a batch of splats is copied side by side into the first-level cache. A vector of pixels
-/// then stays in registers while all splats of the batch that reach it are blended. `band`: the rows to blend and to
-/// write.
+/// shared-memory: a vector of pixels stays in registers while all splats of a batch are evaluated.
+void run_shared_memory(const BlendForwardArgs& args, std::int64_t index) {
+  constexpr std::int64_t kBatch = 32;
+  TilePixels tile(args.grid, index);
+  Splat staged[kBatch];
+  const Span band{0, tile.rows};
+  const std::int64_t first = args.bins.tile_offsets[index], last = args.bins.tile_offsets[index + 1];
+  for (std::int64_t batch = first; batch < last; batch += kBatch) {
+    if (tile.live_rows(band).empty()) break;
+    const int n = static_cast<int>(std::min(kBatch, last - batch));
+    for (int s = 0; s < n; ++s) staged[s] = args.splats[args.bins.splat_ids[batch + s]];
+    for (int p = 0; p < tile.rows * tile.stride; p += lane_count()) {
+      const Lanes pixel_x = tile.center_x(p % tile.stride), pixel_y = tile.center_y(p / tile.stride);
+      PixelVector pixels(tile, p);
+      for (int s = 0; s < n; ++s) {
+        const Footprint<Lanes> footprint = evaluate_footprint(splat_shape<Lanes>(staged[s]), pixel_x, pixel_y);
+        if (none(footprint.contributes)) continue;
+        pixels.blend(staged[s], footprint, static_cast<std::int32_t>(batch - first) + s);
+      }
+      pixels.store(tile, p);
+    }
+  }
+  tile.finish(args, band);
+}
+
+/// sub-tile, segmented: as shared-memory, for the splats of a batch that reach the vector. `band`: the rows to blend
+/// and to write.
 void run_staged(const BlendForwardArgs& args, std::int64_t index, const Span& band) {
   constexpr int kBatch = 32;  // 1.5 KiB, and a bit of a mask for each splat
   TilePixels tile(args.grid, index);
@@ -193,6 +220,7 @@ HWY_AFTER_NAMESPACE();
 #if HWY_ONCE
 namespace b3dgs {
 HWY_EXPORT(run_pixel_wise);
+HWY_EXPORT(run_shared_memory);
 HWY_EXPORT(run_staged);
 
 namespace cpu {
@@ -211,6 +239,12 @@ static int rows_of(const BlendForwardArgs& args, std::int64_t tile) {
 }
 
 void blend_forward_shared_memory(const BlendForwardArgs& args) {
+  parallel_each(args.grid.n_tiles(), 1, [&](std::int64_t tile) {
+    HWY_DYNAMIC_DISPATCH(run_shared_memory)(args, tile);
+  });
+}
+
+void blend_forward_sub_tile(const BlendForwardArgs& args) {
   parallel_pool(args.grid.n_tiles(), [&](std::int64_t tile, int) {
     HWY_DYNAMIC_DISPATCH(run_staged)(args, tile, {0, rows_of(args, tile)});
   });

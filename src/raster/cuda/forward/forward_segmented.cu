@@ -1,4 +1,4 @@
-// Forward blend, segmented: shared-memory, with long lists cut into segments of 128 to 512 entries that are blended in
+// Forward blend, segmented: sub-tile, with long lists cut into segments of 128 to 512 entries that are blended in
 // parallel, if the longest has much of the work (list_cut()). Balanced like combined, with the cost per splat of a
 // pixel-wise kernel. Not in the paper, whose balanced kernel distributes a crowded tile over its pixels.
 //
@@ -298,7 +298,7 @@ void launch_forward_segmented(const BlendForwardCudaArgs& args, const LaunchCont
   static_assert(1 << ListCut::kMinLog2 == kBucketEntries, "a segment consists of whole buckets");
   static_assert(3 * (std::int64_t{kIndexMax} >> (ListCut::kMaxLog2 + 1)) * kCudaTilePixels <= kIndexMax,
                 "32 bits index the pixels of all segments, which are shorter only if there are few");
-  if (!args.cut.cuts()) return launch_forward_shared_memory(args, context);
+  if (!args.cut.cuts()) return launch_forward_sub_tile(args, context);
   const std::int32_t n_tiles = args.blend.grid.n_tiles(), n_tasks_max = args.segments.n_tasks_max;
   static_assert(kStagedBlocks == kSegmentBlocks);
   launch_blocks(cut_lists_kernel, 1, kCutThreads, context, args);

@@ -1,5 +1,5 @@
 // Pixel-wise blending with complete splats staged in shared memory, including colour and depth, so that no contributing
-// splat needs an access to global memory. Used by shared-memory and segmented.
+// splat needs an access to global memory. Used by sub-tile and segmented.
 //
 //   Block: 128 pixels, half of a tile. Warp: a sub-tile of 8 x 4. Thread: a pixel.
 //   Stage: each thread copies one splat of the next bucket (128 entries) asynchronously while this one is blended. One

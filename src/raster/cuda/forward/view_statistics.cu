@@ -1,5 +1,7 @@
 // What a rendered view says about its load and its Gaussians.
 //
+// Both work on the tiles of either family: a block has as many threads as a tile has pixels, 256 or 128.
+//
 // Load counting, count_load. Grid: a block per tile; thread: one pixel; lists are read from global memory without
 // staging. Training calls it only for its statistics, so it does not have to be fast.
 //
@@ -24,9 +26,13 @@
 namespace b3dgs::cuda {
 namespace {
 
-constexpr int kThreads = kCudaTilePixels;
+constexpr int kMostThreads = kCudaTilePixels;
 
-__global__ void __launch_bounds__(kThreads) count_load_kernel(const CountLoadArgs args) {
+int tile_threads(const TileGrid& grid) {
+  return grid.tile.width * grid.tile.height;
+}
+
+__global__ void __launch_bounds__(kMostThreads) count_load_kernel(const CountLoadArgs args) {
   const auto tile = static_cast<std::int32_t>(blockIdx.x);
   const TilePixel at = tile_pixel(args.grid, tile, static_cast<std::int32_t>(threadIdx.x));
   if (!at.inside) return;
@@ -44,12 +50,12 @@ __global__ void __launch_bounds__(kThreads) count_load_kernel(const CountLoadArg
 
 /// A batch of splats in shared memory, one per thread of the block, and what the block's pixels add up for them.
 struct ScoredBatch {
-  static_assert(std::uint64_t{kThreads} * kScoreMax < std::uint64_t{1} << 32, "a tile's sums fit into 32 bits");
-  float4 mean[kThreads];
-  float4 conic[kThreads];
-  float2 extent[kThreads];
-  unsigned error[kThreads], weight[kThreads];
-  int max_weight[kThreads];  // bits of a float, which compare like it: weights are not negative
+  static_assert(std::uint64_t{kMostThreads} * kScoreMax < std::uint64_t{1} << 32, "a tile's sums fit into 32 bits");
+  float4 mean[kMostThreads];
+  float4 conic[kMostThreads];
+  float2 extent[kMostThreads];
+  unsigned error[kMostThreads], weight[kMostThreads];
+  int max_weight[kMostThreads];  // bits of a float, which compare like it: weights are not negative
 
   /// Starts copying a splat to this thread's entry.
   __device__ __forceinline__ void copy(const ScoreArgs& args, std::int32_t id) {
@@ -107,11 +113,11 @@ struct ScoredBatch {
   }
 };
 
-__global__ void __launch_bounds__(kThreads)
+__global__ void __launch_bounds__(kMostThreads)
     score_kernel(const ScoreArgs args, const std::int32_t* __restrict__ tiles_by_length, bool wants_weights) {
   __shared__ ScoredBatch batches[2];  // one is scored while the next one arrives
   const std::int32_t tile = tiles_by_length[blockIdx.x];
-  const auto thread = static_cast<std::int32_t>(threadIdx.x);
+  const auto thread = static_cast<std::int32_t>(threadIdx.x), n_threads = static_cast<std::int32_t>(blockDim.x);
   const TilePixel at = tile_pixel(args.grid, tile, sub_tile_pixel(thread));
   const float center_x = at.center_x(), center_y = at.center_y();
   const float left = __shfl_sync(kFullWarp, center_x, 0), top = __shfl_sync(kFullWarp, center_y, 0);
@@ -123,21 +129,22 @@ __global__ void __launch_bounds__(kThreads)
   float transmittance = at.inside ? 1.0f : kClosedPixel;
   // Splats that this thread has staged: of the batch before, of this one, and to be staged.
   std::int32_t before = -1, here = -1, next = thread < n ? ids[thread] : -1;
-  for (std::int32_t start = -kThreads;; start += kThreads) {
-    ScoredBatch &batch = batches[start / kThreads & 1], &other = batches[(start / kThreads + 1) & 1];
+  int turn = 1;
+  for (std::int32_t start = -n_threads;; start += n_threads, turn ^= 1) {
+    ScoredBatch &batch = batches[turn], &other = batches[turn ^ 1];
     __pipeline_wait_prior(0);
     // The one barrier per batch: this batch is complete, and all threads have finished with the one before.
-    const bool is_done = __syncthreads_count(is_finished(transmittance)) == kThreads || start >= n;
+    const bool is_done = __syncthreads_and(is_finished(transmittance)) || start >= n;
     if (before >= 0) other.add_to(args.sums + before);
     if (is_done) break;
     if (next >= 0) other.copy(args, next);
     __pipeline_commit();
     before = here;
     here = next;
-    const std::int32_t ahead = start + 2 * kThreads + thread;
+    const std::int32_t ahead = start + 2 * n_threads + thread;
     next = ahead < n ? ids[ahead] : -1;
 
-    const int count = start < 0 ? 0 : min(n - start, kThreads);
+    const int count = start < 0 ? 0 : min(n - start, n_threads);
     for (int run = 0; run < count; run += kWarpSize) {
       if (!__any_sync(kFullWarp, is_open(transmittance))) break;
       const int tested = run + lane_id();
@@ -151,12 +158,13 @@ __global__ void __launch_bounds__(kThreads)
 }  // namespace
 
 void count_load(const CountLoadArgs& args, const LaunchContext& context) {
-  launch_blocks(count_load_kernel, args.grid.n_tiles(), kThreads, context, args);
+  launch_blocks(count_load_kernel, args.grid.n_tiles(), tile_threads(args.grid), context, args);
 }
 
 void score(const ScoreArgs& args, const std::int32_t* tiles_by_length, bool wants_weights,
            const LaunchContext& context) {
-  launch_blocks(score_kernel, args.grid.n_tiles(), kThreads, context, args, tiles_by_length, wants_weights);
+  launch_blocks(score_kernel, args.grid.n_tiles(), tile_threads(args.grid), context, args, tiles_by_length,
+                wants_weights);
 }
 
 void add_scores(const AddScoresArgs& args, const std::int32_t* radii, const LaunchContext& context) {

@@ -129,17 +129,6 @@ class DefaultStrategy final : public DensityStrategy {
     adam.m.logit_opacities.zero_();
     adam.v.logit_opacities.zero_();
   }
-
-  /// Within the last 500 iterations after a reset, or within half the reset interval if that is shorter. A reset lowers
-  /// logits to -4.6 and zeroes their moments, but not Adam's step count: updates are then up to 6.6 times --opacity_lr,
-  /// and fall to about 1.6 times after 500 steps. By then most opacities have recovered.
-  bool is_recovering(int iteration) const override {
-    constexpr int kRecovery = 500;
-    for (int i = std::max(1, iteration - std::min(kRecovery, config_.opacity_reset_interval / 2)); i < iteration; ++i) {
-      if (plan(i).lower_opacities) return true;
-    }
-    return false;
-  }
 };
 
 }  // namespace

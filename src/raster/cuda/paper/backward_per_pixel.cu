@@ -1,6 +1,7 @@
-// Backward blend, per-pixel: the reference kernel; simple, and as unbalanced as naive is in the forward pass.
-//   Grid: a block per tile, assigned statically. Warp: a sub-tile of 8 x 4 pixels. Thread: one pixel.
-//   Start: the tile's last blended list entry, by an atomic maximum in shared memory.
+// Backward blend on the paper's lists, as unbalanced as naive is in the forward pass. The paper leaves the backward
+// pass as it is in the original 3DGS code: a thread per pixel.
+//   Grid: a block of 128 threads per patch, assigned statically. Warp: 8 x 4 pixels. Thread: one pixel.
+//   Start: the patch's last blended list entry, by an atomic maximum in shared memory.
 //   Loop: batches of list entries from that one to the front, staged in shared memory, a splat per thread. Each thread
 //     steps over them back to front (blend_over_reverse()).
 //   Per splat: the warp sums its 32 pixels' gradients with shuffles, and one lane adds them to the splat with atomics.
@@ -8,22 +9,21 @@
 //   Barriers: two at the start, two per batch.
 
 #include "raster/cuda/backward/splat_grad.cuh"
-#include "raster/cuda/blend_kernels.h"
-#include "raster/cuda/forward/tile_blend.cuh"
 #include "raster/cuda/launch.cuh"
+#include "raster/cuda/paper/patch.cuh"
 
 namespace b3dgs::cuda {
 namespace {
 
-constexpr int kThreads = kCudaTilePixels;
+constexpr int kThreads = kPatchThreads;
 
 __global__ void __launch_bounds__(kThreads) backward_per_pixel_kernel(const BlendBackwardCudaArgs args) {
   __shared__ float4 means[kThreads], conics[kThreads], colors[kThreads];
   __shared__ std::int32_t ids[kThreads];
-  __shared__ std::int32_t tile_last;
+  __shared__ std::int32_t patch_last;
   const BlendBackwardArgs& blend = args.blend;
-  const auto tile = static_cast<std::int32_t>(blockIdx.x);
-  const TilePixel at = tile_pixel(blend.grid, tile, sub_tile_pixel(static_cast<std::int32_t>(threadIdx.x)));
+  const auto patch = static_cast<std::int32_t>(blockIdx.x);
+  const TilePixel at = patch_pixel(blend.grid, patch, sub_tile_pixel(static_cast<std::int32_t>(threadIdx.x)));
   const std::int64_t pixel = static_cast<std::int64_t>(at.y) * blend.grid.image_width + at.x;
   const std::int32_t last = at.inside ? blend.last_ids[pixel] : -1;
   const PixelGrad g = at.inside ? load_pixel_grad(blend, pixel) : PixelGrad{};
@@ -33,12 +33,12 @@ __global__ void __launch_bounds__(kThreads) backward_per_pixel_kernel(const Blen
     state.behind = loss_behind_list(blend, pixel, g);
   }
 
-  if (threadIdx.x == 0) tile_last = -1;
+  if (threadIdx.x == 0) patch_last = -1;
   __syncthreads();
-  atomicMax(&tile_last, last);
-  __syncthreads();  // tile_last is final
-  const std::int64_t first = blend.bins.tile_offsets[tile];
-  const std::int32_t n = tile_last + 1;
+  atomicMax(&patch_last, last);
+  __syncthreads();  // patch_last is final
+  const std::int64_t first = blend.bins.tile_offsets[patch];
+  const std::int32_t n = patch_last + 1;
   // Entry j of a batch is list entry end - j.
   for (std::int32_t end = n - 1; end >= 0; end -= kThreads) {
     __syncthreads();  // all threads have finished with the previous batch
@@ -75,7 +75,6 @@ __global__ void __launch_bounds__(kThreads) backward_per_pixel_kernel(const Blen
 }  // namespace
 
 void launch_backward_per_pixel(const BlendBackwardCudaArgs& args, const LaunchContext& context) {
-  B3DGS_CHECK(args.pair_grads == nullptr, "deterministic gradients need the per-bucket backward kernel");
   launch_blocks(backward_per_pixel_kernel, args.blend.grid.n_tiles(), kThreads, context, args);
 }
 

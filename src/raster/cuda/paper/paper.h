@@ -1,0 +1,47 @@
+// The kernels of Balanced 3DGS: how they are launched, and how well they fill the GPU. README.md of this folder
+// introduces them.
+#pragma once
+
+#include "raster/cuda/passes.h"
+#include "raster/kernels.h"
+#include "raster/rasterizer_backend.h"
+
+namespace b3dgs::cuda {
+
+/// Pixels of a patch, and threads of a block.
+inline constexpr int kPatchWidth = kPaperTile.width, kPatchHeight = kPaperTile.height;
+inline constexpr int kPatchThreads = kPatchWidth * kPatchHeight;
+static_assert(kPatchWidth == 16 && kPatchHeight == 8, "the paper's experiment: 960 x 540 px are 60 x 68 patches");
+
+/// When and where a block ran.
+struct BlockRun {
+  unsigned long long start, end;  // cycles of the multiprocessor's clock
+  std::uint32_t multiprocessor;
+};
+
+struct PaperArgs {
+  BlendForwardArgs blend{};
+  std::int32_t* next_task = nullptr;  // [1] number of the next task, for kernels that take tasks from it
+  BlockRun* runs = nullptr;           // [blocks] out, `end` zero before; null: not wanted
+};
+
+struct PaperKernel {
+  void (*kernel)(PaperArgs) = nullptr;
+  // A grid of as many blocks as are resident at once, which take tasks from `next_task`; else a block per patch.
+  bool takes_tasks = false;
+};
+
+#define B3DGS_ROW(kernel, id, name, is_balanced, summary) PaperKernel paper_##id();
+B3DGS_PAPER_KERNELS(B3DGS_ROW)
+#undef B3DGS_ROW
+
+/// Queues one of them.
+void launch_paper(ForwardKernel kernel, const PaperArgs& args, const LaunchContext& context);
+
+/// Blends once and measures. Waits for the device.
+KernelOccupancy measure_paper(ForwardKernel kernel, PaperArgs args, const LaunchContext& context);
+
+/// The backward blend on the same lists: adds to args.splat_grads with atomics.
+void launch_backward_per_pixel(const BlendBackwardCudaArgs& args, const LaunchContext& context);
+
+}  // namespace b3dgs::cuda
