@@ -18,7 +18,7 @@ fi
 here=$(cd "$(dirname "$0")/.." && pwd)
 export PATH=$PATH:/usr/local/cuda/bin
 b3dgs=${B3DGS:-$here/build/gpu/app/b3dgs}
-kernels=${KERNELS:-forward_.*_kernel|backward_.*_kernel|mark_quads_kernel|sum_behind_kernel}
+kernels=${KERNELS:-forward_.*_kernel|backward_.*_kernel|sum_behind_kernel|(naive|dynamic|gaussian_wise|combined|shared_memory)_kernel}
 # What goes with forward_segmented_kernel.
 if [[ -z ${KERNELS:-} ]]; then kernels+='|cut_lists_kernel|finish_pixels_kernel'; fi
 

@@ -31,7 +31,8 @@ KernelSelector::KernelSelector(KernelRule rule) : rule_(std::move(rule)) {
 
 int KernelSelector::check_of(int iteration) const {
   if (rule_.second.empty() || iteration < 1) return -1;
-  return (iteration - 1) % rule_.interval < kViews ? (iteration - 1) / rule_.interval : -1;
+  const int n_views = is_final() ? kLoggedViews : kViews;
+  return (iteration - 1) % rule_.interval < n_views ? (iteration - 1) / rule_.interval : -1;
 }
 
 KernelDecision KernelSelector::decide(int next_iteration, std::vector<ViewTimes> views) {
@@ -66,7 +67,7 @@ KernelDecision KernelSelector::decide(int next_iteration, std::vector<ViewTimes>
       switches = decision.views >= kMinViews && lead_ms > std::max(kMinLead * in_use_ms, kStandardErrors * error_ms);
       break;
     case KernelPolicy::kPublished:
-      switches = !is_second_ && next_iteration > rule_.interval && lead_ms > 0;
+      switches = !is_final() && next_iteration > rule_.interval && lead_ms > 0;
       break;
     case KernelPolicy::kFixed:
       break;

@@ -45,7 +45,8 @@ class KernelSelector {
   /// take a quarter of a step: with five views, checks still cost at most 0.3 % of the training time
   /// (docs/lab/kernels.md).
   static constexpr int kViews = 5;
-  static constexpr int kMinViews = 3;  // from fewer, kAdaptive does not decide
+  static constexpr int kLoggedViews = 2;  // of one after which nothing can change
+  static constexpr int kMinViews = 3;     // from fewer, kAdaptive does not decide
 
   /// @throws LogicError if the rule does not fit
   explicit KernelSelector(KernelRule rule);
@@ -70,6 +71,11 @@ class KernelSelector {
   void restore(const nlohmann::ordered_json& json, const std::string& device, const std::string& place);
 
  private:
+  /// Times are only logged.
+  bool is_final() const {
+    return rule_.policy == KernelPolicy::kFixed || (rule_.policy == KernelPolicy::kPublished && is_second_);
+  }
+
   KernelRule rule_;
   bool is_second_ = false;
 };

@@ -98,6 +98,8 @@ TEST(KernelSelector, PublishedSwitchesOnceForAnyLeadButNotBeforeTheFirstInterval
   EXPECT_EQ(decision.after, "plain");
   EXPECT_NE(decision.message.find("using plain for the rest"), std::string::npos) << decision.message;
   EXPECT_EQ(own.decide(3009, views(8, 2.0, 1.0)).after, "plain") << "times are logged, but nothing changes any more";
+  EXPECT_EQ(own.check_of(4002), 4);
+  EXPECT_EQ(own.check_of(4003), -1) << "which takes fewer views";
 }
 
 TEST(KernelSelector, FixedOnlyLogs) {
