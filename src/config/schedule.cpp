@@ -41,6 +41,7 @@ int uses_by_overlap(int max_epochs, const Photographs& photographs) {
 
 void scale_steps(TrainConfig& config, double factor, const std::function<bool(const Option&)>& is_wanted) {
   if (factor == 1) return;
+  const TrainConfig before = config;
   visit_fields(config, [&](const Option& option, auto& value, const auto&, const char*) {
     if (option.steps == Steps::kNone || !is_wanted(option)) return;
     using Value = std::decay_t<decltype(value)>;
@@ -50,6 +51,15 @@ void scale_steps(TrainConfig& config, double factor, const std::function<bool(co
       for (int& entry : value) entry = scaled(entry, factor);
     }
   });
+  // Rounds that came together still do. Rounded by itself, the interval of resets or removals would be no multiple any
+  // more, and its rounds would fall between those of growth.
+  const bool were_scaled = config.densification_interval != before.densification_interval &&
+                           config.opacity_reset_interval != before.opacity_reset_interval;
+  if (were_scaled && before.opacity_reset_interval % before.densification_interval == 0) {
+    const int n_rounds = before.opacity_reset_interval / before.densification_interval;
+    config.opacity_reset_interval = static_cast<int>(std::min<std::int64_t>(
+        std::int64_t{n_rounds} * config.densification_interval, std::numeric_limits<int>::max()));
+  }
 }
 
 void scale_schedule(TrainConfig& config, double factor, const GivenOptions& given) {

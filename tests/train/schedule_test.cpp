@@ -244,6 +244,17 @@ TEST(EpochLimit, AppliedAgainChangesNothing) {
   }
 }
 
+TEST(EpochLimit, KeepsRoundsOfRemovalTogetherWithRoundsOfGrowth) {
+  for (std::size_t n = 1; n < 60; ++n) {
+    const TrainConfig config = limited({{"preset", "quality"}}, scene_of(n));
+    EXPECT_EQ(config.opacity_reset_interval % config.densification_interval, 0)
+        << n << " photographs: " << config.densification_interval << ", " << config.opacity_reset_interval;
+  }
+  const TrainConfig config = limited({{"preset", "inria"}, {"steps_scaler", 0.125}}, scene_of(100));
+  EXPECT_EQ(config.densification_interval, 13);
+  EXPECT_EQ(config.opacity_reset_interval, 390) << "thirty rounds, as before";
+}
+
 TEST(EpochLimit, DoesNotScaleGivenOptions) {
   const GivenOptions given{
       {"densify_until_iter", 16000}, {"lr_decay_from_epoch", 80}, {"opacity_reset_interval", 3000}};

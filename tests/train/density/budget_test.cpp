@@ -279,6 +279,8 @@ TEST(BudgetStrategy, RemembersWeightsBetweenTheRoundsThatUseThem) {
   };
   EXPECT_EQ(sums_after(600), (std::vector<double>{0, 0, 0, 0, 4, 4}));
   EXPECT_EQ(sums_after(3000), std::vector<double>(6, 0.0));
+  config.opacity_reset_interval = 985;  // as a user may give it: no multiple of the interval of growth
+  EXPECT_EQ(sums_after(985), (std::vector<double>{4, 4, 4, 4, 0, 0})) << "the growth round at 1000 needs its scores";
   config.prune_weight = 0;
   EXPECT_EQ(sums_after(600), std::vector<double>(6, 0.0));
 }

@@ -125,12 +125,15 @@ class BudgetStrategy final : public DensityStrategy {
     return round;
   }
 
+  /// What a round has used begins anew: errors in a growth round, weights in a round that removes by weight. The two
+  /// may come apart, and a round that only removes must not leave the next growth round with the errors of a few views.
   void end_round(int iteration, DensityStatistics& statistics) const override {
     const bool keeps_weights = config_.prune_weight > 0 && !is_weight_prune_round(config_, iteration);
+    const bool keeps_errors = !is_growth_round(config_, iteration);
     for (torch::Tensor* own : statistics.all()) {
       const bool is_weight =
           own == &column(statistics, BudgetColumn::kMaxWeight) || own == &column(statistics, BudgetColumn::kScoreViews);
-      if (!is_weight || !keeps_weights) own->zero_();
+      if (!(is_weight ? keeps_weights : keeps_errors)) own->zero_();
     }
   }
 
