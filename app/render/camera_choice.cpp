@@ -104,8 +104,9 @@ double fitting_distance(const SplatBounds& bounds, const Camera& lens) {
   return kBall * bounds.radius / std::sin(half_angle);
 }
 
-Orbit choose_orbit(const CommandLine& line, const CameraOptions& options, const std::vector<Camera>& keys,
+Orbit choose_orbit(const CommandLine& line, const CameraOptions& options, const std::vector<Camera>& all,
                    const SplatCloud& splats, const Camera& lens) {
+  const std::vector<Camera> keys = usual_cameras(all, {});
   const SplatBounds bounds = splat_bounds(splats);
   const cv::Vec3d up = up_axis(options.up, keys);
   const cv::Vec3d focus = focus_of(keys, bounds.center);

@@ -7,6 +7,7 @@
 #include <tuple>
 
 #include "core/check.h"
+#include "core/text.h"
 #include "scene/cameras/camera_lens.h"
 #include "scene/cameras/undistort.h"
 #include "scene/colmap/colmap.h"
@@ -102,17 +103,33 @@ std::vector<Camera> cameras_of(const std::vector<AnyView>& views) {
 // One camera so far away would move the frame's origin to where single precision does not separate the others.
 void check_distances(const std::vector<ViewSource>& sources, const SceneModel& model) {
   constexpr double kMostTimes = 1e5;  // wrong registrations lie some hundred times as far away
-  const auto [farthest, times] = farthest_camera(cameras_of(sources), model.points.positions);
+  const std::vector<double> distances = relative_distances(cameras_of(sources), model.points.positions);
+  const auto farthest =
+      static_cast<std::size_t>(std::max_element(distances.begin(), distances.end()) - distances.begin());
+  const double times = distances[farthest];
   if (times <= kMostTimes) return;
   input_error(model.file, ": image ", sources[farthest].name, ": expected a camera centre at most ", kMostTimes,
               " times the usual distance from the others, found ", times,
               " times; remove the image from the model or reconstruct the scene again");
 }
 
+/// A line that names the training views whose cameras are far from the others, or "".
+std::string describe_far_cameras(const std::vector<View>& views, const std::vector<double>& points) {
+  const std::vector<double> distances = relative_distances(cameras_of(views), points);
+  const auto n_far = std::count_if(distances.begin(), distances.end(), [](double times) { return times > kFarTimes; });
+  if (n_far == 0) return "";
+  const auto farthest =
+      static_cast<std::size_t>(std::max_element(distances.begin(), distances.end()) - distances.begin());
+  return detail::concat("the camera of ", views[farthest].name, print_to_string(" is %.0f times", distances[farthest]),
+                        " as far from the others as usual",
+                        n_far > 1 ? detail::concat(", and ", n_far - 1, " more are over ", kFarTimes, " times") : "",
+                        "; the size of the scene is taken from the others; if it is registered wrongly, remove it");
+}
+
 }  // namespace
 
-double scene_extent(const std::vector<View>& views) {
-  const double radius = camera_radius(cameras_of(views));
+double scene_extent(const std::vector<View>& views, const std::vector<double>& points) {
+  const double radius = camera_radius(usual_cameras(cameras_of(views), points));
   return radius > 0 ? 1.1 * radius : 1.0;
 }
 
@@ -175,7 +192,9 @@ Scene load_scene(const SceneOptions& options, const ProgressFn& progress) {
                 model.split.empty() ? detail::concat("every ", kTestEvery, "th image") : "the views of " + model.split,
                 ", which leaves none of ", scene.test.size(), " to train on; remove --eval");
   }
-  scene.extent = scene_extent(scene.train);
+  scene.extent = scene_extent(scene.train, model.points.positions);
+  const std::string far_cameras = describe_far_cameras(scene.train, model.points.positions);
+  if (!far_cameras.empty()) scene.warnings.push_back(far_cameras);
   change_frame_of_views(options.frame ? *options.frame : choose_frame(cameras_of(scene.train), model.points.positions),
                         scene);
   scene.points = in_frame(scene.frame, model.points);

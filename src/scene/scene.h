@@ -74,8 +74,10 @@ using ProgressFn = std::function<void(const std::string& stage, std::size_t done
 /// @throws InputError with file, place, expected, found and remedy if the scene cannot be used
 Scene load_scene(const SceneOptions& options, const ProgressFn& progress = {});
 
-/// 1.1 x the largest distance of a camera centre from the mean of the centres; 1 if that is 0.
-double scene_extent(const std::vector<View>& views);
+/// 1.1 x the largest distance of a usual camera's centre from the mean of these centres; 1 if that is 0. Views and
+/// points
+/// ([N, 3]) are in the same coordinates.
+double scene_extent(const std::vector<View>& views, const std::vector<double>& points = {});
 
 /// Moves cameras and extent of the scene to another frame, but not its points.
 void change_frame_of_views(const CoordinateFrame& to, Scene& scene);

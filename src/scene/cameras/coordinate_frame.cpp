@@ -115,10 +115,11 @@ CoordinateFrame frame_of_points(const std::vector<double>& points) {
 CoordinateFrame choose_frame(const std::vector<Camera>& cameras, const std::vector<double>& points) {
   if (cameras.empty()) return frame_of_points(points);
   CoordinateFrame frame;
-  frame.origin = mean_center(cameras);
+  const std::vector<Camera> usual = usual_cameras(cameras, points);
+  frame.origin = mean_center(usual);
   double depth = typical_depth(cameras, points);
-  if (!(depth > 0)) depth = depth_of_focus(cameras, frame.origin);
-  if (!(depth > 0)) depth = std::min(camera_radius(cameras), 10 * usual_spacing(cameras));
+  if (!(depth > 0)) depth = depth_of_focus(usual, frame.origin);
+  if (!(depth > 0)) depth = std::min(camera_radius(usual), 10 * usual_spacing(cameras));
   if (depth > 0) frame.unit = depth / kTypicalDepth;
   return frame;
 }
@@ -130,24 +131,35 @@ double camera_radius(const std::vector<Camera>& cameras) {
   return largest;
 }
 
-std::pair<std::size_t, double> farthest_camera(const std::vector<Camera>& cameras, const std::vector<double>& points) {
-  if (cameras.size() < 3) return {0, 0};
-  std::array<double, 3> middle{};
+std::vector<double> relative_distances(const std::vector<Camera>& cameras, const std::vector<double>& points) {
   std::vector<double> values(cameras.size());
+  if (cameras.size() < 3) return values;
+  std::array<double, 3> middle{};
   for (std::size_t axis = 0; axis < 3; ++axis) {
     for (std::size_t i = 0; i < cameras.size(); ++i) values[i] = cameras[i].center()[axis];
     middle[axis] = median(values);
   }
   for (std::size_t i = 0; i < cameras.size(); ++i) values[i] = distance(cameras[i].center(), middle);
-  const auto farthest = static_cast<std::size_t>(std::max_element(values.begin(), values.end()) - values.begin());
-  const double largest = values[farthest];
-  // Not the median: most cameras may stand in one place, and differ only by rounding.
-  const auto usual_place =
-      values.end() - 1 - std::max<std::ptrdiff_t>(1, static_cast<std::ptrdiff_t>(values.size()) / 10);
-  std::nth_element(values.begin(), usual_place, values.end());
+  const double depth = typical_depth(cameras, points);
+  // Not the median: most cameras may stand in one place, and differ only by rounding. Without points, nothing else
+  // tells the size of the scene, so more of them may.
+  const auto n_beyond = static_cast<std::ptrdiff_t>(values.size()) / (depth > 0 ? 4 : 10);
+  std::vector<double> sorted = values;
+  const auto usual_place = sorted.end() - 1 - std::max<std::ptrdiff_t>(1, n_beyond);
+  std::nth_element(sorted.begin(), usual_place, sorted.end());
   const bool is_rounding = *usual_place <= 1e-9 * std::hypot(middle[0], middle[1], middle[2]);
-  const double usual = std::max(typical_depth(cameras, points), is_rounding ? 0 : *usual_place);
-  return {farthest, usual > 0 ? largest / usual : 0};
+  const double usual = std::max(depth, is_rounding ? 0 : *usual_place);
+  for (double& value : values) value = usual > 0 ? value / usual : 0;
+  return values;
+}
+
+std::vector<Camera> usual_cameras(const std::vector<Camera>& cameras, const std::vector<double>& points) {
+  const std::vector<double> distances = relative_distances(cameras, points);
+  std::vector<Camera> usual;
+  for (std::size_t i = 0; i < cameras.size(); ++i) {
+    if (distances[i] <= kFarTimes) usual.push_back(cameras[i]);
+  }
+  return usual;
 }
 
 Camera change_frame(const CoordinateFrame& from, const CoordinateFrame& to, Camera camera) {

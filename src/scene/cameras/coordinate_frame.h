@@ -49,17 +49,25 @@ inline constexpr double kTypicalDepth = 5;
 /// - if they look at none, the largest distance of a camera from the mean of the centres, but at most ten times the
 ///   median distance of a camera from the nearest other one;
 /// - without cameras, twice the median distance of the points from their median.
-/// The origin is the mean of the camera centres or, without cameras, the median of the points. If there is no length at
-/// all, the unit is 1. Cameras and points ([N, 3]) are in world coordinates.
+/// The origin is the mean of the centres of the usual cameras or, without cameras, the median of the points. If there
+/// is no length at all, the unit is 1. Cameras and points ([N, 3]) are in world coordinates.
 CoordinateFrame choose_frame(const std::vector<Camera>& cameras, const std::vector<double>& points);
 
 /// The largest distance of a camera centre from the mean of the centres; 0 without cameras.
 double camera_radius(const std::vector<Camera>& cameras);
 
-/// The camera that is farthest from the median of the centres, and its distance relative to the usual one: the 90th
-/// percentile of these distances or, if that is larger, as for panoramas from one place, the typical depth of the
-/// points that the cameras see. 0 if nothing is usual: fewer than three cameras, or all in one place without points.
-std::pair<std::size_t, double> farthest_camera(const std::vector<Camera>& cameras, const std::vector<double>& points);
+/// Returns the distance of each camera from the median of the centres, relative to the usual one: the 75th percentile
+/// of these distances (without points the 90th) or, if that is larger, as for panoramas from one place, the typical
+/// depth of the points that the cameras see. All 0 if nothing is usual: fewer than three cameras, or all in one place
+/// without points.
+std::vector<double> relative_distances(const std::vector<Camera>& cameras, const std::vector<double>& points);
+
+/// A camera at more times the usual distance is probably registered wrongly.
+inline constexpr double kFarTimes = 20;
+
+/// Returns the cameras that are not far. Lengths are taken from these: a single camera a hundred times as far away as
+/// the others would otherwise multiply learning rates by a hundred.
+std::vector<Camera> usual_cameras(const std::vector<Camera>& cameras, const std::vector<double>& points);
 
 /// The same camera for coordinates in `to` instead of `from`.
 Camera change_frame(const CoordinateFrame& from, const CoordinateFrame& to, Camera camera);

@@ -65,41 +65,57 @@ TEST(SceneFrame, TheTypicalDepthHasTheSameLengthInEveryScene) {
   }
 }
 
-TEST(FarthestCamera, IsComparedWithTheOthersAndWithWhatTheySee) {
+double largest(const std::vector<double>& values) {
+  return *std::max_element(values.begin(), values.end());
+}
+
+TEST(RelativeDistances, CompareWithTheOthersAndWithWhatTheySee) {
   for (const double scale : {0.01, 1.0, 1e4}) {
     for (const Vec& shift : {Vec{}, Vec{5e5, -5e6, 300}}) {  // as in UTM coordinates
       Ring scene = ring(scale, shift);
-      EXPECT_LT(farthest_camera(scene.cameras, scene.points).second, 3);
+      EXPECT_LT(largest(relative_distances(scene.cameras, scene.points)), 3);
       scene.cameras[3] = camera_at({shift[0] + 3e6 * scale, shift[1], shift[2]}, 0);
       for (const std::vector<double>& points : {scene.points, std::vector<double>{}}) {
-        const auto [farthest, times] = farthest_camera(scene.cameras, points);
-        EXPECT_EQ(farthest, 3u);
-        EXPECT_NEAR(times, 3e6 / 4, 2e5);
+        EXPECT_NEAR(relative_distances(scene.cameras, points)[3], 3e6 / 4, 2e5);
+        EXPECT_LT(largest(relative_distances(usual_cameras(scene.cameras, points), points)), 3) << "all but that one";
       }
     }
   }
 }
 
-TEST(FarthestCamera, IsNotFarFromPhotographsOfOnePlace) {
+TEST(RelativeDistances, AreSmallForPhotographsOfOnePlace) {
   const Vec place{7, -2, 1};
   std::vector<Camera> cameras{camera_at(place, 0)};
   const std::vector<double> points{9, -2, 1};
-  EXPECT_EQ(farthest_camera(cameras, points).second, 0);
+  EXPECT_EQ(largest(relative_distances(cameras, points)), 0);
   for (int i = 1; i < 8; ++i) cameras.push_back(camera_at(place, 0.7 * i));
-  EXPECT_LT(farthest_camera(cameras, points).second, 1e-9);
+  EXPECT_LT(largest(relative_distances(cameras, points)), 1e-9);
   cameras.push_back(camera_at({9, 0, 1}, 3));
-  EXPECT_NEAR(farthest_camera(cameras, points).second, std::sqrt(2.0), 1e-9) << "relative to the depth, 2";
-  EXPECT_EQ(farthest_camera(cameras, {}).second, 0) << "centres that differ by rounding are no measure";
+  EXPECT_NEAR(largest(relative_distances(cameras, points)), std::sqrt(2.0), 1e-9) << "relative to the depth, 2";
+  EXPECT_EQ(largest(relative_distances(cameras, {})), 0) << "centres that differ by rounding are no measure";
 }
 
-TEST(FarthestCamera, IsNotFarIfMostStandInOnePlace) {  // a tripod, or a vehicle that waits
+TEST(RelativeDistances, AreSmallIfMostStandInOnePlace) {  // a tripod, or a vehicle that waits
   for (const double noise : {0.0, 1e-12, 1e-4}) {
     std::vector<Camera> cameras;
     for (int i = 0; i < 8; ++i) cameras.push_back(camera_at({noise * (i % 3), noise * (i % 2), 0}, 0));
     for (int i = 1; i < 5; ++i) cameras.push_back(camera_at({10.0 * i, 0, 0}, 0));
-    EXPECT_LT(farthest_camera(cameras, {}).second, 2) << noise;
+    EXPECT_LT(largest(relative_distances(cameras, {})), 2) << noise;
   }
-  EXPECT_EQ(farthest_camera({camera_at({0, 0, 0}, 0), camera_at({1e7, 0, 0}, 0)}, {}).second, 0) << "which of the two?";
+  EXPECT_EQ(largest(relative_distances({camera_at({0, 0, 0}, 0), camera_at({1e7, 0, 0}, 0)}, {})), 0)
+      << "which of the two?";
+}
+
+TEST(UsualCameras, SetTheFrameAlthoughAFewAreRegisteredFarAway) {
+  const Ring scene = ring(1, {});
+  const CoordinateFrame expected = choose_frame(scene.cameras, scene.points);
+  Ring wrong = scene;
+  wrong.cameras.push_back(camera_at({1200, 0, 0}, 0));
+  wrong.cameras.push_back(camera_at({0, 400, -300}, 1));
+  EXPECT_EQ(usual_cameras(wrong.cameras, wrong.points).size(), scene.cameras.size());
+  const CoordinateFrame found = choose_frame(wrong.cameras, wrong.points);
+  EXPECT_NEAR(found.unit, expected.unit, 0.05 * expected.unit);
+  for (std::size_t axis = 0; axis < 3; ++axis) EXPECT_NEAR(found.origin[axis], expected.origin[axis], 1e-9);
 }
 
 TEST(SceneFrame, CoordinatesInItDoNotDependOnUnitAndPlace) {
