@@ -267,6 +267,36 @@ B3DGS_HD LensPlace<Real> lens_place(const LensParams<Real>& lens, const Vec3<Rea
   return {{limit / rho * c.x, limit / rho * c.y, c.z}, true};
 }
 
+/// The Jacobian of a clamped lens_place() with respect to the point, transposed, times v. On the axis of the lens,
+/// where the azimuth of the place jumps, only the distance of the point counts.
+template <class Real>
+B3DGS_HD Vec3<Real> clamped_place_transposed(const LensParams<Real>& lens, const Vec3<Real>& c, const Vec3<Real>& v) {
+  using std::cos;
+  using std::sin;
+  using std::sqrt;
+  using std::tan;
+  const bool is_panorama = lens.kind == LensKind::kEquirectangular;
+  // The place lies on a cone, at the azimuth of the point: (first, second) is across the axis.
+  const Real first = c.x, second = is_panorama ? c.z : c.y;
+  const Real v_first = v.x, v_second = is_panorama ? v.z : v.y, v_third = is_panorama ? v.y : v.z;
+  const Real rho = sqrt(first * first + second * second), inverse = rho > 0 ? 1 / rho : 0;
+  const Real r_first = first * inverse, r_second = second * inverse;
+  const Real along = r_first * v_first + r_second * v_second;
+  if (!is_panorama && lens.kind != LensKind::kFisheye) {  // (z tan(angle) r, z)
+    const Real slope = tan(lens.max_angle), turn = c.z * slope * inverse;
+    return {turn * (v_first - r_first * along), turn * (v_second - r_second * along), slope * along + v_third};
+  }
+  // t (across r, up), with t the distance of the point.
+  constexpr Real kMax = Real(kMaxLatitude * kDegree);
+  const Real t = sqrt(dot(c, c)), across = is_panorama ? cos(kMax) : sin(lens.max_angle);
+  const Real up = is_panorama ? (c.y < 0 ? -sin(kMax) : sin(kMax)) : cos(lens.max_angle);
+  const Real outward = rho > 0 ? along : (is_panorama ? v_second : v_first);  // where lens_place() puts it
+  const Real radial = (across * outward + up * v_third) / t, turn = t * across * inverse;
+  const Vec3<Real> turned{turn * (v_first - r_first * along), is_panorama ? 0 : turn * (v_second - r_second * along),
+                          is_panorama ? turn * (v_second - r_second * along) : 0};
+  return radial * c + turned;
+}
+
 /// Depth of a point: orders the splats, and is what depth images show.
 template <class Real>
 B3DGS_HD Real lens_depth(const LensParams<Real>& lens, const Vec3<Real>& c) {

@@ -218,8 +218,7 @@ B3DGS_HD ProjectionGrad<Real> project_backward(const ViewTransform<Real>& view, 
   return grad;
 }
 
-/// Nothing passes through the place of a clamped linearisation, where J does not move with the Gaussian, nor through
-/// the factor by which a Gaussian is shrunk.
+/// Nothing passes through the factor by which a Gaussian is shrunk.
 template <class Real>
 B3DGS_HD ProjectionGrad<Real> project_backward(const ViewTransform<Real>& view, const LensParams<Real>& lens,
                                                Vec3<Real> point, const Mat3<Real>& factor, const Projection<Real>& p,
@@ -231,11 +230,13 @@ B3DGS_HD ProjectionGrad<Real> project_backward(const ViewTransform<Real>& view, 
   const Vec3<Real> row_x = (1 / p.shrink) * (view.rotation * p.axis_x);
   const Vec3<Real> row_y = (1 / p.shrink) * (view.rotation * p.axis_y);
   grad.point = grad.mean2d.x * row_x + grad.mean2d.y * row_y;
-  if (!p.place.is_clamped) {
-    const Vec3<Real> grad_row_x = p.shrink * (view.rotation * (factor * grad_spread.x));
-    const Vec3<Real> grad_row_y = p.shrink * (view.rotation * (factor * grad_spread.y));
-    grad.point = grad.point + lens_hessian(lens, view, p.place.at, grad_row_x, grad_row_y);
-  }
+  // With the centre at row_x (c - at) from the pixel of the place, the derivatives of the place itself cancel, and
+  // those of the rows remain.
+  const Vec3<Real> beyond = point - p.place.at;  // 0 unless the place is clamped
+  const Vec3<Real> grad_row_x = p.shrink * (view.rotation * (factor * grad_spread.x)) + grad.mean2d.x * beyond;
+  const Vec3<Real> grad_row_y = p.shrink * (view.rotation * (factor * grad_spread.y)) + grad.mean2d.y * beyond;
+  const Vec3<Real> grad_place = lens_hessian(lens, view, p.place.at, grad_row_x, grad_row_y);
+  grad.point = grad.point + (p.place.is_clamped ? clamped_place_transposed(lens, point, grad_place) : grad_place);
   if (has_radial_depth(lens)) {
     grad.point = grad.point + (grad_depth / lens_depth(lens, point)) * point;
   } else {
