@@ -146,12 +146,14 @@ Comparison load_comparison(const ComparisonPlan& plan) {
 namespace {
 
 /// Pairs of name and text: scene, seeds, and the options that all configurations have, where these differ from the
-/// default values. Those in which configurations differ go to `rows`: the name, and a text for each configuration.
+/// values of the baseline's preset. Those in which configurations differ go to `rows`: the name, and a text for each
+/// configuration.
 Json settings(const Comparison& comparison, Json& rows) {
   const ComparisonPlan& plan = comparison.plan;
   std::vector<Json> all;
   for (const ConfigurationHistory& own : comparison.configurations) all.push_back(config_to_json(own.config));
-  const Json defaults = config_to_json(TrainConfig{});
+  const TrainConfig& baseline = comparison.configurations.front().config;
+  const Json defaults = config_to_json(preset_options(baseline));
   Json shared = defaults;
   for (const auto& [name, first] : all.front().items()) {
     const bool differs = std::any_of(all.begin(), all.end(),
@@ -169,7 +171,7 @@ Json settings(const Comparison& comparison, Json& rows) {
   Json pairs = scene_rows(plan.base, plan.folder(comparison.configurations.front(), plan.seeds.front()));
   pairs.push_back({"seeds", seeds});
   pairs.push_back({"options of all", (changed.empty() ? "" : changed + "; ") +
-                                         "otherwise, but for the table below, as in --preset inria"});
+                                         "otherwise, but for the table below, as in --preset " + baseline.preset});
   return pairs;
 }
 

@@ -11,6 +11,7 @@
 #include <map>
 
 #include "compare/synthetic_histories.h"
+#include "config/option_layers.h"
 #include "config/train_options.h"
 #include "report/page_data.h"
 #include "report/train_report.h"
@@ -82,6 +83,19 @@ TEST(CompareReportData, NamesOptionsOfAllOnlyWhereTheyAre) {
   EXPECT_FALSE(test::contains(all, "lambda_dssim")) << all;
   EXPECT_FALSE(test::contains(data.dump(), "gaussians_per_pixel 1.5"));
   EXPECT_EQ(data["options"], Json::array({Json::array({"lambda_dssim", "0.1", "0.4"})}));
+}
+
+TEST(CompareReportData, NamesOptionsOfAllOnlyWhereTheyDifferFromThePreset) {
+  Comparison comparison = comparison_of({{"naive", {steady_history(10)}}, {"mine", {steady_history(8)}}});
+  for (ConfigurationHistory& own : comparison.configurations) {
+    const std::string kernel = own.config.kernel;
+    own.config = resolve_options({{"preset", "fast"}, {"iterations", 200}, {"lambda_dssim", 0.3}}).config;
+    own.config.kernel = kernel;
+  }
+  const Json settings = comparison_report_data(comparison)["settings"];
+  EXPECT_EQ(settings.back(), Json::array({"options of all",
+                                          "iterations 200, lambda_dssim 0.3; otherwise, but for the table below, as "
+                                          "in --preset fast"}));
 }
 
 TEST(CompareReport, TheTableOnTheTerminalSaysWhatIsMoreThanChance) {
