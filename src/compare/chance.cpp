@@ -12,9 +12,10 @@ constexpr double kStudentT[] = {12.706, 4.303, 3.182, 2.776, 2.571, 2.447, 2.365
                                 2.201,  2.179, 2.160, 2.145, 2.131, 2.120, 2.110, 2.101, 2.093, 2.086,
                                 2.080,  2.074, 2.069, 2.064, 2.060, 2.056, 2.052, 2.048, 2.045, 2.042};
 
-/// Runs in turns on one machine differ by 1 to 3 %. With one seed, the difference of two such runs has a standard
-/// deviation of up to 3 % x sqrt(2), so that 10 % are exceeded by chance in 2 of 100 comparisons at most.
-constexpr EffectLimits kTimeLimits{0.01, 0.1};
+/// Beyond the table its last value, which is at most 4 % too large.
+double student_t(std::size_t degrees_of_freedom) {
+  return kStudentT[std::min(degrees_of_freedom, std::size(kStudentT)) - 1];
+}
 
 const char* finding_of(double mean, double margin, double limit) {
   if (mean - margin >= -limit && mean + margin <= limit) return "equal";
@@ -23,13 +24,9 @@ const char* finding_of(double mean, double margin, double limit) {
 
 }  // namespace
 
-double limit_with_noise(double noise) {
-  return kStudentT[0] * noise;
-}
-
-EffectLimits time_limits(const std::optional<double>& noise) {
-  if (!noise) return kTimeLimits;
-  return {kTimeLimits.floor, std::max(kTimeLimits.floor, limit_with_noise(*noise))};
+EffectLimits limits_of(const Measure& measure, const std::optional<double>& noise) {
+  if (!noise) return {measure.floor, measure.one_seed};
+  return {measure.floor, std::max(measure.with_noise, student_t(1) * *noise)};
 }
 
 nlohmann::ordered_json spread_of(const std::vector<double>& values) {
@@ -53,8 +50,7 @@ nlohmann::ordered_json effect_of(const std::vector<double>& differences, const E
   double squares = 0;
   for (const double own : differences) squares += (own - mean) * (own - mean);
   const double standard_error = std::sqrt(squares / static_cast<double>(n - 1) / static_cast<double>(n));
-  // Beyond the table its last value, which is at most 4 % too large.
-  const double margin = kStudentT[std::min(n - 1, std::size(kStudentT)) - 1] * standard_error;
+  const double margin = student_t(n - 1) * standard_error;
   effect.update({{"interval", {mean - margin, mean + margin}},
                  {"limit", limits.floor},
                  {"finding", finding_of(mean, margin, limits.floor)}});

@@ -7,18 +7,30 @@
 
 namespace b3dgs {
 
-/// docs/compare.md names all limits, too.
-struct EffectLimits {
-  double floor = 0;     // several seeds: a smaller mean difference never counts, however certain
-  double one_seed = 0;  // one seed: a smaller difference may be chance
+/// The smallest differences that count; docs/compare.md names them all, too.
+struct Measure {
+  double floor = 0;       // several seeds: a smaller mean difference never counts, however certain
+  double one_seed = 0;    // one seed: a smaller difference may be chance
+  double with_noise = 0;  // the same if the baseline was trained twice; the difference of its two runs may raise it
 };
 
-/// The limit for one seed if two runs of the baseline differ by `noise`: another pair of equal runs differs by over
-/// t(1) = 12.7 x `noise` in 5 of 100 comparisons.
-double limit_with_noise(double noise);
+/// Shares of the baseline's time. Runs in turns on one machine usually differ by 1 to 3 %. With one seed, the
+/// difference of two such runs has a standard deviation of up to 3 % x sqrt(2), so that 10 % are exceeded by chance in
+/// 2 of 100 comparisons at most.
+inline constexpr Measure kTime{0.01, 0.1, 0.01};
+/// 0.1 dB is 2.3 % of the squared error; docs/recipes.md trusts no smaller effect. With one seed: trainings of the same
+/// options have differed by 1 dB on `fox`. Two runs of the baseline may agree to the last bit although other options
+/// round differently, so the limits of one seed stay.
+inline constexpr Measure kPsnr{0.1, 1, 1}, kSsim{0.003, 0.03, 0.03};
+inline constexpr Measure kCount{0.02, 0.2, 0.2};  // shares of the baseline's number of Gaussians
 
-/// Of the share of time saved. `noise`: that of two runs of the baseline, if it was trained twice.
-EffectLimits time_limits(const std::optional<double>& noise);
+struct EffectLimits {
+  double floor = 0, one_seed = 0;
+};
+
+/// Returns the limits of a measure. `noise` is the difference between two runs of the baseline, if it was trained
+/// twice: another pair of equal runs differs by more than t(1) = 12.7 x `noise` in 5 of 100 comparisons.
+EffectLimits limits_of(const Measure& measure, const std::optional<double>& noise);
 
 /// {"mean", "min", "max", "n"}; null without values.
 nlohmann::ordered_json spread_of(const std::vector<double>& values);

@@ -127,7 +127,7 @@ Json compare_times(const ConfigurationHistory& baseline, const ConfigurationHist
           {"differs_in", differing.others},  // options, except those of the kernel
           {"has_own_kernel", !differing.kernel.empty()},
           {"learns_differently", learns_differently(baseline.config, ours.config)},
-          {"saved_overall", effect_of(overall.shares, time_limits(overall.noise))},
+          {"saved_overall", effect_of(overall.shares, limits_of(kTime, overall.noise))},
           {"saved_before_inflection", spread_of(before.shares)},
           {"saved_after_inflection", spread_of(after.shares)},
           {"machine_spread",
@@ -205,7 +205,7 @@ Json balancing_gain(const Histories& configurations, const ConfigurationHistory&
   const auto saved = [&](const std::vector<double>& before_s, const std::vector<double>& after_s) {
     std::vector<double> shares;
     for (std::size_t i = 0; i < before_s.size(); ++i) shares.push_back((before_s[i] - after_s[i]) / before_s[i]);
-    return effect_of(shares, time_limits(noise));
+    return effect_of(shares, limits_of(kTime, noise));
   };
   gain.update({{"saved_naive_to_unbalanced", saved(naive_s, unbalanced_s)},
                {"saved_by_balancing", saved(unbalanced_s, ours_s)},
@@ -227,25 +227,21 @@ std::optional<double> count_of(const LogPoint& point) {
   return point.count ? std::optional(static_cast<double>(*point.count)) : std::nullopt;
 }
 
-/// 0.1 dB is 2.3 % of the squared error; docs/recipes.md trusts no smaller effect. With one seed: trainings of the same
-/// options have differed by 1 dB on `fox`.
-constexpr EffectLimits kPsnrLimits{0.1, 1};
-
-struct Measure {
+struct QualityMeasure {
   const char* name;
-  EffectLimits limits;
-  bool is_relative;  // the limits are shares of the baseline's value
+  Measure measure;
+  bool is_relative;  // differences are judged as shares of the baseline's value
   std::optional<double> (*value)(const LogPoint& point);
 };
 
-constexpr Measure kMeasures[] = {
-    {kPsnrMeasure, kPsnrLimits, false, [](const LogPoint& point) { return point.test_psnr; }},
-    {kSsimMeasure, {0.003, 0.03}, false, [](const LogPoint& point) { return point.test_ssim; }},
-    {kCountMeasure, {0.02, 0.2}, true, count_of},
+constexpr QualityMeasure kMeasures[] = {
+    {kPsnrMeasure, kPsnr, false, [](const LogPoint& point) { return point.test_psnr; }},
+    {kSsimMeasure, kSsim, false, [](const LogPoint& point) { return point.test_ssim; }},
+    {kCountMeasure, kCount, true, count_of},
 };
 
 /// Empty if it was not measured after this iteration.
-std::optional<double> value_at(const TrainHistory& history, int iteration, const Measure& measure) {
+std::optional<double> value_at(const TrainHistory& history, int iteration, const QualityMeasure& measure) {
   const auto point = std::lower_bound(history.points.begin(), history.points.end(), iteration,
                                       [](const LogPoint& own, int wanted) { return own.iteration < wanted; });
   const bool is_logged = point != history.points.end() && point->iteration == iteration;
@@ -253,7 +249,8 @@ std::optional<double> value_at(const TrainHistory& history, int iteration, const
 }
 
 /// The last iteration at which all configurations were measured for some seed (0 if there is none), and these seeds.
-std::pair<int, std::vector<std::size_t>> common_measurement(const Histories& configurations, const Measure& measure) {
+std::pair<int, std::vector<std::size_t>> common_measurement(const Histories& configurations,
+                                                            const QualityMeasure& measure) {
   std::pair<int, std::vector<std::size_t>> common;
   for (std::size_t seed = 0; seed < configurations[0].by_seed.size(); ++seed) {
     const std::vector<LogPoint>& points = configurations[0].by_seed[seed].points;
@@ -272,7 +269,7 @@ std::pair<int, std::vector<std::size_t>> common_measurement(const Histories& con
 /// Compares `ours` with the first configuration at an iteration that all have reached.
 Json compare_quality(const Histories& configurations, const ConfigurationHistory& ours, const Repetition& repetition) {
   Json compared = Json::array();
-  for (const Measure& measure : kMeasures) {
+  for (const QualityMeasure& measure : kMeasures) {
     const auto [iteration, seeds] = common_measurement(configurations, measure);
     if (seeds.empty()) continue;
     std::vector<double> before, after, gained;
@@ -289,10 +286,8 @@ Json compare_quality(const Histories& configurations, const ConfigurationHistory
     }
     const Json baseline = spread_of(before);
     const double unit = measure.is_relative ? baseline["mean"].get<double>() : 1;
-    // Two runs of the baseline may agree to the last bit, and other options round differently: the fixed limit stays.
-    const EffectLimits limits{measure.limits.floor * unit,
-                              std::max(measure.limits.one_seed * unit, limit_with_noise(noise.value_or(0)))};
-    const Json effect = effect_of(gained, limits);
+    const auto [floor, one_seed, with_noise] = measure.measure;
+    const Json effect = effect_of(gained, limits_of({floor * unit, one_seed * unit, with_noise * unit}, noise));
     compared.push_back({{"measure", measure.name},
                         {"iteration", iteration},
                         {"baseline", baseline},
@@ -308,13 +303,27 @@ Json compare_quality(const Histories& configurations, const ConfigurationHistory
 }
 
 /// What each configuration has reached at the end of its own training, over the seeds that have been trained so far.
-Json final_results(const Histories& configurations) {
+Json final_results(const Histories& configurations, const Repetition& repetition) {
   Json results = Json::array();
   const auto is_complete = [](const ConfigurationHistory& own, std::size_t seed) {
     return own.by_seed[seed].last_iteration() >= own.config.iterations && !own.by_seed[seed].points.empty();
   };
+  const auto psnr_gained = [&](const ConfigurationHistory& own) {  // of the seeds that have both
+    std::vector<double> gained;
+    for (std::size_t seed = 0; seed < own.by_seed.size(); ++seed) {
+      if (!is_complete(own, seed) || !is_complete(configurations[0], seed)) continue;
+      const std::optional<double>&after = own.by_seed[seed].points.back().test_psnr,
+            &before = configurations[0].by_seed[seed].points.back().test_psnr;
+      if (after && before) gained.push_back(*after - *before);
+    }
+    return gained;
+  };
+  std::optional<double> noise;
+  if (repetition.second != nullptr) {
+    for (const double own : psnr_gained(*repetition.second)) noise = std::max(noise, std::optional(std::fabs(own)));
+  }
   for (const ConfigurationHistory& own : configurations) {
-    std::vector<double> seconds, count, psnr, ssim, gained;
+    std::vector<double> seconds, count, psnr, ssim;
     const auto add = [](std::vector<double>& values, const std::optional<double>& value) {
       if (value) values.push_back(*value);
     };
@@ -325,9 +334,6 @@ Json final_results(const Histories& configurations) {
       add(count, count_of(last));
       add(psnr, last.test_psnr);
       add(ssim, last.test_ssim);
-      if (!is_complete(configurations[0], seed)) continue;
-      const std::optional<double>& of_baseline = configurations[0].by_seed[seed].points.back().test_psnr;
-      if (last.test_psnr && of_baseline) gained.push_back(*last.test_psnr - *of_baseline);
     }
     results.push_back({{"name", own.name},
                        {"iterations", own.config.iterations},
@@ -336,7 +342,7 @@ Json final_results(const Histories& configurations) {
                        {"gaussians", spread_of(count)},
                        {"psnr", spread_of(psnr)},
                        {"ssim", spread_of(ssim)},
-                       {"psnr_gained", effect_of(gained, kPsnrLimits)}});
+                       {"psnr_gained", effect_of(psnr_gained(own), limits_of(kPsnr, noise))}});
   }
   return results;
 }
@@ -403,7 +409,7 @@ Json summarize_comparison(const Histories& configurations, int iterations) {
                {"iterations", iterations},
                {"done", *std::max_element(done_by_seed.begin(), done_by_seed.end())},
                {"done_by_seed", done_by_seed},
-               {"results", final_results(configurations)},
+               {"results", final_results(configurations, repetition)},
                {"balancing", balancing},
                {"missing_kernels", may_balance(ours) ? missing_unbalanced_kernels(configurations, ours.config)
                                                      : std::vector<std::string>()},

@@ -202,6 +202,34 @@ TEST(CompareSummary, ADifferenceWithinRunToRunVariationIsNeitherEqualNorADiffere
   EXPECT_NEAR(quality["tolerance"], 12.706 * 0.5, 1e-9);
 }
 
+TEST(CompareSummary, RunToRunVariationLimitsEveryFinding) {
+  // Two runs of naive differ by 1.5 dB and 5 %, so differences of 2 dB and 20 % may be chance.
+  const auto summary = [](int iterations_of_ours) {
+    std::vector<ConfigurationHistory> all{trained("naive", {with_quality(history(10, 10), 25, 1000)}),
+                                          trained("naive", {with_quality(history(8, 8, iterations_of_ours), 27, 1000)}),
+                                          trained("naive", {with_quality(history(9.5, 9.5), 26.5, 1000)})};
+    for (ConfigurationHistory& own : all) own.config.iterations = 4000;
+    all[1].config.iterations = iterations_of_ours;
+    all[1].config.feature_lr *= 2;
+    all[1].name = "ours";
+    all[2].name = "naive_again";
+    return summarize_comparison(all, 4000);
+  };
+  const Json same = summary(4000), shorter = summary(2000);
+  for (const std::size_t i : {0, 1}) {
+    EXPECT_EQ(same["compared"][i]["saved_overall"]["finding"], "unclear");
+    EXPECT_EQ(same["compared"][i]["quality"][0]["finding"], "unclear");
+    for (const Json& own : {same, shorter}) {
+      EXPECT_EQ(own["results"][i + 1]["psnr_gained"]["finding"], "unclear");
+      EXPECT_NEAR(own["results"][i + 1]["psnr_gained"]["limit"], 12.706 * 1.5, 1e-9);
+    }
+  }
+  EXPECT_NE(shorter["verdict"].get<std::string>().find(
+                "ours +2.00 dB, which may be chance. One seed: differences below 19.1 dB"),
+            std::string::npos)
+      << shorter["verdict"];
+}
+
 TEST(CompareSummary, OnlyTheSameComparisonIsSetBesideThePaper) {
   const auto original = [](const std::string& kernel) {
     ConfigurationHistory own = trained(kernel, {with_switch(history(8, 9.5), 2001)});
