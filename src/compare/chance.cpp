@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <iterator>
+#include <numeric>
 
 namespace b3dgs {
 namespace {
@@ -17,12 +18,49 @@ double student_t(std::size_t degrees_of_freedom) {
   return kStudentT[std::min(degrees_of_freedom, std::size(kStudentT)) - 1];
 }
 
+/// A spread cannot be estimated from fewer blocks of turns.
+constexpr std::size_t kFewestBlocks = 5;
+constexpr std::size_t kFewestTurns = 2 * kFewestBlocks;  // enough to see whether neighbours depend on each other
+/// Shorter trainings mostly measure how caches and clocks warm up.
+constexpr double kShortestS = 10;
+
+/// With one seed, a difference below this share of the floor is called equal. If the true difference were the floor or
+/// more, so small a difference would occur in at most 2.4 % of comparisons, however much (normally distributed) runs
+/// vary.
+constexpr double kEqualShare = 1.0 / 20;
+
+double sum(const std::vector<double>& values) {
+  return std::accumulate(values.begin(), values.end(), 0.0);
+}
+
 const char* finding_of(double mean, double margin, double limit) {
   if (mean - margin >= -limit && mean + margin <= limit) return "equal";
   return std::fabs(mean) > margin && std::fabs(mean) >= limit ? "differs" : "unclear";
 }
 
 }  // namespace
+
+bool TurnTimes::are_too_short() const {
+  return before_s.size() < kFewestTurns || sum(before_s) < kShortestS || sum(after_s) < kShortestS;
+}
+
+double TurnTimes::margin() const {
+  const std::size_t n = before_s.size();
+  const double total_s = sum(before_s), saved = (total_s - sum(after_s)) / total_s;
+  double margin = 0;
+  // Turns take longer as Gaussians are added, so each is compared with its share of the whole saving. A load that
+  // lasts for several turns makes their differences depend on each other. Sums of neighbours show that, so the largest
+  // margin of all block lengths counts.
+  for (std::size_t n_blocks = n; n_blocks >= kFewestBlocks; n_blocks /= 2) {
+    std::vector<double> blocks(n_blocks);
+    for (std::size_t i = 0; i < n; ++i) blocks[i * n_blocks / n] += before_s[i] * (1 - saved) - after_s[i];
+    const double squares = std::inner_product(blocks.begin(), blocks.end(), blocks.begin(), 0.0);
+    const auto degrees = static_cast<double>(n_blocks - 1);
+    const double standard_error = std::sqrt(squares * static_cast<double>(n_blocks) / degrees) / total_s;
+    margin = std::max(margin, student_t(n_blocks - 1) * standard_error);
+  }
+  return margin;
+}
 
 EffectLimits limits_of(const Measure& measure, const std::optional<double>& noise) {
   if (!noise) return {measure.floor, measure.one_seed};
@@ -43,17 +81,23 @@ nlohmann::ordered_json effect_of(const std::vector<double>& differences, const E
   const std::size_t n = differences.size();
   const double mean = effect["mean"];
   if (n == 1) {
-    const bool differs = std::fabs(mean) > limits.one_seed;
-    effect.update({{"interval", nullptr}, {"limit", limits.one_seed}, {"finding", differs ? "differs" : "unclear"}});
-    return effect;
+    const double limit = std::max(limits.one_seed, limits.margin);
+    const bool is_equal = std::fabs(mean) < kEqualShare * limits.floor;
+    effect.update({{"interval", nullptr},
+                   {"limit", limit},
+                   {"finding", is_equal                  ? "equal"
+                               : std::fabs(mean) > limit ? "differs"
+                                                         : "unclear"}});
+  } else {
+    double squares = 0;
+    for (const double own : differences) squares += (own - mean) * (own - mean);
+    const double standard_error = std::sqrt(squares / static_cast<double>(n - 1) / static_cast<double>(n));
+    const double margin = std::max(student_t(n - 1) * standard_error, limits.margin);
+    effect.update({{"interval", {mean - margin, mean + margin}},
+                   {"limit", limits.floor},
+                   {"finding", finding_of(mean, margin, limits.floor)}});
   }
-  double squares = 0;
-  for (const double own : differences) squares += (own - mean) * (own - mean);
-  const double standard_error = std::sqrt(squares / static_cast<double>(n - 1) / static_cast<double>(n));
-  const double margin = student_t(n - 1) * standard_error;
-  effect.update({{"interval", {mean - margin, mean + margin}},
-                 {"limit", limits.floor},
-                 {"finding", finding_of(mean, margin, limits.floor)}});
+  if (limits.is_too_short) effect["finding"] = "too short";
   return effect;
 }
 

@@ -16,7 +16,7 @@ struct Measure {
 
 /// Shares of the baseline's time. Runs in turns on one machine usually differ by 1 to 3 %. With one seed, the
 /// difference of two such runs has a standard deviation of up to 3 % x sqrt(2), so that 10 % are exceeded by chance in
-/// 2 of 100 comparisons at most.
+/// 2 of 100 comparisons at most. The turns may show that they differ by more.
 inline constexpr Measure kTime{0.01, 0.1, 0.01};
 /// 0.1 dB is 2.3 % of the squared error; docs/recipes.md trusts no smaller effect. With one seed: trainings of the same
 /// options have differed by 1 dB on `fox`. Two runs of the baseline may agree to the last bit although other options
@@ -24,8 +24,21 @@ inline constexpr Measure kTime{0.01, 0.1, 0.01};
 inline constexpr Measure kPsnr{0.1, 1, 1}, kSsim{0.003, 0.03, 0.03};
 inline constexpr Measure kCount{0.02, 0.2, 0.2};  // shares of the baseline's number of Gaussians
 
+/// Training times of two configurations in the same turns, s; of several seeds, one after the other.
+struct TurnTimes {
+  std::vector<double> before_s, after_s;
+
+  /// Whether they are too few or take too little time for a judgement of times.
+  bool are_too_short() const;
+  /// Returns the 95 % margin of the share of time saved over all turns, by the spread of the differences between the
+  /// turns of a pair.
+  double margin() const;
+};
+
 struct EffectLimits {
   double floor = 0, one_seed = 0;
+  double margin = 0;          // of the mean difference at least, whatever the spread over seeds
+  bool is_too_short = false;  // nothing can be judged
 };
 
 /// Returns the limits of a measure. `noise` is the difference between two runs of the baseline, if it was trained

@@ -54,6 +54,12 @@ struct Repetition {
   const ConfigurationHistory *first = nullptr, *second = nullptr;
 };
 
+/// The iterations over which times are compared.
+struct TimedIterations {
+  std::vector<int> by_seed;  // common_iterations()
+  int chunk = 0;             // iterations per turn
+};
+
 /// The time saved in the same part of the training, one share for each seed, and the run-to-run variation.
 struct SavedShares {
   std::vector<double> shares;
@@ -66,6 +72,31 @@ struct SavedShares {
     if (differs) noise = std::max(noise, std::optional(std::fabs(*differs)));
   }
 };
+
+/// Adds the times of two runs in each turn of `chunk` iterations. Turns end at the first line of the log after them.
+void add_turns(TurnTimes& turns, const TrainHistory& before, const TrainHistory& after, int until, int chunk) {
+  int from = 0;
+  for (const LogPoint& point : before.points) {
+    if (point.iteration > until) break;
+    if (point.iteration / chunk == from / chunk && point.iteration < until) continue;
+    turns.before_s.push_back(seconds_between(before, from, point.iteration));
+    turns.after_s.push_back(seconds_between(after, from, point.iteration));
+    from = point.iteration;
+  }
+}
+
+/// Returns the limits for the share of time that `ours` saved.
+EffectLimits time_limits(const ConfigurationHistory& baseline, const ConfigurationHistory& ours,
+                         const TimedIterations& timed, const std::optional<double>& noise) {
+  TurnTimes turns;
+  for (std::size_t seed = 0; seed < timed.by_seed.size(); ++seed) {
+    add_turns(turns, baseline.by_seed[seed], ours.by_seed[seed], timed.by_seed[seed], timed.chunk);
+  }
+  EffectLimits limits = limits_of(kTime, noise);
+  limits.margin = turns.margin();
+  limits.is_too_short = turns.are_too_short();
+  return limits;
+}
 
 std::optional<int> first_kernel_switch(const TrainHistory& history) {
   for (const Json& check : history.events["kernel_check"]) {
@@ -101,7 +132,8 @@ Json kernel_part(const ConfigurationHistory& baseline, const ConfigurationHistor
 
 /// One configuration compared with another, over the iterations of each seed that all configurations have done.
 Json compare_times(const ConfigurationHistory& baseline, const ConfigurationHistory& ours, const Repetition& repetition,
-                   const std::vector<int>& done_by_seed) {
+                   const TimedIterations& timed) {
+  const std::vector<int>& done_by_seed = timed.by_seed;
   SavedShares overall, before, after;
   std::vector<double> switches;
   Json by_seed = Json::array();
@@ -127,7 +159,7 @@ Json compare_times(const ConfigurationHistory& baseline, const ConfigurationHist
           {"differs_in", differing.others},  // options, except those of the kernel
           {"has_own_kernel", !differing.kernel.empty()},
           {"learns_differently", learns_differently(baseline.config, ours.config)},
-          {"saved_overall", effect_of(overall.shares, limits_of(kTime, overall.noise))},
+          {"saved_overall", effect_of(overall.shares, time_limits(baseline, ours, timed, overall.noise))},
           {"saved_before_inflection", spread_of(before.shares)},
           {"saved_after_inflection", spread_of(after.shares)},
           {"machine_spread",
@@ -175,8 +207,9 @@ std::vector<std::string> missing_unbalanced_kernels(const Histories& configurati
 /// Splits the time saved by a configuration that may balance in two: from naive to the fastest kernel without load
 /// balancing ("unbalanced"), and from there to this configuration. Null if it does not balance, or if a kernel without
 /// load balancing was not trained with the same other options.
-Json balancing_gain(const Histories& configurations, const ConfigurationHistory& ours,
-                    const std::vector<int>& done_by_seed, const std::optional<double>& noise) {
+Json balancing_gain(const Histories& configurations, const ConfigurationHistory& ours, const TimedIterations& timed,
+                    const std::optional<double>& noise) {
+  const std::vector<int>& done_by_seed = timed.by_seed;
   if (!may_balance(ours) || !missing_unbalanced_kernels(configurations, ours.config).empty()) return nullptr;
   const auto seconds_of = [&](const ConfigurationHistory& configuration) {
     std::vector<double> seconds;
@@ -186,32 +219,28 @@ Json balancing_gain(const Histories& configurations, const ConfigurationHistory&
     return seconds;
   };
   const auto mean = [](const std::vector<double>& seconds) { return spread_of(seconds)["mean"].get<double>(); };
-  const std::vector<double> ours_s = seconds_of(ours);
-  if (ours_s.empty()) return nullptr;
-  std::vector<double> naive_s, unbalanced_s;
-  Json gain{{"name", ours.name}, {"naive", ""}, {"unbalanced", ""}};
+  if (seconds_of(ours).empty()) return nullptr;
+  const ConfigurationHistory *naive = nullptr, *unbalanced = nullptr;
   for (const std::string_view kernel : unbalanced_kernels(ours.config)) {
     const ConfigurationHistory& own = *find_trained(configurations, ours.config, kernel);
     const std::vector<double> own_s = seconds_of(own);
     if (*std::min_element(own_s.begin(), own_s.end()) <= 0) return nullptr;
-    if (kernel == kernel_name(ForwardKernel::kNaive)) {
-      naive_s = own_s;
-      gain["naive"] = own.name;
-    }
-    if (!unbalanced_s.empty() && mean(own_s) >= mean(unbalanced_s)) continue;
-    unbalanced_s = own_s;
-    gain["unbalanced"] = own.name;
+    if (kernel == kernel_name(ForwardKernel::kNaive)) naive = &own;
+    if (unbalanced == nullptr || mean(own_s) < mean(seconds_of(*unbalanced))) unbalanced = &own;
   }
-  const auto saved = [&](const std::vector<double>& before_s, const std::vector<double>& after_s) {
+  const auto saved = [&](const ConfigurationHistory& before, const ConfigurationHistory& after) {
+    const std::vector<double> before_s = seconds_of(before), after_s = seconds_of(after);
     std::vector<double> shares;
     for (std::size_t i = 0; i < before_s.size(); ++i) shares.push_back((before_s[i] - after_s[i]) / before_s[i]);
-    return effect_of(shares, limits_of(kTime, noise));
+    return effect_of(shares, time_limits(before, after, timed, noise));
   };
-  gain.update({{"saved_naive_to_unbalanced", saved(naive_s, unbalanced_s)},
-               {"saved_by_balancing", saved(unbalanced_s, ours_s)},
-               {"saved_whole", saved(naive_s, ours_s)},
-               {"machine_spread", or_null(noise)}});
-  return gain;
+  return {{"name", ours.name},
+          {"naive", naive->name},
+          {"unbalanced", unbalanced->name},
+          {"saved_naive_to_unbalanced", saved(*naive, *unbalanced)},
+          {"saved_by_balancing", saved(*unbalanced, ours)},
+          {"saved_whole", saved(*naive, ours)},
+          {"machine_spread", or_null(noise)}};
 }
 
 /// Whether the two are the comparison in the Balanced 3DGS paper (arXiv 2412.17378): naive against the choice between
@@ -374,30 +403,32 @@ const ConfigurationHistory& choose_ours(const Histories& configurations) {
 
 }  // namespace
 
-Json summarize_comparison(const Histories& configurations, int iterations) {
+Json summarize_comparison(const Histories& configurations, int iterations, int chunk) {
   B3DGS_CHECK(configurations.size() >= 2, configurations.size(), " configurations");
+  B3DGS_CHECK(chunk > 0, chunk, " iterations per turn");
   const ConfigurationHistory &baseline = configurations[0], &ours = choose_ours(configurations);
   Repetition repetition;
   const auto again = std::find_if(configurations.begin() + 1, configurations.end(), [&](const auto& own) {
     return differing_options(baseline.config, own.config).empty();
   });
   if (again != configurations.end()) repetition = {&baseline, &*again};
-  const std::vector<int> done_by_seed = common_iterations(configurations, iterations);
+  const TimedIterations timed{common_iterations(configurations, iterations), chunk};
+  const std::vector<int>& done_by_seed = timed.by_seed;
 
   std::optional<double> noise;
   Json compared = Json::array(), balancing = Json::array(), paper_pairs = Json::array();
   for (std::size_t i = 1; i < configurations.size(); ++i) {
-    Json& own = compared.emplace_back(compare_times(baseline, configurations[i], repetition, done_by_seed));
+    Json& own = compared.emplace_back(compare_times(baseline, configurations[i], repetition, timed));
     own["quality"] = compare_quality(configurations, configurations[i], repetition);
     const Json& own_noise = own["machine_spread"]["overall"];
     if (&configurations[i] == repetition.second && own_noise.is_number()) noise = own_noise.get<double>();
   }
   for (const ConfigurationHistory& own : configurations) {
-    const Json gain = balancing_gain(configurations, own, done_by_seed, noise);
+    const Json gain = balancing_gain(configurations, own, timed, noise);
     if (!gain.is_null()) balancing.push_back(gain);
     for (const ConfigurationHistory& other : configurations) {
       if (!is_paper_pair(own.config, other.config)) continue;
-      paper_pairs.push_back(compare_times(own, other, repetition, done_by_seed));
+      paper_pairs.push_back(compare_times(own, other, repetition, timed));
     }
   }
   Json summary{{"verdict", ""},

@@ -12,18 +12,21 @@ namespace b3dgs {
 inline constexpr const char *kPsnrMeasure = "PSNR, dB", *kSsimMeasure = "SSIM", *kCountMeasure = "Gaussians";
 
 /// "summary" of compare.json, which the page and the terminal show. `configurations`: at least two, of which the first
-/// is the baseline; all have the same seeds. `iterations`: how many were requested of the longest.
+/// is the baseline; all have the same seeds. `iterations`: how many were requested of the longest. `chunk`: iterations
+/// per turn.
 ///
 /// Values over seeds are spreads, {"mean", "min", "max", "n"}, or null without a value. Differences between runs with
 /// the same seeds are effects, spreads with
-///   "interval": the 95 % interval of the mean (Student's t), null with one seed
+///   "interval": the 95 % interval of the mean (Student's t, over seeds or over turns, whichever is wider), null with
+///               one seed
 ///   "finding": several seeds: "differs" if the interval excludes 0 and the mean is at least "limit", "equal" if the
-///              interval lies within the limit on both sides of 0; one seed: "differs" above the limit, never "equal";
-///              otherwise "unclear": it may be chance
+///              interval lies within the limit on both sides of 0; one seed: "differs" above the limit, "equal" if the
+///              values hardly differ; otherwise "unclear": it may be chance. Of times, "too short" if the trainings are
 /// Time saved is a share of the baseline's time, negative if time was lost. "machine_spread" is the difference between
 /// two trainings of the baseline, null if it was trained once; "inflection" (the paper's word) is the iteration of the
 /// first check that switched to another kernel, and "before" and "after" refer to it.
-nlohmann::ordered_json summarize_comparison(const std::vector<ConfigurationHistory>& configurations, int iterations);
+nlohmann::ordered_json summarize_comparison(const std::vector<ConfigurationHistory>& configurations, int iterations,
+                                            int chunk);
 
 /// Whether all configurations of a summary train for the same number of iterations.
 bool have_equal_lengths(const nlohmann::ordered_json& summary);

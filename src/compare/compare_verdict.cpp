@@ -6,6 +6,7 @@
 #include <optional>
 #include <vector>
 
+#include "compare/chance.h"
 #include "compare/compare_summary.h"
 #include "core/text.h"
 #include "report/page_data.h"
@@ -30,10 +31,16 @@ std::size_t seeds_started(const Json& summary) {
   return static_cast<std::size_t>(std::count_if(done.begin(), done.end(), [](const Json& own) { return own > 0; }));
 }
 
-/// "saved 9.4 % of the training time of naive", "took 3.0 % longer than naive", "took as long as naive" or "shows no
-/// clear difference in training time from naive", and in brackets the interval or what one seed cannot tell, and
-/// `times`.
+bool is_too_short(const Json& saved) {
+  return saved["finding"] == "too short";
+}
+
+/// "saved 9.4 % of the training time of naive", "took 3.0 % longer than naive", "took as long as naive", "shows no
+/// clear difference in training time from naive" or "against naive: too short to judge", and in brackets the interval
+/// or what one seed cannot tell, and `times`.
 std::string saving_text(const Json& saved, const std::string& than, const std::string& times = "") {
+  const auto in_brackets = [](const std::string& notes) { return notes.empty() ? "" : " (" + notes + ")"; };
+  if (is_too_short(saved)) return "against " + than + ": too short to judge the training time" + in_brackets(times);
   const double mean = saved["mean"];
   const bool differs = saved["finding"] == "differs", lost = differs && mean < 0, equal = saved["finding"] == "equal";
   const std::string text = lost      ? "took " + percent(-mean) + " longer than " + than
@@ -44,11 +51,11 @@ std::string saving_text(const Json& saved, const std::string& than, const std::s
   if (const Json& interval = saved["interval"]; !interval.is_null()) {
     const double low = interval[lost ? 1 : 0], high = interval[lost ? 0 : 1], sign = lost ? -100 : 100;
     notes += (notes.empty() ? "" : ", ") + print_to_string("95 %% interval %.1f to %.1f %%", sign * low, sign * high);
-  } else if (!differs) {
+  } else if (!differs && !equal) {
     notes += "; with one seed, less than " + percent(saved["limit"]) + " may be chance";
   }
   if (!times.empty()) notes += (notes.empty() ? "" : "; ") + times;
-  return text + (notes.empty() ? "" : " (" + notes + ")");
+  return text + in_brackets(notes);
 }
 
 /// "; load balancing alone: adaptive saved 20.0 % of the training time of sub-tile, the fastest kernel without it".
@@ -61,6 +68,7 @@ std::string balancing_text(const Json& summary, const Json& ours) {
   if (gain == gains.end() && (missing.empty() || !ours["differs_in"].empty())) return "";
   if (is_named && !has_balanced) return "; load balancing saved no time: no load-balanced kernel was used";
   if (gain != gains.end()) {
+    if (is_too_short((*gain)["saved_by_balancing"])) return "; load balancing alone: too short to judge";
     return "; load balancing alone: " + ours["name"].get<std::string>() + " " +
            saving_text((*gain)["saved_by_balancing"], (*gain)["unbalanced"]) + ", the fastest kernel without it";
   }
@@ -114,10 +122,14 @@ std::string psnr_sentence(const Json& summary) {
     return summary["holds_out_views"] ? " Quality has not been measured yet."
                                       : " No views were held out (--no_eval), so quality was not measured.";
   }
-  const std::string one_seed =
-      of_one_seed.is_null()
-          ? ""
-          : print_to_string(" One seed: differences below %.3g dB say nothing.", of_one_seed["limit"].get<double>());
+  std::string one_seed;
+  if (!of_one_seed.is_null()) {
+    const double limit = of_one_seed["limit"];
+    one_seed = print_to_string(" One seed: differences below %.3g dB may be chance, ", limit) +
+               (limit > kPsnr.one_seed ? "judging by two runs of " + summary["baseline"].get<std::string>()
+                                       : "assuming that runs vary by at most 0.2 dB") +
+               ".";
+  }
   const bool is_earlier = last.contains("iteration") && last["iteration"] != summary["iterations"];
   return " PSNR of the test views" + (is_earlier ? " after " + last["iteration"].dump() + " iterations" : "") +
          (is_of_one_length ? in_seeds(last["n"], n_seeds) : "") + ", compared with " +
@@ -204,7 +216,14 @@ std::string verdict(const Json& summary) {
   if (const Json& noise = summary["machine_spread"]; noise.is_number()) {
     text += "; two runs of " + baseline + " differ by " + percent(noise);
   }
-  text += "." + psnr_sentence(summary);
+  text += ".";
+  const Json& saved = ours["saved_overall"];
+  if (is_too_short(saved)) {
+    text += " Times need at least 10 turns and 10 s of each configuration.";
+  } else if (saved["interval"].is_null()) {
+    text += " One seed: this assumes that runs differ no more than the spread of their turns suggests.";
+  }
+  text += psnr_sentence(summary);
   if (summary["done"] == summary["iterations"] && n_started == n_seeds) return text;
   return "Not finished: " + summary["done"].dump() + " of " + summary["iterations"].dump() + " iterations" +
          in_seeds(n_started, n_seeds) + ". So far: " + text;

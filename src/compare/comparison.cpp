@@ -106,7 +106,7 @@ ComparisonPlan read_plan(const fs::path& root) {
     const Json& own = json.at("plan");
     plan.configs = own.at("configs").get<std::string>();
     plan.seeds = own.at("seeds").get<std::vector<std::int64_t>>();
-    plan.chunk = own.at("chunk").get<int>();
+    plan.chunk = std::max(1, own.at("chunk").get<int>());
     plan.reading_s = own.at("reading_s").get<double>();
     // Files of earlier versions lack some keys; their trainings had no --max_epochs.
     plan.has_repetition = own.value("noise", false);
@@ -139,7 +139,7 @@ Comparison load_comparison(const ComparisonPlan& plan) {
       infos.push_back(read_run_info(folder));
     }
   }
-  comparison.summary = summarize_comparison(comparison.configurations, plan.longest());
+  comparison.summary = summarize_comparison(comparison.configurations, plan.longest(), plan.chunk);
   return comparison;
 }
 

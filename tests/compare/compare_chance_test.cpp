@@ -2,11 +2,13 @@
 // the comparisons of equals at most, and nearly all of those with an effect.
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 #include <cstdint>
 #include <random>
 
 #include "compare/comparison.h"
+#include "compare/synthetic_histories.h"
 #include "core/vec.h"
 #include "support/expect_error.h"
 
@@ -44,10 +46,11 @@ struct Simulated {
 TrainHistory run(Chance& chance, const Simulated& simulated, double seed_db, double psnr, double share, int until) {
   TrainHistory history;
   const double seconds = 100 * share * (1 + chance(simulated.time));
-  for (const int part : {1, 2}) {
+  constexpr int kParts = 10;
+  for (int part = 1; part <= kParts; ++part) {
     LogPoint point;
-    point.iteration = part * until / 2;
-    point.elapsed_s = part * seconds / 2;
+    point.iteration = part * until / kParts;
+    point.elapsed_s = part * seconds / kParts;
     history.points.push_back(point);
   }
   history.points.back().test_psnr = 28 + seed_db + psnr + chance(0.2);
@@ -73,7 +76,7 @@ Comparison simulate(Chance& chance, const Simulated& simulated) {
     }
   }
   comparison.infos.assign(histories.size(), std::vector<RunInfo>(comparison.plan.seeds.size()));
-  comparison.summary = summarize_comparison(histories, 4000);
+  comparison.summary = summarize_comparison(histories, 4000, 100);
   return comparison;
 }
 
@@ -209,7 +212,7 @@ TEST(CompareChance, BalancingIsRarelyCreditedWhereItSavesNothing) {
           }
         }
         const std::string text =
-            part_of(summarize_comparison(histories, 4000)["verdict"], "load balancing alone", ", the");
+            part_of(summarize_comparison(histories, 4000, 100)["verdict"], "load balancing alone", ", the");
         ASSERT_FALSE(text.empty());
         if (test::contains(text, "segmented saved ")) ++n_saved;
         if (test::contains(text, "longer than")) ++n_lost;
@@ -217,6 +220,102 @@ TEST(CompareChance, BalancingIsRarelyCreditedWhereItSavesNothing) {
       EXPECT_LE(n_saved / kSimulations, kAtMost) << n_seeds << " seeds, repetition " << has_repetition;
       EXPECT_LE((n_saved + n_lost) / kSimulations, kAtMost) << n_seeds << " seeds, repetition " << has_repetition;
     }
+  }
+}
+
+/// A machine that runs at a speed of its own: a turn takes `load()` times as long as on an idle one.
+class Machine {
+ public:
+  enum class Kind { kIndependent, kDrifts, kHasBursts };
+  Machine(Kind kind, double deviation, std::uint32_t seed) : kind_(kind), deviation_(deviation), chance_(seed) {}
+
+  double load() {
+    if (kind_ == Kind::kIndependent) return std::max(0.05, 1 + chance_(deviation_));
+    if (kind_ == Kind::kDrifts) return std::exp(walk_ = 0.98 * walk_ + chance_(deviation_));
+    // A burst begins in one of ten turns, makes the machine slower, and lasts for some turns.
+    if (burst_ <= 0 && std::fabs(chance_(1)) > 1.645) burst_ = 1 + static_cast<int>(std::fabs(chance_(3)));
+    return (burst_-- > 0 ? 1 + 10 * deviation_ : 1) * (1 + chance_(0.02));
+  }
+
+ private:
+  Kind kind_;
+  double deviation_, walk_ = 0;
+  int burst_ = 0;
+  Chance chance_;
+};
+
+/// The finding on the time of `b`, which takes turns with `a` on this machine and, for a share of `saved`, less time.
+/// Turns take longer towards the end of a training, as Gaussians are added.
+std::string finding_on(Machine& machine, int n_turns, int n_seeds, double saved) {
+  std::vector<ConfigurationHistory> pair{{"a", {}, {}}, {"b", {}, {}}};
+  pair[1].config.feature_lr *= 2;
+  for (int seed = 0; seed < n_seeds; ++seed) {
+    for (ConfigurationHistory& own : pair) own.by_seed.emplace_back();
+    double elapsed_s[] = {0, 0};
+    for (int turn = 0; turn < n_turns; ++turn) {
+      for (int i = 0; i < 2; ++i) {
+        const int own = (seed + 1 + turn + i) % 2;  // first_in_turn() in app/compare
+        elapsed_s[own] += machine.load() * (own == 1 ? 1 - saved : 1) * (5 + 10.0 * turn / n_turns);
+        LogPoint point;
+        point.iteration = 100 * (turn + 1);
+        point.elapsed_s = elapsed_s[own];
+        pair[static_cast<std::size_t>(own)].by_seed.back().points.push_back(point);
+      }
+    }
+  }
+  return summarize_comparison(pair, 100 * n_turns, 100)["compared"][0]["saved_overall"]["finding"];
+}
+
+double share_that_differs(Machine::Kind kind, double deviation, int n_turns, int n_seeds, double saved, int n) {
+  Machine machine(kind, deviation, 51);
+  double n_different = 0;
+  for (int i = 0; i < n; ++i) n_different += finding_on(machine, n_turns, n_seeds, saved) == "differs" ? 1 : 0;
+  return n_different / n;
+}
+
+TEST(CompareChance, EqualsOnABusyMachineAreRarelyCalledDifferent) {
+  using Kind = Machine::Kind;
+  for (const Kind kind : {Kind::kIndependent, Kind::kDrifts, Kind::kHasBursts}) {
+    for (const double deviation : {0.1, 0.3}) {
+      for (const auto& [n_seeds, n_turns] : {std::pair(1, 10), {1, 15}, {1, 30}, {3, 4}, {3, 20}}) {
+        EXPECT_LE(share_that_differs(kind, deviation, n_turns, n_seeds, 0, kSimulations), kAtMost)
+            << "machine " << static_cast<int>(kind) << ", deviation " << deviation << ", " << n_turns << " turns, "
+            << n_seeds << " seeds";
+      }
+    }
+  }
+}
+
+TEST(CompareChance, FewTurnsAndShortTrainingsAreNotJudged) {
+  const auto finding = [](double ms, int until, int n_seeds = 1) {
+    const std::vector<TrainHistory> slow(static_cast<std::size_t>(n_seeds), test::history(ms, ms, until)),
+        fast(static_cast<std::size_t>(n_seeds), test::history(0.5 * ms, 0.5 * ms, until));
+    return test::summarize_pair(slow, fast)["compared"][0]["saved_overall"]["finding"].get<std::string>();
+  };
+  EXPECT_EQ(finding(100, 900), "too short") << "9 turns";
+  EXPECT_EQ(finding(100, 1000), "differs");
+  EXPECT_EQ(finding(100, 500, 2), "differs") << "turns of all seeds count";
+  EXPECT_EQ(finding(19, 1000), "too short") << "one of them takes 9.5 s";
+  EXPECT_EQ(finding(19, 1000, 2), "differs");
+}
+
+TEST(CompareChance, AnUnevenMachineHidesSmallSavings) {
+  TrainHistory naive = test::history(10, 10), ours = test::history(4, 4);
+  double more_s = 0;
+  for (LogPoint& point : ours.points) {
+    if (point.iteration == 1010 || point.iteration == 3010) more_s += 7;  // two turns take much longer
+    point.elapsed_s += more_s;
+  }
+  const auto saved = test::summarize_pair({naive}, {ours})["compared"][0]["saved_overall"];
+  EXPECT_NEAR(saved["mean"], 0.25, 1e-9);
+  EXPECT_GT(saved["limit"], 0.25) << "10 % if all turns were alike";
+  EXPECT_EQ(saved["finding"], "unclear");
+}
+
+TEST(CompareChance, SavingsAreFoundOnAMachineThatIsFairlyQuiet) {
+  using Kind = Machine::Kind;
+  for (const Kind kind : {Kind::kIndependent, Kind::kDrifts}) {
+    EXPECT_GE(share_that_differs(kind, 0.03, 30, 1, 0.2, 1000), 0.99) << "machine " << static_cast<int>(kind);
   }
 }
 

@@ -99,7 +99,7 @@ TEST(CompareSummary, TheVerdictIsAboutTheFirstAdaptiveConfiguration) {
   const Json summary =
       summarize_comparison({trained("naive", {history(10, 10)}), trained("shared-memory", {history(9, 9)}),
                             trained("adaptive", {history(8, 8)})},
-                           4000);
+                           4000, 100);
   EXPECT_EQ(summary["baseline"], "naive");
   EXPECT_EQ(summary["ours"], "adaptive");
   ASSERT_EQ(summary["compared"].size(), 2u);
@@ -111,7 +111,7 @@ TEST(CompareSummary, SeparatesTheGainOfLoadBalancing) {
   const Json summary = summarize_comparison(
       {trained("naive", {history(10, 10), history(10, 10)}), trained("sub-tile", {history(5, 5), history(5, 5)}),
        trained("segmented", {history(4, 4), history(3, 3)})},
-      4000);
+      4000, 100);
   ASSERT_EQ(summary["balancing"].size(), 1u) << "only for the balanced configuration";
   const Json& gain = summary["balancing"][0];
   EXPECT_EQ(gain["name"], "segmented");
@@ -128,7 +128,7 @@ TEST(CompareSummary, TheGainNeedsEveryUnbalancedKernelWithTheSameOptions) {
   ConfigurationHistory other = trained("sub-tile", {history(5, 5)});
   const auto summary = [&] {
     return summarize_comparison({trained("naive", {history(10, 10)}), other, trained("adaptive", {history(4, 4)})},
-                                4000);
+                                4000, 100);
   };
   EXPECT_EQ(summary()["balancing"].size(), 1u);
   EXPECT_TRUE(summary()["missing_kernels"].empty());
@@ -146,7 +146,7 @@ TEST(CompareSummary, TheGainIsAgainstUnbalancedKernelsOfTheSameFamily) {
       summarize_comparison({trained("naive", {history(10, 10)}), trained("shared-memory", {history(8, 8)}),
                             trained("sub-tile", {history(4, 4)}), trained("adaptive", {history(2, 2)}),
                             trained("published", {history(7, 7)}), trained("combined", {history(6, 6)})},
-                           4000)["balancing"];
+                           4000, 100)["balancing"];
   ASSERT_EQ(both.size(), 3u);
   for (std::size_t i = 0; i < 3; ++i) EXPECT_EQ(both[i]["naive"], "naive");
   EXPECT_EQ(both[0]["unbalanced"], "sub-tile") << "adaptive";
@@ -181,7 +181,7 @@ TEST(CompareSummary, ARepeatedBaselineGivesTheRunToRunVariation) {
        {"again",
         config_with("naive"),
         {with_quality(history(10.1, 10), 25.2, 1000), with_quality(history(10, 9.6), 25.9, 1010)}}},
-      4000);
+      4000, 100);
   EXPECT_EQ(summary["repetition"], "again");
   EXPECT_NEAR(summary["machine_spread"], 0.02, 1e-9) << "the larger of 0.5 and 2 %";
   const Json& ours = summary["compared"][0];
@@ -196,7 +196,7 @@ TEST(CompareSummary, ADifferenceWithinRunToRunVariationIsNeitherEqualNorADiffere
       summarize_comparison({trained("naive", {with_quality(history(10, 10), 25, 1000)}),
                             trained("ours", {with_quality(history(8, 8), 25.4, 1000)}),
                             {"again", config_with("naive"), {with_quality(history(10, 10), 24.5, 1000)}}},
-                           4000);
+                           4000, 100);
   const Json& quality = summary["compared"][0]["quality"][0];
   EXPECT_EQ(quality["finding"], "unclear");
   EXPECT_NEAR(quality["tolerance"], 12.706 * 0.5, 1e-9);
@@ -213,7 +213,7 @@ TEST(CompareSummary, RunToRunVariationLimitsEveryFinding) {
     all[1].config.feature_lr *= 2;
     all[1].name = "ours";
     all[2].name = "naive_again";
-    return summarize_comparison(all, 4000);
+    return summarize_comparison(all, 4000, 100);
   };
   const Json same = summary(4000), shorter = summary(2000);
   for (const std::size_t i : {0, 1}) {
@@ -243,7 +243,7 @@ TEST(CompareSummary, OnlyTheSameComparisonIsSetBesideThePaper) {
   const Json pairs = summarize_comparison(
       {trained("sub-tile", {history(10, 10)}), trained("published", {history(9, 9)}), original("naive"),
        original("adaptive"), original("published"), original("combined"), often},
-      4000)["beside_paper"];
+      4000, 100)["beside_paper"];
   ASSERT_EQ(pairs.size(), 2u) << "not with another culling, another baseline or a fixed kernel";
   EXPECT_EQ(pairs[0]["baseline"], "original_naive");
   EXPECT_EQ(pairs[0]["name"], "original_published");
@@ -279,7 +279,8 @@ TEST(CompareSummary, OneSeedSaysLittleOfQualityAndTime) {
     return summarize_pair({with_quality(history(10, 10), 25, 1000)},
                           {with_quality(history(ms, ms), psnr, 1000)})["compared"][0];
   };
-  EXPECT_EQ(compared(25, 10)["quality"][0]["finding"], "unclear") << "not equal, either";
+  EXPECT_EQ(compared(25.01, 10)["quality"][0]["finding"], "unclear") << "not equal, either";
+  EXPECT_EQ(compared(25.004, 10)["quality"][0]["finding"], "equal") << "to the digits that are shown";
   EXPECT_EQ(compared(24.5, 10)["quality"][0]["finding"], "unclear");
   EXPECT_EQ(compared(23.5, 10)["quality"][0]["finding"], "differs");
   EXPECT_EQ(compared(25, 9.5)["saved_overall"]["finding"], "unclear");
@@ -340,7 +341,7 @@ std::vector<ConfigurationHistory> of_two_lengths() {
 }
 
 TEST(FinalResults, AreThoseOfEachConfigurationsOwnEnd) {
-  const Json results = summarize_comparison(of_two_lengths(), 4000)["results"];
+  const Json results = summarize_comparison(of_two_lengths(), 4000, 100)["results"];
   ASSERT_EQ(results.size(), 2u);
   EXPECT_EQ(results[0]["complete_seeds"], 2);
   EXPECT_NEAR(results[0]["seconds"]["mean"], 4, 1e-9);
@@ -356,12 +357,12 @@ TEST(FinalResults, AreThoseOfEachConfigurationsOwnEnd) {
 
 TEST(FinalResults, AreTheVerdictWhereLengthsDiffer) {
   const auto text = [](const std::vector<ConfigurationHistory>& all) {
-    return summarize_comparison(all, 4000)["verdict"].get<std::string>();
+    return summarize_comparison(all, 4000, 100)["verdict"].get<std::string>();
   };
   EXPECT_EQ(text(of_two_lengths()),
             "Not finished. So far: inria 4.0 s, 28.50 dB, 950,000 Gaussians; fast 0.8 s, 28.75 dB, 200,000 "
             "Gaussians. PSNR of the test views, compared with inria: fast +0.75 dB in 1 of 2 seeds, which may be "
-            "chance. One seed: differences below 1 dB say nothing.");
+            "chance. One seed: differences below 1 dB may be chance, assuming that runs vary by at most 0.2 dB.");
   std::vector<ConfigurationHistory> complete = of_two_lengths();
   complete[1].by_seed[1] = complete[1].by_seed[0];
   EXPECT_EQ(text(complete),
@@ -371,7 +372,8 @@ TEST(FinalResults, AreTheVerdictWhereLengthsDiffer) {
   complete.back().name = "short";
   const std::string of_three = text(complete);
   EXPECT_NE(of_three.find("fast +0.25 dB (95 % interval -6.10 to +6.60), which may be chance, short +0.75 dB in 1 of 2 "
-                          "seeds, which may be chance. One seed: differences below 1 dB say nothing."),
+                          "seeds, which may be chance. One seed: differences below 1 dB may be chance, assuming that "
+                          "runs vary by at most 0.2 dB."),
             std::string::npos)
       << of_three;
   EXPECT_EQ(text({of_length("inria", 4000, {history(1, 1)}), of_length("fast", 1000, {history(0.8, 1, 1000)})}),

@@ -12,8 +12,12 @@ namespace {
 
 using namespace test;
 
+/// Ends what a verdict says of times, with one seed.
+const std::string kOneSeed =
+    " One seed: this assumes that runs differ no more than the spread of their turns suggests.";
+
 std::string verdict_of(const std::vector<ConfigurationHistory>& configurations) {
-  return summarize_comparison(configurations, 4000)["verdict"];
+  return summarize_comparison(configurations, 4000, 100)["verdict"];
 }
 
 /// naive with 10 ms per step, sub-tile with 5, and `ours` as adaptive.
@@ -25,18 +29,22 @@ std::string three(const TrainHistory& ours) {
 TEST(Verdict, LoadBalancingIsComparedWithTheFastestUnbalancedKernel) {
   EXPECT_EQ(three(with_kernel(history(4, 4), "segmented")),
             "adaptive saved 60.0 % of the training time of naive (adaptive 16.0 s, naive 40.0 s); load balancing "
-            "alone: adaptive saved 20.0 % of the training time of sub-tile, the fastest kernel without it.");
+            "alone: adaptive saved 20.0 % of the training time of sub-tile, the fastest kernel without it." +
+                kOneSeed);
   EXPECT_EQ(three(with_kernel(history(6, 6), "segmented")),
             "adaptive saved 40.0 % of the training time of naive (adaptive 24.0 s, naive 40.0 s); load balancing "
-            "alone: adaptive took 20.0 % longer than sub-tile, the fastest kernel without it.");
+            "alone: adaptive took 20.0 % longer than sub-tile, the fastest kernel without it." +
+                kOneSeed);
   EXPECT_EQ(three(with_kernel(history(4.8, 4.8), "segmented")),
             "adaptive saved 52.0 % of the training time of naive (adaptive 19.2 s, naive 40.0 s); load balancing "
             "alone: adaptive shows no clear difference in training time from sub-tile (time saved: 4.0 %; with "
-            "one seed, less than 10.0 % may be chance), the fastest kernel without it.");
+            "one seed, less than 10.0 % may be chance), the fastest kernel without it." +
+                kOneSeed);
   EXPECT_EQ(verdict_of({trained("naive", {history(10, 10)}), trained("shared-memory", {history(12, 12)}),
                         trained("combined", {with_kernel(history(8, 8), "combined")})}),
             "combined saved 20.0 % of the training time of naive (combined 32.0 s, naive 40.0 s); load balancing "
-            "alone: combined saved 20.0 % of the training time of naive, the fastest kernel without it.")
+            "alone: combined saved 20.0 % of the training time of naive, the fastest kernel without it." +
+                kOneSeed)
       << "without an adaptive configuration, the verdict is about the balanced one";
 }
 
@@ -70,9 +78,11 @@ TEST(Verdict, WithoutAllUnbalancedKernelsTheShareOfLoadBalancingIsUnknown) {
   };
   EXPECT_EQ(pair(with_kernel(history(8, 9.5), "segmented"), "adaptive"),
             "ours saved 12.5 % of the training time of naive (ours 35.0 s, naive 40.0 s); what load balancing "
-            "contributes is unknown, since sub-tile was not trained.");
-  EXPECT_EQ(pair(history(8, 8)), "ours saved 20.0 % of the training time of naive (ours 32.0 s, naive 40.0 s).");
-  EXPECT_EQ(pair(history(12, 12)), "ours took 20.0 % longer than naive (ours 48.0 s, naive 40.0 s).");
+            "contributes is unknown, since sub-tile was not trained." +
+                kOneSeed);
+  EXPECT_EQ(pair(history(8, 8)),
+            "ours saved 20.0 % of the training time of naive (ours 32.0 s, naive 40.0 s)." + kOneSeed);
+  EXPECT_EQ(pair(history(12, 12)), "ours took 20.0 % longer than naive (ours 48.0 s, naive 40.0 s)." + kOneSeed);
   EXPECT_EQ(pair(TrainHistory{}), "No result yet: not every configuration has been trained.");
 }
 
@@ -80,8 +90,8 @@ TEST(Verdict, OtherOptionsAreNoLoadBalancing) {
   ConfigurationHistory ours = trained("adaptive", {with_kernel(history(6, 6), "segmented")});
   ours.config.sh_degree = 0;
   EXPECT_EQ(verdict_of({trained("naive", {history(10, 10)}), trained("sub-tile", {history(5, 5)}), ours}),
-            "adaptive saved 40.0 % of the training time of naive (adaptive 24.0 s, naive 40.0 s). No views were held "
-            "out (--no_eval), so quality was not measured.");
+            "adaptive saved 40.0 % of the training time of naive (adaptive 24.0 s, naive 40.0 s)." + kOneSeed +
+                " No views were held out (--no_eval), so quality was not measured.");
 
   ConfigurationHistory original = trained("naive", {history(20, 20)});
   original.name = "naive-kernels";
@@ -90,7 +100,8 @@ TEST(Verdict, OtherOptionsAreNoLoadBalancing) {
                         trained("adaptive", {with_kernel(history(4, 4), "segmented")})}),
             "adaptive saved 80.0 % of the training time of naive-kernels (adaptive 16.0 s, naive-kernels 80.0 s); load "
             "balancing alone: adaptive saved 20.0 % of the training time of sub-tile, the fastest kernel without "
-            "it.");
+            "it." +
+                kOneSeed);
 }
 
 /// A configuration that learns with another rate.
@@ -107,10 +118,19 @@ TEST(Verdict, NamesThePsnrOfConfigurationsThatLearnDifferently) {
       trained("naive", {measured(28.3)}), with_other_rate("fast", {measured(26.1, 4)}),
       with_other_rate("fine", {measured(29.5)}), with_other_rate("same", {measured(28.35)})};
   for (ConfigurationHistory& own : all) own.config.eval = true;
-  EXPECT_EQ(verdict_of(all),
-            "fast saved 20.0 % of the training time of naive (fast 16.0 s, naive 20.0 s). PSNR of the test views, "
-            "compared with naive: fast -2.20 dB, fine +1.20 dB, same +0.05 dB, which may be chance. One seed: "
-            "differences below 1 dB say nothing.");
+  EXPECT_EQ(
+      verdict_of(all),
+      "fast saved 20.0 % of the training time of naive (fast 16.0 s, naive 20.0 s)." + kOneSeed +
+          " PSNR of the test views, compared with naive: fast -2.20 dB, fine +1.20 dB, same +0.05 dB, which may "
+          "be chance. One seed: differences below 1 dB may be chance, assuming that runs vary by at most 0.2 dB.");
+  std::vector<ConfigurationHistory> equal = all;
+  equal[3].by_seed = {measured(28.304)};
+  equal.push_back({"naive_again", equal[0].config, {measured(28.4)}});
+  const std::string with_noise = verdict_of(equal);
+  EXPECT_NE(with_noise.find("fast -2.20 dB, fine +1.20 dB, which may be chance, same +0.00 dB, so equal. One seed: "
+                            "differences below 1.27 dB may be chance, judging by two runs of naive."),
+            std::string::npos)
+      << with_noise;
   EXPECT_EQ(verdict_of({trained("naive", {measured(28), measured(29), measured(28.5)}),
                         with_other_rate("fast", {measured(27.5, 6), measured(28.48, 6), measured(28.02, 6)}),
                         with_other_rate("same", {measured(28.01), measured(29), measured(28.5)}),
@@ -120,12 +140,12 @@ TEST(Verdict, NamesThePsnrOfConfigurationsThatLearnDifferently) {
             "interval -0.01 to +0.02), so equal, odd +0.00 dB (95 % interval -1.13 to +1.14), which may be chance.");
   const auto last_sentence = [&] {
     const std::string text = verdict_of(all);
-    return text.substr(text.find("). ") + 3);
+    return text.substr(text.find(kOneSeed) + kOneSeed.size() + 1);
   };
-  for (ConfigurationHistory& own : all) own.by_seed = {with_quality(history(5, 5, 1000), 20, 10)};
+  for (ConfigurationHistory& own : all) own.by_seed = {with_quality(history(50, 50, 1000), 20, 10)};
   EXPECT_EQ(last_sentence().find("PSNR of the test views after 1000 iterations, compared with naive: fast +0.00 dB"),
             0u);
-  for (ConfigurationHistory& own : all) own.by_seed = {history(5, 5, 1000)};
+  for (ConfigurationHistory& own : all) own.by_seed = {history(50, 50, 1000)};
   EXPECT_EQ(last_sentence(), "Quality has not been measured yet.");
 }
 
@@ -141,11 +161,13 @@ TEST(Verdict, NamesNoPsnrWhereOnlyKernelsDiffer) {
 TEST(Verdict, SavingsOfUnbalancedKernelsAreNotLoadBalancing) {
   EXPECT_EQ(three(with_switch(history(5.1, 5.1), 1)),
             "adaptive saved 49.0 % of the training time of naive (adaptive 20.4 s, naive 40.0 s); load balancing saved "
-            "no time: no load-balanced kernel was used.");
+            "no time: no load-balanced kernel was used." +
+                kOneSeed);
   EXPECT_EQ(summarize_pair({history(10, 10)}, {with_switch(history(9.5, 9.5), 1)})["verdict"],
             "ours shows no clear difference in training time from naive (time saved: 5.0 %; with one seed, less than "
             "10.0 % may be chance; ours 38.0 s, naive 40.0 s); load balancing saved no time: no load-balanced kernel "
-            "was used.")
+            "was used." +
+                kOneSeed)
       << "even if not every unbalanced kernel was trained";
 }
 
@@ -159,18 +181,21 @@ TEST(Verdict, DifferencesWithinRunToRunVariationAreNotSavings) {
   EXPECT_EQ(text(10.01),
             "adaptive saved 51.0 % of the training time of naive (adaptive 19.6 s, naive 40.0 s); load balancing "
             "alone: adaptive saved 2.0 % of the training time of sub-tile, the fastest kernel without it; two "
-            "runs of naive differ by 0.1 %.");
+            "runs of naive differ by 0.1 %." +
+                kOneSeed);
   EXPECT_EQ(text(9.9),
             "adaptive saved 51.0 % of the training time of naive (adaptive 19.6 s, naive 40.0 s); load balancing "
             "alone: adaptive shows no clear difference in training time from sub-tile (time saved: 2.0 %; with "
             "one seed, less than 12.7 % may be chance), the fastest kernel without it; two runs of naive differ by 1.0 "
-            "%.");
+            "%." +
+                kOneSeed);
 }
 
 TEST(Verdict, SaysIfSeedsAreMissing) {
-  EXPECT_EQ(summarize_pair({history(10, 10, 3000)}, {history(8, 8, 1000)}, "sub-tile")["verdict"],
-            "Not finished: 1000 of 4000 iterations. So far: ours saved 20.0 % of the training time of naive (ours "
-            "8.00 s, naive 10.00 s).");
+  EXPECT_EQ(summarize_pair({history(10, 10, 3000)}, {history(8, 8, 2000)}, "sub-tile")["verdict"],
+            "Not finished: 2000 of 4000 iterations. So far: ours saved 20.0 % of the training time of naive (ours "
+            "16.0 s, naive 20.0 s)." +
+                kOneSeed);
   const nlohmann::ordered_json one_of_three =
       summarize_pair({history(10, 10), history(10, 10, 500), TrainHistory{}},
                      {history(8, 8), TrainHistory{}, TrainHistory{}}, "sub-tile");
@@ -179,8 +204,24 @@ TEST(Verdict, SaysIfSeedsAreMissing) {
   EXPECT_EQ(one_of_three["compared"][0]["saved_overall"]["n"], 1);
   EXPECT_EQ(one_of_three["verdict"],
             "Not finished: 4000 of 4000 iterations in 1 of 3 seeds. So far: ours saved 20.0 % of the training time of "
-            "naive (ours 32.0 s, naive 40.0 s).");
+            "naive (ours 32.0 s, naive 40.0 s)." +
+                kOneSeed);
   EXPECT_EQ(summarize_pair({TrainHistory{}}, {TrainHistory{}})["done"], 0);
+}
+
+TEST(Verdict, DoesNotCompareTimesOfShortTrainings) {
+  const auto text = [](double ms, int until) {
+    return verdict_of({trained("naive", {history(2 * ms, 2 * ms, until)}),
+                       trained("sub-tile", {with_kernel(history(ms, ms, until), "sub-tile")}),
+                       trained("adaptive", {with_kernel(history(ms, ms, until), "segmented")})});
+  };
+  EXPECT_EQ(text(2, 4000),
+            "adaptive against naive: too short to judge the training time (adaptive 8.00 s, naive 16.00 s); load "
+            "balancing alone: too short to judge. Times need at least 10 turns and 10 s of each configuration.");
+  EXPECT_EQ(text(200, 200),
+            "Not finished: 200 of 4000 iterations. So far: adaptive against naive: too short to judge the training "
+            "time (adaptive 40.0 s, naive 80.0 s); load balancing alone: too short to judge. Times need at least 10 "
+            "turns and 10 s of each configuration.");
 }
 
 /// The first four cells of the line that begins with `name`.
@@ -196,7 +237,7 @@ TEST(SummaryTable, TimesAreThoseOfOneNumberOfIterations) {
   const nlohmann::ordered_json in_a_turn =
       summarize_comparison({trained("naive", {history(10, 10)}), trained("shared-memory", {history(9, 9)}),
                             trained("combined", {history(8, 8, 2000)})},
-                           4000);
+                           4000, 100);
   EXPECT_EQ(times_in_table(in_a_turn, "naive"), "naive 30,000 20.00 - ");
   EXPECT_EQ(times_in_table(in_a_turn, "shared-memory"), "shared-memory 30,000 18.00 10.0 ");
   EXPECT_EQ(times_in_table(in_a_turn, "combined"), "combined 30,000 16.00 20.0 ");

@@ -72,7 +72,7 @@ inline ConfigurationHistory trained(const std::string& kernel, std::vector<Train
 inline nlohmann::ordered_json summarize_pair(std::vector<TrainHistory> naive, std::vector<TrainHistory> ours,
                                              const std::string& kernel = "adaptive") {
   return summarize_comparison({trained("naive", std::move(naive)), {"ours", config_with(kernel), std::move(ours)}},
-                              4000);
+                              4000, 100);
 }
 
 }  // namespace b3dgs::test

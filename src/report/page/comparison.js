@@ -245,19 +245,30 @@ function paper_section({summary}) {
 function criterion({compared, machine_spread, done_by_seed}) {
   const {saved_overall: saved, quality} = compared[0];
   if (!saved) return [];
-  const limits = [{...saved, text: `${percent_text(saved.limit)} of the time`}, ...quality.map((own) => ({...own, text:
+  const judged = compared.map((own) => own.saved_overall).filter((own) => own.finding !== "too short");
+  const largest = Math.max(...judged.map((own) => own.limit));  // turns vary more in some than in others
+  const times = judged.length === 0 ? [] : [{...saved, text: `${percent_text(largest)} of the time`}];
+  const limits = [...times, ...quality.map((own) => ({...own, text:
       own.measure === "Gaussians" ? `${percent_text(own.tolerance / own.baseline.mean)} of the Gaussians`
                                   : `${Number(own.tolerance.toPrecision(3))} ${own.measure.split(", ").pop()}`}))];
   const text = (has_interval) =>
       limits.filter((own) => (own.interval !== null) === has_interval).map((own) => own.text).join(", ");
   const of_seeds = text(true), of_one_seed = text(false);
-  return soft((of_seeds &&
-      "95 %: the interval of the mean difference over the seeds (Student's t, the runs of a seed paired). \"Differs\", " +
-      `"faster", "slower": it excludes 0, and the mean is at least the limit (${of_seeds}). "Equal": it lies within ` +
-      'the limits. "Unclear": neither. ') + (of_one_seed &&
-      `With one seed, smaller differences than these may be chance ("unclear"): ${of_one_seed}. ` +
-      (machine_spread === null ? "" : "They are 12.7 times the run-to-run variation, or fixed limits if these are " +
-                                      "larger. ") + (done_by_seed.length > 1 ? "" : "--seeds 0,1,2 tells more.")));
+  return soft(
+      (judged.length === compared.length ? ""
+          : '"Too short": to judge times takes at least 10 turns and 10 s of training in each configuration. ') +
+      (of_seeds &&
+          "95 %: the interval of the mean difference over the seeds (Student's t, the runs of a seed paired; of " +
+          'times, at least as wide as the spread of the turns suggests). "Differs", "faster", "slower": it excludes ' +
+          `0, and the mean is at least the limit (${of_seeds}). "Equal": it lies within the limits. "Unclear": ` +
+          "neither. ") +
+      (of_one_seed &&
+          `With one seed, smaller differences than these may be chance ("unclear"): ${of_one_seed}. Only values that ` +
+          'hardly differ are "equal". ' +
+          (judged.length === 0 ? "" : "The limit of times assumes that runs differ no more than the spread of their " +
+                                      "turns suggests. ") +
+          (machine_spread === null ? "" : "Limits are at least 12.7 times the run-to-run variation. ") +
+          (done_by_seed.length > 1 ? "" : "--seeds 0,1,2 tells more.")));
 }
 
 function options_table({options, summary}) {
