@@ -10,6 +10,7 @@
 #include "app/train_setup.h"
 #include "core/check.h"
 #include "core/files/atomic_file.h"
+#include "core/json_text.h"
 #include "core/parallel.h"
 #include "core/text.h"
 #include "model/cameras/cameras_json.h"
@@ -329,7 +330,7 @@ int writer_threads() {
 void write_view_names(const fs::path& folder, const std::vector<View>& views) {
   nlohmann::ordered_json names = nlohmann::ordered_json::object();
   for (std::size_t i = 0; i < views.size(); ++i) names[image_name(i)] = views[i].name;
-  write_file(folder / "views.json", names.dump(2, ' ', false, nlohmann::ordered_json::error_handler_t::replace) + "\n");
+  write_file(folder / "views.json", dump_json(names, 2) + "\n");
 }
 
 }  // namespace b3dgs

@@ -238,7 +238,7 @@ void check_checkpoint(const fs::path& checkpoint, const TrainConfig& config) {
 }
 
 void check_same_options(Communicator& ranks, const GivenOptions& given) {
-  const auto first = nlohmann::ordered_json::parse(ranks.exchange("options", given.dump()).front());
+  const auto first = parse_json(ranks.exchange("options", dump_json(given)).front());
   const auto text = [](const nlohmann::ordered_json& options, const std::string& name) {
     return options.contains(name) ? json_excerpt(options.at(name)) : "not given";
   };
@@ -257,9 +257,9 @@ void share_plan(Communicator& ranks, TrainPlan& plan) {
   if (ranks.is_first()) {
     words = {{"config", config_to_json(plan.config)}, {"fixed", plan.fixed}, {"checkpoint", plan.checkpoint.string()}};
   }
-  const std::string plan_of_first = ranks.exchange("plan", words.dump()).front();
+  const std::string plan_of_first = ranks.exchange("plan", dump_json(words)).front();
   if (ranks.is_first()) return;
-  words = nlohmann::ordered_json::parse(plan_of_first);
+  words = parse_json(plan_of_first);
   config_from_json(plan.config, words["config"], "the plan of rank 0");
   plan.fixed = words["fixed"];
   plan.checkpoint = words["checkpoint"].get<std::string>();

@@ -11,6 +11,7 @@
 #include "core/config.h"
 #include "core/files/atomic_file.h"
 #include "core/files/own_files.h"
+#include "core/json_text.h"
 #include "core/random.h"
 #include "core/text.h"
 #include "model/formats/splat_formats.h"
@@ -89,7 +90,7 @@ void jitter_exposure(const SynthConfig& config, std::size_t index, Image8& image
 
 void write_files(const fs::path& folder, const SynthConfig& config, const SynthScene& scene,
                  const std::function<void(std::size_t, std::size_t)>& on_image) {
-  write_file(folder / kOptionsFile, config_to_json(config).dump(2) + "\n");
+  write_file(folder / kOptionsFile, dump_json(config_to_json(config), 2) + "\n");
   write_splats(folder / "truth.ply", scene.truth);
   for (std::size_t i = 0; i < scene.cameras.size(); ++i) {
     Image8 image = render_truth(scene.truth, scene.cameras[i]);

@@ -7,6 +7,7 @@
 #include "adaptive/load_statistics.h"
 #include "core/check.h"
 #include "core/files/atomic_file.h"
+#include "core/json_text.h"
 
 namespace b3dgs {
 namespace {
@@ -53,7 +54,7 @@ BenchFile::BenchFile(std::string path) : path_(std::move(path)) {
 
 void BenchFile::set(const std::string& key, nlohmann::ordered_json value) {
   figures_[key] = std::move(value);
-  if (!path_.empty()) write_file(path_, figures_.dump(2) + "\n");
+  if (!path_.empty()) write_file(path_, dump_json(figures_, 2) + "\n");
 }
 
 void ComparisonTable::add(const Measurement& measurement) {

@@ -22,6 +22,7 @@
 #include <vector>
 
 #include "core/check.h"
+#include "core/json_text.h"
 #include "core/text.h"
 
 namespace b3dgs {
@@ -179,7 +180,7 @@ template <class Config>
 void check_ranges(const Config& config, const std::string& place) {
   visit_fields(config, [&](const Option& option, const auto& value, const auto& constraint, const char*) {
     if (!detail::is_allowed(constraint, value)) {
-      detail::invalid_value(place, option.name, constraint.text(), nlohmann::json(value).dump());
+      detail::invalid_value(place, option.name, constraint.text(), dump_json(value));
     }
   });
 }
@@ -212,7 +213,7 @@ void config_from_json(Config& config, const nlohmann::ordered_json& json, const 
       first = key;
       unknown.erase(key);
       const std::string wanted = detail::take_json(given, value);
-      if (!wanted.empty()) detail::invalid_value(place, option.name, wanted, given.dump());
+      if (!wanted.empty()) detail::invalid_value(place, option.name, wanted, dump_json(given));
     }
   });
   if (!unknown.empty()) input_error("unknown option \"", *unknown.begin(), "\": ", place);
@@ -225,7 +226,7 @@ std::vector<std::string> config_differences(const Config& before, const Config& 
   const nlohmann::ordered_json a = config_to_json(before), b = config_to_json(after);
   std::vector<std::string> lines;
   for (const auto& [key, value] : a.items()) {
-    if (b.at(key) != value) lines.push_back(key + ": " + value.dump() + " -> " + b.at(key).dump());
+    if (b.at(key) != value) lines.push_back(key + ": " + dump_json(value) + " -> " + dump_json(b.at(key)));
   }
   return lines;
 }

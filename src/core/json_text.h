@@ -1,6 +1,10 @@
-// For JSON from files: parsing without exceptions, integers with range checks, and short excerpts for error messages.
+// For JSON in files: text for names of any bytes, parsing without exceptions, integers with range checks, and short
+// excerpts for error messages.
 #pragma once
 
+#include <algorithm>
+#include <charconv>
+#include <cstddef>
 #include <cstdint>
 #include <limits>
 #include <nlohmann/json.hpp>
@@ -16,8 +20,92 @@ namespace b3dgs {
 /// Deeper nesting is rejected, since copying, comparing and printing a JSON value recurse.
 inline constexpr int kMaxJsonDepth = 64;
 
-/// The document, or a discarded value (is_discarded()) if `input`, a string or a stream, is not valid JSON or is nested
-/// too deeply.
+// JSON is UTF-8, but the name of a file can be any bytes. dump_json() writes such strings with an escape for each byte
+// that is not part of a UTF-8 character, and parse_json() restores the bytes. Other strings are written as they are.
+
+/// Starts an escape, and is followed by two hexadecimal digits. Names of photographs have no control characters.
+inline constexpr char kByteEscape = '\x1a';
+
+/// Returns the length of the UTF-8 character at the start of `text`, or 0 if there is none.
+inline std::size_t utf8_length(std::string_view text) {
+  const auto byte = [text](std::size_t i) { return i < text.size() ? static_cast<unsigned char>(text[i]) : 0U; };
+  const unsigned first = byte(0);
+  if (first < 0x80) return text.empty() ? 0 : 1;
+  if (first < 0xC2 || first > 0xF4) return 0;
+  const std::size_t length = first < 0xE0 ? 2 : first < 0xF0 ? 3 : 4;
+  // Longer forms of shorter characters, surrogates, and values above 10FFFF are not valid.
+  const unsigned least = first == 0xE0 ? 0xA0 : first == 0xF0 ? 0x90 : 0x80;
+  const unsigned most = first == 0xED ? 0x9F : first == 0xF4 ? 0x8F : 0xBF;
+  if (byte(1) < least || byte(1) > most) return 0;
+  for (std::size_t i = 2; i < length; ++i) {
+    if ((byte(i) & 0xC0) != 0x80) return 0;
+  }
+  return length;
+}
+
+/// Returns UTF-8 from which unescape_bytes() restores `bytes`. Valid UTF-8 without kByteEscape stays as it is.
+inline std::string escape_bytes(std::string_view bytes) {
+  std::string text;
+  while (!bytes.empty()) {
+    const std::size_t length = bytes[0] == kByteEscape ? 0 : utf8_length(bytes);
+    if (length == 0) {
+      constexpr const char* kDigits = "0123456789abcdef";
+      const auto byte = static_cast<unsigned char>(bytes[0]);
+      text += {kByteEscape, kDigits[byte >> 4], kDigits[byte & 15]};
+    } else {
+      text += bytes.substr(0, length);
+    }
+    bytes.remove_prefix(std::max<std::size_t>(length, 1));
+  }
+  return text;
+}
+
+/// The inverse of escape_bytes(). Leaves alone what escape_bytes() does not write.
+inline std::string unescape_bytes(std::string_view text) {
+  std::string bytes;
+  while (!text.empty()) {
+    unsigned char byte = 0;
+    if (text[0] == kByteEscape && text.size() >= 3) {
+      const auto read = std::from_chars(text.data() + 1, text.data() + 3, byte, 16);
+      if (read.ptr != text.data() + 3 || (byte < 0x80 && byte != kByteEscape)) byte = 0;
+    }
+    bytes += byte == 0 ? text[0] : static_cast<char>(byte);
+    text.remove_prefix(byte == 0 ? 1 : 3);
+  }
+  return bytes;
+}
+
+namespace detail {
+
+/// Replaces each string of a document, keys of objects too, by convert(string).
+template <class Convert>
+void convert_strings(nlohmann::ordered_json& json, const Convert& convert) {
+  using Json = nlohmann::ordered_json;
+  if (json.is_string()) {
+    json = convert(json.get_ref<const std::string&>());
+  } else if (json.is_array()) {
+    for (Json& part : json) convert_strings(part, convert);
+  } else if (json.is_object()) {
+    Json::object_t converted;
+    converted.reserve(json.size());
+    for (auto& [key, value] : json.get_ref<Json::object_t&>()) {
+      convert_strings(value, convert);
+      converted.emplace_back(convert(key), std::move(value));
+    }
+    json = std::move(converted);
+  }
+}
+
+}  // namespace detail
+
+/// Returns the text of a document, with strings of any bytes. `indent` -1: on one line.
+inline std::string dump_json(nlohmann::ordered_json json, int indent = -1) {
+  detail::convert_strings(json, escape_bytes);
+  return json.dump(indent);
+}
+
+/// Returns the document, or a discarded value (is_discarded()) if `input`, a string or a stream, is not valid JSON or
+/// is nested too deeply.
 template <class Input>
 nlohmann::ordered_json parse_json(Input&& input, bool ignore_comments = false) {
   using Json = nlohmann::ordered_json;
@@ -29,7 +117,9 @@ nlohmann::ordered_json parse_json(Input&& input, bool ignore_comments = false) {
   };
   Json json = Json::parse(std::forward<Input>(input), limit_depth, /*allow_exceptions=*/false,
                           /*ignore_comments=*/ignore_comments);
-  return is_too_deep ? Json(Json::value_t::discarded) : json;
+  if (is_too_deep) return Json(Json::value_t::discarded);
+  detail::convert_strings(json, unescape_bytes);
+  return json;
 }
 
 /// Why parse_json(), ignoring comments, has discarded a text: "parse error at line 3, column 5: ...".

@@ -75,7 +75,7 @@ std::pair<int, std::string> numbered_name(const std::string& name, std::string_v
 }
 
 void write_json_file(const fs::path& path, const Json& json, int indent) {
-  write_file(path, json.dump(indent, ' ', false, Json::error_handler_t::replace) + "\n");
+  write_file(path, dump_json(json, indent) + "\n");
 }
 
 std::vector<int> ModelFolder::ply_iterations() const {

@@ -2,6 +2,7 @@
 // renders views of the whole model; the others project their Gaussians on its request.
 #include "multi/rank_stepper.h"
 
+#include "core/json_text.h"
 #include "model/checkpoint/checkpoint_header.h"
 #include "raster/torch/torch_cuda.h"
 #include "scene/scene.h"
@@ -45,10 +46,11 @@ Json describe(const Scene& scene, const Json& fingerprint) {
 /// The first difference between two descriptions that differ.
 std::string find_difference(const Json& there, const Json& first) {
   std::size_t i = 0;
-  while (i + 1 < there.size() && there[i].dump() == first[i].dump()) ++i;  // as texts: 0.0 is not -0.0
+  while (i + 1 < there.size() && dump_json(there[i]) == dump_json(first[i])) ++i;  // as texts: 0.0 is not -0.0
   const std::string what = there[i][0].get<std::string>();
   const Json &here = there[i][1], &other = first[i][1];
-  return here.is_structured() ? what : detail::concat(what, ": ", here.dump(), " there, ", other.dump(), " on rank 0");
+  return here.is_structured() ? what
+                              : detail::concat(what, ": ", dump_json(here), " there, ", dump_json(other), " on rank 0");
 }
 
 }  // namespace
@@ -156,12 +158,11 @@ RenderedView RankStepper::project_and_render(const CameraView& view, const Rende
 
 void RankStepper::check_same_scene(const Json& fingerprint) {
   const Scene& scene = training_.scene;
-  const std::string own =
-      describe(scene, fingerprint).dump(-1, ' ', /*ensure_ascii=*/false, Json::error_handler_t::replace);
+  const std::string own = dump_json(describe(scene, fingerprint));
   const std::string first = ranks_.exchange("scene", ranks_.is_first() ? own : "").front();
   std::string difference;
   if (own != first) {
-    difference = find_difference(Json::parse(own), Json::parse(first)) + " (" + scene.source_path + ")";
+    difference = find_difference(parse_json(own), parse_json(first)) + " (" + scene.source_path + ")";
   }
   const std::vector<std::string> differences = ranks_.exchange("differences of scenes", difference);
   for (std::size_t rank = 0; rank < differences.size(); ++rank) {

@@ -29,11 +29,6 @@ std::optional<Json> read_record(const std::filesystem::path& file) {
   return json;
 }
 
-/// As it is written to the file. File names need not be valid UTF-8.
-std::string text_of(const Json& json, int indent) {
-  return json.dump(indent, ' ', false, Json::error_handler_t::replace);
-}
-
 /// Earlier versions had a stage for each group of photographs: "features 0", "features 1", ... Adds such a stage to the
 /// one of all groups. False if it is another stage.
 bool join_groups(Json& stages, const Json& stage) {
@@ -69,7 +64,7 @@ StageRecord::StageRecord(std::filesystem::path file) : file_(std::move(file)) {
 bool StageRecord::is_done(const std::string& stage, const Json& settings, bool still_there) {
   const std::size_t here = n_passed_++;
   const bool is_same = here < stages_.size() && stages_[here]["stage"] == stage &&
-                       text_of(stages_[here]["settings"], -1) == text_of(settings, -1);
+                       dump_json(stages_[here]["settings"]) == dump_json(settings);
   if (is_same && stages_[here]["done"] == true && still_there) return true;
   was_begun_ = is_same && stages_[here]["done"] == false;
   Json notes = was_begun_ ? stages_[here]["notes"] : Json::object();
@@ -105,7 +100,7 @@ void StageRecord::finish() {
 
 void StageRecord::write() const {
   const Json json{{"version", kVersion}, {"stages", stages_}};
-  write_file(file_, text_of(json, 1) + "\n");
+  write_file(file_, dump_json(json, 1) + "\n");
 }
 
 bool is_stage_record(const std::filesystem::path& file) {

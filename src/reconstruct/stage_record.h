@@ -16,8 +16,7 @@ class StageRecord {
 
   /// Goes on to the next stage. True if it was finished by an earlier call with the same settings, and so was each
   /// stage before it. Otherwise the record of it and of all later stages is replaced: they have to be done again.
-  /// `still_there`: whether its results exist; if not, it counts as not done. Bytes of names that are no UTF-8 are not
-  /// compared.
+  /// `still_there`: whether its results exist; if not, it counts as not done.
   /// @throws IoError
   bool is_done(const std::string& stage, const nlohmann::ordered_json& settings, bool still_there);
 

@@ -7,6 +7,7 @@
 #include <nlohmann/json.hpp>
 
 #include "core/check.h"
+#include "core/json_text.h"
 #include "core/text.h"
 
 namespace b3dgs {
@@ -56,13 +57,10 @@ void check_scene_options(const TrainConfig& config, const Scene& scene) {
   if (!scene.options || config.source_path.empty()) return;
   const nlohmann::ordered_json found = compared_options(*scene.options),
                                wanted = compared_options(scene_options(config));
-  const auto text = [](const nlohmann::ordered_json& value) {  // paths may not be UTF-8
-    return value.dump(-1, ' ', false, nlohmann::ordered_json::error_handler_t::replace);
-  };
   for (const auto& [name, expected] : wanted.items()) {
     if (found[name] == expected) continue;
-    input_error("the scene was not read with the options of the training: ", name, " (expected ", text(expected),
-                " as in TrainConfig, found ", text(found[name]),
+    input_error("the scene was not read with the options of the training: ", name, " (expected ", dump_json(expected),
+                " as in TrainConfig, found ", dump_json(found[name]),
                 " in SceneOptions); load it with scene_options(config)");
   }
 }

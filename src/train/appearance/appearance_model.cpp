@@ -244,7 +244,7 @@ Exposures named_exposures(const torch::Tensor& exposures, const std::vector<View
 }
 
 void write_exposures(const std::filesystem::path& path, const Exposures& exposures) {
-  write_file(path, Json(exposures).dump(2, ' ', false, Json::error_handler_t::replace) + "\n");
+  write_file(path, dump_json(exposures, 2) + "\n");
 }
 
 Exposures read_exposures(const std::filesystem::path& path) {

@@ -5,6 +5,7 @@
 #include <limits>
 
 #include "core/check.h"
+#include "core/json_text.h"
 
 namespace b3dgs {
 namespace {
@@ -42,7 +43,7 @@ CheckpointFileWriter::CheckpointFileWriter(const std::filesystem::path& path, Js
 }
 
 std::string CheckpointFileWriter::header_text() const {
-  return header_.dump(-1, ' ', false, Json::error_handler_t::replace);
+  return dump_json(header_);
 }
 
 void CheckpointFileWriter::append(const void* data, std::uint64_t bytes) {

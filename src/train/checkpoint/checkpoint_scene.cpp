@@ -7,6 +7,7 @@
 #include <set>
 
 #include "core/check.h"
+#include "core/json_text.h"
 
 namespace b3dgs {
 namespace {
@@ -25,8 +26,7 @@ Json describe_views(const Scene& scene) {
   for (const View& view : scene.train) {
     views.push_back({{"name", view.name}, {"width", view.camera.width}, {"height", view.camera.height}});
   }
-  // As they will be read back from a file: invalid UTF-8 is replaced when it is written.
-  return Json::parse(views.dump(-1, ' ', false, Json::error_handler_t::replace));
+  return views;
 }
 
 /// Of pose and intrinsics of each training view, rounded to float: a later version may compute them in another order.
@@ -126,7 +126,11 @@ void check_scene(const Json& header, const Scene& scene, const std::string& plac
   B3DGS_CHECK(checkpoint_frame(header, place) == scene.frame, place,
               ": the scene is in another frame; load it with SceneOptions::frame = checkpoint_frame()");
   try {
-    const Json &saved = header.at("scene"), &before = saved.at("train_views"), after = describe_views(scene);
+    const Json &saved = header.at("scene"), &before = saved.at("train_views");
+    Json after = describe_views(scene);
+    // Earlier versions replaced bytes of names that are not UTF-8.
+    const Json replaced = Json::parse(after.dump(-1, ' ', false, Json::error_handler_t::replace));
+    if (before == replaced) after = replaced;
     const std::string difference = describe_difference(before, after, scene);
     if (before.size() != after.size()) {
       input_error(place, ": trained on ", before.size(), " views, but the scene has ", after.size(), difference,
@@ -135,8 +139,8 @@ void check_scene(const Json& header, const Scene& scene, const std::string& plac
     if (!difference.empty()) input_error(place, ": trained on other views of the scene", difference, remedy);
     for (std::size_t i = 0; i < before.size(); ++i) {
       if (before[i] != after[i]) {
-        input_error(place, ": training view ", i, " was ", before[i].dump(), ", but in the scene it is ",
-                    after[i].dump(), remedy);
+        input_error(place, ": training view ", i, " was ", dump_json(before[i]), ", but in the scene it is ",
+                    dump_json(after[i]), remedy);
       }
     }
     // Missing in checkpoints of early versions.

@@ -238,7 +238,7 @@ TrainLog::~TrainLog() {
 
 void TrainLog::write(const Json& line) {
   const bool was_waiting = !waiting_.empty();
-  waiting_ += line.dump(-1, ' ', false, Json::error_handler_t::replace) + "\n";
+  waiting_ += dump_json(line) + "\n";
   while (!waiting_.empty()) {
     const ssize_t written = ::write(file_, waiting_.data(), waiting_.size());
     if (written < 0 && errno == EINTR) continue;

@@ -15,7 +15,7 @@ namespace b3dgs {
 namespace {
 
 TEST(ExposureJson, HoldsTheRowsByName) {
-  const Scene scene = test::make_tiny_scene();
+  Scene scene = test::make_tiny_scene();
   torch::manual_seed(1);
   const auto n_views = static_cast<std::int64_t>(scene.train.size());
   const torch::Tensor exposures = torch::randn({n_views, 3, 4});
@@ -36,6 +36,11 @@ TEST(ExposureJson, HoldsTheRowsByName) {
       }
     }
   }
+  scene.train[0].name = "caf\xe9.png";  // not UTF-8
+  scene.train[1].name = "caf\xe8.png";
+  const Exposures of_bytes = named_exposures(exposures, scene.train);
+  write_exposures(temp / "exposure.json", of_bytes);
+  EXPECT_EQ(read_exposures(temp / "exposure.json"), of_bytes);
 }
 
 TEST(ExposureJson, DamagedFilesAreRefused) {
