@@ -230,6 +230,8 @@ LoadedModel load_model(const ModelOptions& options, bool needs_views) {
   model.config.device = device_name(choose_device(options.device));
   set_compute_threads(options.threads);
   use_frame_of_gaussians(model);
+  StatusLine status = StatusLine::for_stderr(options.quiet);
+  for (const std::string& note : model.splats.notes) status.warn(note);
   return model;
 }
 

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "app/status/status_line.h"
 #include "data_synth/random.h"
 #include "data_synth/synth_scene.h"
 #include "model/cameras/cameras_json.h"
@@ -123,6 +124,8 @@ BenchScene read_bench_scene(const BenchConfig& config) {
   if (result.cloud.size() == 0) {
     input_error(result.name, ": no points to initialize Gaussians from; give a model with --ply");
   }
+  StatusLine status = StatusLine::for_stderr(/*quiet=*/false);
+  for (const std::string& note : result.cloud.notes) status.warn(note);
   return result;
 }
 

@@ -64,6 +64,7 @@ void describe_splats(const std::string& path) {
   std::printf("%s: Gaussians; median (1st to 99th percentile)\n", path.c_str());
   print_row("Gaussians", "%s", format_count(cloud.size()).c_str());
   print_row("SH degree", "%d", cloud.sh_degree);
+  for (const std::string& note : cloud.notes) print_row("note", "%s", note.c_str());
   if (cloud.size() == 0) return;
   std::vector<double> opacities, scales, shapes;
   for (std::size_t i = 0; i < static_cast<std::size_t>(cloud.size()); ++i) {

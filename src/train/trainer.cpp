@@ -85,6 +85,7 @@ Trainer::~Trainer() = default;
 void Trainer::ensure_model() {
   if (state_.n_gaussians() > 0) return;
   const SplatCloud cloud = initial_splats(config_, scene_);
+  for (const std::string& note : cloud.notes) recorder_.warn(note);
   if (cloud.antialiased && !config_.antialiasing) {
     recorder_.warn(config_.init_ply + " was trained with --antialiasing, but this training renders without " +
                    "it: splats that are small in the image become too opaque; add --antialiasing");

@@ -284,6 +284,70 @@ TEST_F(SplatPly, OpaqueAndTransparentGaussiansOfOtherProgramsAreRead) {
   EXPECT_TRUE(fails_with<InputError>({"b.ply", "row 1", "opacity", "nan"}, [&] { read_splat_ply(folder_ / "b.ply"); }));
 }
 
+/// Two Gaussians as another program writes them: the columns of kDegree0 and more.
+std::string of_other_program(const std::vector<std::string>& more, const std::vector<float>& values,
+                             const std::string& comment = "") {
+  std::vector<std::string> names = kDegree0;
+  names.insert(names.end(), more.begin(), more.end());
+  std::string text = header("binary_little_endian", 2, names);
+  if (!comment.empty()) text.insert(text.find("element"), "comment " + comment + "\n");
+  for (std::size_t row = 0; row < 2; ++row) {
+    for (const float value : {1.f, 2.f, 3.f, 0.1f, 0.2f, 0.3f, 0.5f, -3.f, -4.f, -20.f, 1.f, 0.f, 0.f, 0.f}) {
+      text += bytes_of(value);
+    }
+    for (std::size_t k = 0; k < more.size(); ++k) text += bytes_of(values[row * more.size() + k]);
+  }
+  return text;
+}
+
+TEST_F(SplatPly, FilterOfMipSplattingIsAppliedToScalesAndOpacities) {
+  const SplatCloud cloud = read_splat_ply(store(of_other_program({"filter_3D"}, {0.03f, 0})));
+  ASSERT_EQ(cloud.size(), 2);
+  double ratio = 1;
+  for (std::size_t axis = 0; axis < 3; ++axis) {
+    const double scale = std::exp(std::vector<double>{-3, -4, -20}[axis]), filtered = std::hypot(scale, 0.03f);
+    EXPECT_NEAR(cloud.log_scales[axis], std::log(filtered), 1e-6);
+    ratio *= scale / filtered;
+  }
+  const double opacity = ratio / (1 + std::exp(-0.5));
+  EXPECT_NEAR(cloud.logit_opacities[0], std::log(opacity / (1 - opacity)), 1e-5);
+  EXPECT_EQ(std::vector<float>(cloud.log_scales.begin() + 3, cloud.log_scales.end()),
+            (std::vector<float>{-3, -4, -20}));
+  EXPECT_NEAR(cloud.logit_opacities[1], 0.5, 1e-6);
+  EXPECT_FALSE(cloud.antialiased) << "as the files of create_fused_ply.py";
+  ASSERT_EQ(cloud.notes.size(), 1u);
+  EXPECT_NE(cloud.notes[0].find("a.ply: the 3D filter of Mip-Splatting (property filter_3D) was applied"),
+            std::string::npos)
+      << cloud.notes[0];
+  EXPECT_TRUE(refuses(of_other_program({"filter_3D"}, {0.03f, NAN}), {"row 1", "filter_3D", "nan"}));
+}
+
+TEST_F(SplatPly, OpaqueGaussiansStayOpaqueWithAFilterThatIsSmall) {
+  SplatCloud cloud = numbered_cloud(1, 0);
+  cloud.logit_opacities = {50};
+  include_filters({0}, cloud);
+  EXPECT_GT(cloud.logit_opacities[0], 15);
+  EXPECT_TRUE(std::isfinite(cloud.logit_opacities[0]));
+}
+
+TEST_F(SplatPly, PropertiesOfOtherProgramsAreNamed) {
+  const auto notes = [&](const std::vector<std::string>& more, const std::string& comment = "") {
+    const std::vector<float> values(2 * more.size(), 1);
+    return read_splat_ply(store(of_other_program(more, values, comment))).notes;
+  };
+  EXPECT_TRUE(notes({"nx", "ny", "nz"}, "SplatRenderMode: mip").empty());
+  EXPECT_TRUE(notes({"red", "green", "blue"}, "SplatRenderMode: default").empty());
+  const std::vector<std::string> beta = notes({"beta", "t"});
+  ASSERT_EQ(beta.size(), 1u);
+  EXPECT_NE(beta[0].find("a.ply: ignored properties of another program: beta, t; "), std::string::npos) << beta[0];
+  std::vector<std::string> many;
+  for (int i = 0; i < 11; ++i) many.push_back("obj_dc_" + std::to_string(i));
+  EXPECT_NE(notes(many).at(0).find("obj_dc_7 and 3 more; "), std::string::npos) << notes(many).at(0);
+  const std::vector<std::string> mode = notes({}, "SplatRenderMode: other");
+  ASSERT_EQ(mode.size(), 1u);
+  EXPECT_NE(mode[0].find("SplatRenderMode: other"), std::string::npos) << mode[0];
+}
+
 TEST_F(SplatPly, NamesTheRowThatIsNotFiniteOrHasNoRotation) {
   SplatCloud cloud = numbered_cloud(3, 0);
   cloud.log_scales[3 * 1 + 2] = NAN;

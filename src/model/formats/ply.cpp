@@ -6,9 +6,11 @@
 #include <cmath>
 #include <cstring>
 #include <string>
+#include <string_view>
 
 #include "core/check.h"
 #include "core/files/ply_reader.h"
+#include "core/text.h"
 
 namespace b3dgs {
 namespace {
@@ -16,6 +18,10 @@ namespace {
 constexpr std::int64_t kRowsPerBlock = 4096;
 // By which viewers know that they have to apply the 2D filter of Mip-Splatting.
 constexpr const char* kAntialiasedComment = "SplatRenderMode: mip";
+constexpr const char* kUsualComment = "SplatRenderMode: default";
+// Mip-Splatting's standard deviation of the 3D filter in world units. Its create_fused_ply.py makes it part of scales
+// and opacities.
+constexpr const char* kFilter = "filter_3D";
 
 #if defined(__BYTE_ORDER__)
 static_assert(__BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__, "values are written in memory order");
@@ -60,6 +66,39 @@ int sh_degree_of(const PlyReader& reader) {
     if (sh_rest_count(degree) == n_rest) return degree;
   }
   input_error(reader.name(), ": expected 0, 9, 24 or 45 properties f_rest_* (SH degree 0 to 3), found ", n_rest);
+}
+
+/// Reads the render mode from the comments. Adds a note if it is not one that the renderer has.
+bool is_antialiased(const PlyReader& reader, std::vector<std::string>& notes) {
+  bool is_mip = false;
+  for (const std::string& comment : reader.comments()) {
+    is_mip = is_mip || comment == kAntialiasedComment;
+    if (comment.rfind("SplatRenderMode:", 0) != 0 || comment == kAntialiasedComment || comment == kUsualComment) {
+      continue;
+    }
+    notes.push_back(detail::concat(reader.name(), ": ignored \"", comment, "\" (expected ", kAntialiasedComment, " or ",
+                                   kUsualComment, "); the Gaussians may look different elsewhere"));
+  }
+  return is_mip;
+}
+
+/// Adds a note if there are properties that are not read. Programs with other kinds of Gaussians add some that change
+/// what the standard ones mean.
+void note_others(const PlyReader& reader, const std::vector<std::string>& read, std::vector<std::string>& notes) {
+  constexpr std::array<std::string_view, 7> kMeaningless{"nx", "ny", "nz", "red", "green", "blue", "alpha"};
+  constexpr std::size_t kMostNames = 8;
+  std::vector<std::string> others;
+  for (const PlyProperty& property : reader.vertices().properties) {
+    const bool is_read = std::find(read.begin(), read.end(), property.name) != read.end();
+    const bool is_known = std::find(kMeaningless.begin(), kMeaningless.end(), property.name) != kMeaningless.end();
+    if (!is_read && !is_known) others.push_back(property.name);
+  }
+  if (others.empty()) return;
+  const std::size_t n_more = others.size() - std::min(others.size(), kMostNames);
+  others.resize(others.size() - n_more);
+  notes.push_back(detail::concat(reader.name(), ": ignored properties of another program: ", list_text(others),
+                                 n_more > 0 ? detail::concat(" and ", n_more, " more") : "",
+                                 "; the Gaussians may look different there"));
 }
 
 /// The world's, unless it is too far from the Gaussians for single precision.
@@ -156,15 +195,15 @@ SplatCloud read_splat_ply(FileReader& file) {
   constexpr const char *kCounted = " (counted from 0): ", *kRemedy = "; remove this Gaussian or export the file again";
   PlyReader reader(file);
   refuse_other_ply(reader);
-  if (!reader.vertices().find("f_dc_0") && !reader.vertices().find("opacity")) {
+  const PlyElement& vertices = reader.vertices();
+  if (!vertices.find("f_dc_0") && !vertices.find("opacity")) {
     input_error(file.name(), ": no Gaussians, but points or a mesh: the vertices have no property f_dc_0 or opacity; ",
                 "a training can start from points: b3dgs train SCENE --init_ply FILE");
   }
   SplatCloud cloud;
   cloud.sh_degree = sh_degree_of(reader);
-  const std::vector<std::string>& comments = reader.comments();
-  cloud.antialiased = std::find(comments.begin(), comments.end(), kAntialiasedComment) != comments.end();
-  const std::uint64_t n = reader.vertices().count;
+  cloud.antialiased = is_antialiased(reader, cloud.notes);
+  const std::uint64_t n = vertices.count;
   std::vector<double> positions(3 * n);
   const std::vector<Property> properties = properties_of(cloud.sh_degree);
   std::vector<std::string> columns;
@@ -172,7 +211,18 @@ SplatCloud read_splat_ply(FileReader& file) {
     columns.push_back(property.name);
     (cloud.*property.values).resize(n * property.width);
   }
+  std::vector<float> filters;
+  if (vertices.find(kFilter)) {
+    columns.emplace_back(kFilter);
+    filters.resize(n);
+  }
+  note_others(reader, columns, cloud.notes);
   reader.read_vertices(columns, [&](std::uint64_t first, std::uint64_t n_rows, const double* rows) {
+    const auto check = [&](bool is_valid, std::uint64_t i, std::size_t k) {
+      if (is_valid) return;
+      input_error(reader.name(), ": row ", first + i, kCounted, "expected a finite ", columns[k], ", found ",
+                  rows[i * columns.size() + k], kRemedy);
+    };
     for (std::size_t k = 0; k < properties.size(); ++k) {
       const Property& property = properties[k];
       const bool is_mean = property.values == &SplatCloud::means;
@@ -181,15 +231,17 @@ SplatCloud read_splat_ply(FileReader& file) {
       for (std::uint64_t i = 0; i < n_rows; ++i) {
         const double value = rows[i * columns.size() + k];
         const auto single = static_cast<float>(value);
-        if (is_opacity ? std::isnan(value) : !std::isfinite(single)) {
-          input_error(reader.name(), ": row ", first + i, kCounted, "expected a finite ", property.name, ", found ",
-                      value, kRemedy);
-        }
+        check(is_opacity ? !std::isnan(value) : std::isfinite(single), i, k);
         if (is_mean) positions[3 * (first + i) + property.column] = value;
         const bool is_limited = is_opacity && std::isinf(single);
         to[(first + i) * property.width] =
             is_limited ? static_cast<float>(std::copysign(kLargestLogit, value)) : single;
       }
+    }
+    for (std::uint64_t i = 0; i < n_rows && !filters.empty(); ++i) {
+      const std::size_t k = columns.size() - 1;
+      filters[first + i] = static_cast<float>(rows[i * columns.size() + k]);
+      check(std::isfinite(filters[first + i]), i, k);
     }
   });
   for (std::uint64_t row = 0; row < n; ++row) {
@@ -197,6 +249,11 @@ SplatCloud read_splat_ply(FileReader& file) {
     if (quat[0] != 0 || quat[1] != 0 || quat[2] != 0 || quat[3] != 0) continue;
     input_error(reader.name(), ": row ", row, kCounted,
                 "expected a rotation quaternion rot_0..3, found one of length 0", kRemedy);
+  }
+  if (!filters.empty()) {
+    include_filters(filters, cloud);
+    cloud.notes.push_back(reader.name() + ": the 3D filter of Mip-Splatting (property filter_3D) was applied to " +
+                          "scales and opacities");
   }
   cloud.frame = frame_of_file(positions);
   for (std::size_t i = 0; i < positions.size(); i += 3) {

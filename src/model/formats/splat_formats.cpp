@@ -1,10 +1,13 @@
 #include "model/formats/splat_formats.h"
 
+#include <algorithm>
 #include <array>
 #include <cmath>
 
 #include "core/check.h"
 #include "core/text.h"
+#include "raster/math/antialiasing.h"
+#include "raster/math/opacity.h"
 
 namespace b3dgs {
 
@@ -41,6 +44,23 @@ std::vector<double> world_positions(const SplatCloud& cloud, std::size_t at_most
     positions.insert(positions.end(), position.begin(), position.end());
   }
   return positions;
+}
+
+void include_filters(const std::vector<float>& filters, SplatCloud& cloud) {
+  constexpr double kMinOpacity = 1e-12;  // the logits of this and of 1 - this are finite
+  B3DGS_CHECK(static_cast<std::int64_t>(filters.size()) == cloud.size(), filters.size(), " filters of ", cloud.size(),
+              " Gaussians");
+  for (std::size_t i = 0; i < filters.size(); ++i) {
+    float* const log_scales = cloud.log_scales.data() + 3 * i;
+    const Smoothed<double> smoothed =
+        smooth(Vec3<double>{log_scales[0], log_scales[1], log_scales[2]}, static_cast<double>(filters[i]));
+    log_scales[0] = static_cast<float>(smoothed.log_scales.x);
+    log_scales[1] = static_cast<float>(smoothed.log_scales.y);
+    log_scales[2] = static_cast<float>(smoothed.log_scales.z);
+    const double opacity =
+        std::exp(smoothed.log_opacity_ratio) / (1 + std::exp(-static_cast<double>(cloud.logit_opacities[i])));
+    cloud.logit_opacities[i] = logit(std::clamp(opacity, kMinOpacity, 1 - kMinOpacity));
+  }
 }
 
 void change_frame(const CoordinateFrame& to, SplatCloud& cloud) {

@@ -6,6 +6,7 @@
 #include <cstdint>
 #include <filesystem>
 #include <optional>
+#include <string>
 #include <vector>
 
 #include "core/files/atomic_file.h"
@@ -40,12 +41,17 @@ struct SplatCloud {
   std::vector<float> logit_opacities;  // [N]
   std::vector<float> sh0;              // [N, 3] RGB
   std::vector<float> shN;              // [N, K-1, 3], K = sh_coefficient_count(sh_degree), coefficient-major
+  std::vector<std::string> notes;      // from the reader, for the user: what it did not take as it is in the file
 
   std::int64_t size() const { return static_cast<std::int64_t>(logit_opacities.size()); }
 };
 
 /// World coordinates of the centres of every k-th Gaussian, fewer than twice `at_most`: [N, 3].
 std::vector<double> world_positions(const SplatCloud& cloud, std::size_t at_most = static_cast<std::size_t>(-1));
+
+/// Makes the 3D filter part of scales and opacities, as viewers expect it in a file. `filters` has the standard
+/// deviation of the filter of each Gaussian, in units of the cloud's frame.
+void include_filters(const std::vector<float>& filters, SplatCloud& cloud);
 
 /// Expresses the same Gaussians in another frame.
 void change_frame(const CoordinateFrame& to, SplatCloud& cloud);
@@ -79,10 +85,10 @@ class SplatPlyWriter {
 };
 
 /// Reads properties by name, in any order and of any scalar type, from binary (both byte orders) or ASCII files. The SH
-/// degree follows from the number of f_rest properties; normals are ignored. Infinite opacities, of Gaussians that
-/// are exactly opaque or transparent, become the largest finite ones. Gaussians far from the world's origin get a frame
-/// around them. @throws InputError, also for other values that
-/// are not finite and quaternions of length 0
+/// degree follows from the number of f_rest properties; normals are ignored. Infinite opacities, of Gaussians that are
+/// exactly opaque or transparent, become the largest finite ones. The 3D filter of Mip-Splatting, filter_3D, becomes
+/// part of scales and opacities. Other properties are ignored with a note. Gaussians far from the world's origin get a
+/// frame around them. Throws InputError, also for other values that are not finite and quaternions of length 0.
 SplatCloud read_splat_ply(const std::filesystem::path& path);
 SplatCloud read_splat_ply(FileReader& file);
 

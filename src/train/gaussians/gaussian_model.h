@@ -20,10 +20,6 @@ SplatCloud splats_from_points(const PointCloud& points, int sh_degree, double op
 /// Float tensors on `device` with SH coefficients up to `sh_degree`: missing ones are zero, higher ones are dropped.
 GaussianTensors to_tensors(const SplatCloud& cloud, int sh_degree, torch::Device device);
 
-/// Makes the 3D filter part of scales and opacities, as viewers expect it in a file. `filters` has a value per
-/// Gaussian, as GaussianTensors::filters.
-void include_filters(const std::vector<float>& filters, SplatCloud& cloud);
-
 /// The initial Gaussians of a training: those of --init_ply unchanged, or one per point of --init_ply, or else one per
 /// point of the scene, with the opacity and scale that the options give; in the frame of the scene.
 /// @throws InputError if there are no points or Gaussians

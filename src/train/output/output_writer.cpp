@@ -5,6 +5,7 @@
 #include <utility>
 
 #include "core/text.h"
+#include "model/formats/splat_formats.h"
 #include "train/gaussians/gaussian_model.h"
 
 #if B3DGS_TORCH_CUDA
