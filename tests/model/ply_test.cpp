@@ -284,6 +284,52 @@ TEST_F(SplatPly, OpaqueAndTransparentGaussiansOfOtherProgramsAreRead) {
   EXPECT_TRUE(fails_with<InputError>({"b.ply", "row 1", "opacity", "nan"}, [&] { read_splat_ply(folder_ / "b.ply"); }));
 }
 
+TEST_F(SplatPly, ColoursInPlaceOfShAreRead) {
+  struct Case {
+    const char* type;
+    std::string bytes[3];
+  };
+  const Case cases[] = {
+      {"uchar", {std::string(1, '\0'), std::string(1, '\x33'), std::string(1, '\xff')}},
+      {"ushort", {bytes_of<std::uint16_t>(0), bytes_of<std::uint16_t>(13107), bytes_of<std::uint16_t>(65535)}},
+      {"float", {bytes_of(0.f), bytes_of(0.2f), bytes_of(1.f)}}};
+  for (const Case& own : cases) {
+    std::string text = header("binary_little_endian", 1, kDegree0), data;
+    for (const float value : {1.f, 2.f, 3.f}) data += bytes_of(value);
+    for (int i = 0; i < 3; ++i) {
+      const std::string from = "float f_dc_" + std::to_string(i);
+      text.replace(text.find(from), from.size(), own.type + std::string(i == 0 ? " red" : i == 1 ? " green" : " blue"));
+      data += own.bytes[i];
+    }
+    for (const float value : {0.5f, -3.f, -4.f, -5.f, 1.f, 0.f, 0.f, 0.f}) data += bytes_of(value);
+    EXPECT_TRUE(is_splat_ply(store(text + data))) << own.type;
+    const SplatCloud cloud = read_splat_ply(folder_ / "a.ply");
+    EXPECT_EQ(cloud.sh_degree, 0);
+    EXPECT_TRUE(cloud.notes.empty()) << own.type;
+    EXPECT_EQ(cloud.log_scales, (std::vector<float>{-3, -4, -5}));
+    for (std::size_t i = 0; i < 3; ++i) {
+      EXPECT_NEAR(0.5 + 0.28209479177387814 * cloud.sh0.at(i), (std::vector<double>{0, 0.2, 1}[i]), 1e-6) << own.type;
+    }
+  }
+}
+
+TEST_F(SplatPly, GaussiansWithoutAPartAreNotTakenForPoints) {
+  const auto without = [](const std::vector<std::string>& parts) {
+    std::vector<std::string> names = kDegree0;
+    for (const std::string& part : parts) names.erase(std::find(names.begin(), names.end(), part));
+    return header("binary_little_endian", 0, names);
+  };
+  const std::vector<std::string> sh{"f_dc_0", "f_dc_1", "f_dc_2"};
+  EXPECT_TRUE(refuses(without(sh), {"Gaussians without colours", "f_dc_0", "red", "found neither"}));
+  EXPECT_TRUE(refuses(without({"opacity"}), {"no property opacity"}));
+  EXPECT_TRUE(refuses(without({"f_dc_1"}), {"no property f_dc_1"}));
+  EXPECT_TRUE(refuses(without({"scale_0", "scale_1", "scale_2"}), {"no property scale_0"}));
+  EXPECT_TRUE(refuses(without({"f_dc_0", "f_dc_1", "f_dc_2", "opacity"}), {"Gaussians without colours"}));
+  for (const auto& parts : {sh, {"opacity"}, {"rot_0"}, {"scale_0", "scale_1", "scale_2"}}) {
+    EXPECT_TRUE(is_splat_ply(store(without(parts))));
+  }
+}
+
 /// Two Gaussians as another program writes them: the columns of kDegree0 and more.
 std::string of_other_program(const std::vector<std::string>& more, const std::vector<float>& values,
                              const std::string& comment = "") {

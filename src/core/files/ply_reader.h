@@ -21,6 +21,11 @@ struct PlyProperty {
   std::ptrdiff_t target = -1;            // index in the requested columns; -1: not requested
 };
 
+/// Returns the factor by which values of a colour become 0 to 255.
+inline double color_factor(const PlyProperty& color) {
+  return color.type >= PlyType::kFloat32 ? 255.0 : color.type == PlyType::kUint16 ? 1.0 / 257.0 : 1.0;
+}
+
 struct PlyElement {
   std::string name;
   std::uint64_t count = 0;

@@ -11,6 +11,7 @@
 #include "core/check.h"
 #include "core/files/ply_reader.h"
 #include "core/text.h"
+#include "raster/math/sh.h"
 
 namespace b3dgs {
 namespace {
@@ -19,6 +20,8 @@ constexpr std::int64_t kRowsPerBlock = 4096;
 // By which viewers know that they have to apply the 2D filter of Mip-Splatting.
 constexpr const char* kAntialiasedComment = "SplatRenderMode: mip";
 constexpr const char* kUsualComment = "SplatRenderMode: default";
+// What files have in place of f_dc_0 to f_dc_2 whose Gaussians look alike from all sides.
+constexpr std::array<const char*, 3> kColors{"red", "green", "blue"};
 // Mip-Splatting's standard deviation of the 3D filter in world units. Its create_fused_ply.py makes it part of scales
 // and opacities.
 constexpr const char* kFilter = "filter_3D";
@@ -66,6 +69,11 @@ int sh_degree_of(const PlyReader& reader) {
     if (sh_rest_count(degree) == n_rest) return degree;
   }
   input_error(reader.name(), ": expected 0, 9, 24 or 45 properties f_rest_* (SH degree 0 to 3), found ", n_rest);
+}
+
+/// Whether the vertices are Gaussians, even if properties are missing. Points have none of these.
+bool holds_gaussians(const PlyElement& vertices) {
+  return vertices.find("f_dc_0") || vertices.find("scale_0") || vertices.find("rot_0");
 }
 
 /// Reads the render mode from the comments. Adds a note if it is not one that the renderer has.
@@ -183,7 +191,7 @@ bool is_splat_ply(const std::filesystem::path& path) {
   FileReader file(path);
   const PlyReader reader(file);
   refuse_other_ply(reader);
-  return reader.vertices().find("f_dc_0") && reader.vertices().find("opacity");
+  return holds_gaussians(reader.vertices());
 }
 
 SplatCloud read_splat_ply(const std::filesystem::path& path) {
@@ -196,9 +204,15 @@ SplatCloud read_splat_ply(FileReader& file) {
   PlyReader reader(file);
   refuse_other_ply(reader);
   const PlyElement& vertices = reader.vertices();
-  if (!vertices.find("f_dc_0") && !vertices.find("opacity")) {
-    input_error(file.name(), ": no Gaussians, but points or a mesh: the vertices have no property f_dc_0 or opacity; ",
-                "a training can start from points: b3dgs train SCENE --init_ply FILE");
+  if (!holds_gaussians(vertices)) {
+    input_error(file.name(), ": no Gaussians, but points or a mesh: the vertices have no property f_dc_0, scale_0 or ",
+                "rot_0; a training can start from points: b3dgs train SCENE --init_ply FILE");
+  }
+  const PlyProperty* const red = vertices.find("f_dc_0") ? nullptr : vertices.find(kColors[0]);
+  if (!vertices.find("f_dc_0") && !red) {
+    input_error(file.name(),
+                ": Gaussians without colours: expected the properties f_dc_0 to f_dc_2, or red, green and ",
+                "blue, found neither; export the file again with colours");
   }
   SplatCloud cloud;
   cloud.sh_degree = sh_degree_of(reader);
@@ -208,7 +222,8 @@ SplatCloud read_splat_ply(FileReader& file) {
   const std::vector<Property> properties = properties_of(cloud.sh_degree);
   std::vector<std::string> columns;
   for (const Property& property : properties) {
-    columns.push_back(property.name);
+    const bool is_color = red && property.values == &SplatCloud::sh0;
+    columns.push_back(is_color ? kColors[property.column] : property.name);
     (cloud.*property.values).resize(n * property.width);
   }
   std::vector<float> filters;
@@ -227,9 +242,11 @@ SplatCloud read_splat_ply(FileReader& file) {
       const Property& property = properties[k];
       const bool is_mean = property.values == &SplatCloud::means;
       const bool is_opacity = property.values == &SplatCloud::logit_opacities;
+      const bool is_color = red && property.values == &SplatCloud::sh0;
       float* const to = (cloud.*property.values).data() + property.column;
       for (std::uint64_t i = 0; i < n_rows; ++i) {
-        const double value = rows[i * columns.size() + k];
+        double value = rows[i * columns.size() + k];
+        if (is_color) value = (value * color_factor(*red) / 255 - 0.5) / kSh0;
         const auto single = static_cast<float>(value);
         check(is_opacity ? !std::isnan(value) : std::isfinite(single), i, k);
         if (is_mean) positions[3 * (first + i) + property.column] = value;

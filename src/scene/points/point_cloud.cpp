@@ -48,7 +48,7 @@ void refuse_other_ply(const PlyReader& reader) {
                 ": compressed PLY of SuperSplat is not supported; open it there and export it as PLY, or "
                 "use splat-transform IN.compressed.ply OUT.ply");
   }
-  if (vertices.find("f_dc_0") && vertices.find("scale_1") && !vertices.find("scale_2")) {
+  if (vertices.find("scale_1") && !vertices.find("scale_2")) {
     input_error(
         reader.name(),
         ": expected scale_0, scale_1 and scale_2 of 3D Gaussian Splatting, found two scales: it is a model of 2D "
@@ -87,7 +87,7 @@ WorldPoints read_point_ply(FileReader& file) {
   double to_8_bits = 0;
   if (red) {
     for (const char* name : {"red", "green", "blue"}) columns.emplace_back(name);
-    to_8_bits = red->type >= PlyType::kFloat32 ? 255.0 : red->type == PlyType::kUint16 ? 1.0 / 257.0 : 1.0;
+    to_8_bits = color_factor(*red);
   }
   WorldPoints points;
   points.positions.resize(vertices.count * 3);
