@@ -284,6 +284,24 @@ TEST_F(SplatPly, OpaqueAndTransparentGaussiansOfOtherProgramsAreRead) {
   EXPECT_TRUE(fails_with<InputError>({"b.ply", "row 1", "opacity", "nan"}, [&] { read_splat_ply(folder_ / "b.ply"); }));
 }
 
+TEST_F(SplatPly, FlatGaussiansOfOtherProgramsAreRead) {
+  SplatCloud cloud = numbered_cloud(2, 0);
+  cloud.log_scales = {1, 2, -INFINITY, INFINITY, 3, -INFINITY};
+  write_splat_ply(folder_ / "b.ply", cloud);
+  const SplatCloud back = read_splat_ply(folder_ / "b.ply");
+  EXPECT_EQ(back.log_scales, (std::vector<float>{1, 2, -20, 20, 3, -20}));
+  ASSERT_EQ(back.notes.size(), 1u);
+  EXPECT_NE(back.notes[0].find("b.ply: 3 of 6 scales are infinite; -inf was read as -20, inf as 20"), std::string::npos)
+      << back.notes[0];
+  for (float* const value : {&cloud.means[4], &cloud.sh0[4], &cloud.quats[4]}) {  // others have no limit
+    const float before = *value;
+    *value = INFINITY;
+    write_splat_ply(folder_ / "b.ply", cloud);
+    EXPECT_TRUE(fails_with<InputError>({"b.ply", "row 1", "inf"}, [&] { read_splat_ply(folder_ / "b.ply"); }));
+    *value = before;
+  }
+}
+
 TEST_F(SplatPly, ColoursInPlaceOfShAreRead) {
   struct Case {
     const char* type;

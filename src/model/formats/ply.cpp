@@ -32,6 +32,8 @@ static_assert(__BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__, "values are written in 
 
 // Opacities of 8 bits are often exactly 0 or 1, whose logits are infinite. At this one, opacity is 1 - 3e-7.
 constexpr double kLargestLogit = 15;
+// Flat Gaussians of other programs have a scale of 0, whose logarithm is infinite. At this one, it is 2e-9 world units.
+constexpr double kLargestLogScale = 20;
 
 /// A property of the file, and where a SplatCloud has its values.
 struct Property {
@@ -232,6 +234,7 @@ SplatCloud read_splat_ply(FileReader& file) {
     filters.resize(n);
   }
   note_others(reader, columns, cloud.notes);
+  std::int64_t n_infinite_scales = 0;
   reader.read_vertices(columns, [&](std::uint64_t first, std::uint64_t n_rows, const double* rows) {
     const auto check = [&](bool is_valid, std::uint64_t i, std::size_t k) {
       if (is_valid) return;
@@ -242,17 +245,18 @@ SplatCloud read_splat_ply(FileReader& file) {
       const Property& property = properties[k];
       const bool is_mean = property.values == &SplatCloud::means;
       const bool is_opacity = property.values == &SplatCloud::logit_opacities;
+      const bool is_scale = property.values == &SplatCloud::log_scales;
       const bool is_color = red && property.values == &SplatCloud::sh0;
       float* const to = (cloud.*property.values).data() + property.column;
       for (std::uint64_t i = 0; i < n_rows; ++i) {
         double value = rows[i * columns.size() + k];
         if (is_color) value = (value * color_factor(*red) / 255 - 0.5) / kSh0;
         const auto single = static_cast<float>(value);
-        check(is_opacity ? !std::isnan(value) : std::isfinite(single), i, k);
+        check(is_opacity || is_scale ? !std::isnan(value) : std::isfinite(single), i, k);
         if (is_mean) positions[3 * (first + i) + property.column] = value;
-        const bool is_limited = is_opacity && std::isinf(single);
-        to[(first + i) * property.width] =
-            is_limited ? static_cast<float>(std::copysign(kLargestLogit, value)) : single;
+        const double limit = std::copysign(is_scale ? kLargestLogScale : kLargestLogit, value);
+        to[(first + i) * property.width] = std::isinf(single) ? static_cast<float>(limit) : single;
+        n_infinite_scales += is_scale && std::isinf(single) ? 1 : 0;
       }
     }
     for (std::uint64_t i = 0; i < n_rows && !filters.empty(); ++i) {
@@ -266,6 +270,11 @@ SplatCloud read_splat_ply(FileReader& file) {
     if (quat[0] != 0 || quat[1] != 0 || quat[2] != 0 || quat[3] != 0) continue;
     input_error(reader.name(), ": row ", row, kCounted,
                 "expected a rotation quaternion rot_0..3, found one of length 0", kRemedy);
+  }
+  if (n_infinite_scales > 0) {
+    cloud.notes.push_back(detail::concat(
+        reader.name(), ": ", format_count(n_infinite_scales), " of ", format_count(static_cast<std::int64_t>(3 * n)),
+        " scales are infinite; -inf was read as ", -kLargestLogScale, ", inf as ", kLargestLogScale));
   }
   if (!filters.empty()) {
     include_filters(filters, cloud);

@@ -86,10 +86,10 @@ class SplatPlyWriter {
 
 /// Reads properties by name, in any order and of any scalar type, from binary (both byte orders) or ASCII files. The SH
 /// degree follows from the number of f_rest properties; normals are ignored. Infinite opacities, of Gaussians that are
-/// exactly opaque or transparent, become the largest finite ones. The 3D filter of Mip-Splatting, filter_3D, becomes
-/// part of scales and opacities. Without f_dc_0 to f_dc_2, colours red, green and blue are SH
-/// degree 0. Other properties are ignored with a note. Gaussians far from the world's origin get a
-/// frame around them. Throws InputError, also for other values that are not finite and quaternions of length 0.
+/// exactly opaque or transparent, become the largest finite ones, and infinite scales become -20 or 20. The 3D filter
+/// of Mip-Splatting, filter_3D, becomes part of scales and opacities. Without f_dc_0 to f_dc_2, colours red, green and
+/// blue are SH degree 0. Other properties are ignored with a note. Gaussians far from the world's origin get a frame
+/// around them. Throws InputError, also for other values that are not finite and quaternions of length 0.
 SplatCloud read_splat_ply(const std::filesystem::path& path);
 SplatCloud read_splat_ply(FileReader& file);
 
