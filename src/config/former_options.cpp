@@ -69,7 +69,7 @@ constexpr FormerOption kFormerOptions[] = {
     {"kernel_times_interval", kVaries, "the times of both kernels are logged at --kernel_check_interval"},
     {"stats_interval", kVaries, "load statistics are logged every 1000 iterations"},
     {"checkpoint_interval", "0", "--checkpoint_minutes and --checkpoint_iterations say when to write checkpoints"},
-    {"keep_checkpoints", "2", "the 2 newest checkpoints are kept"},
+    {"keep_checkpoints", "2", "the 2 newest checkpoints are kept, and those of --checkpoint_iterations"},
     {"tile", "\"16x16\"", "tiles are 16 x 16 px"},
     {"image_cache_gb", "-1", kPhotographs},
 };

@@ -71,7 +71,7 @@ void for_each_option(TrainConfig& c, const std::function<void(const TrainOption&
   field(Option{"save_iterations", '\0', {"save_steps"}}.common().in_steps(Steps::kOutput), c.save_iterations, output,
         "write a PLY after these iterations, and at the end");
   field(Option{"checkpoint_iterations"}.in_steps(Steps::kOutput), c.checkpoint_iterations, output,
-        "write a checkpoint after these iterations, and at the end");
+        "write a checkpoint after these iterations and keep it; one at the end, too");
   field(Option{"checkpoint_minutes"}, c.checkpoint_minutes, AtLeast{0},
         "write a checkpoint every X minutes of training (0 = never)");
   field(Option{"coarse_scale"}, c.coarse_scale, InRange{1, 8},

@@ -38,7 +38,8 @@ void Trainer::warn_of_disk_space() {
     files.checkpoint_bytes += n * static_cast<std::int64_t>(sizeof(float));
   }
   const std::filesystem::path& root = training_->folder.root();
-  const std::string warning = disk_warning(root, free_disk_bytes(root), files, config_.keep_checkpoints);
+  const int n_checkpoints = config_.keep_checkpoints + static_cast<int>(config_.checkpoint_iterations.size());
+  const std::string warning = disk_warning(root, free_disk_bytes(root), files, n_checkpoints);
   if (!warning.empty()) recorder_.warn(warning);
 }
 

@@ -373,11 +373,11 @@ TEST(Trainer, KeepsTheNewestCheckpoints) {
   const test::TempDir temp;
   TrainConfig config = eventful_config();
   config.checkpoint_interval = 4;
-  config.checkpoint_iterations = {7};
+  config.checkpoint_iterations = {5, 7};
   config.keep_checkpoints = 3;
   config.iterations = 18;
   train(config, scene, temp.path());
-  EXPECT_EQ(ModelFolder(temp.path()).checkpoint_iterations(), (std::vector<int>{12, 16, 18}));
+  EXPECT_EQ(ModelFolder(temp.path()).checkpoint_iterations(), (std::vector<int>{5, 7, 12, 16, 18}));
 }
 
 TEST(Trainer, HasNothingToDoAtTheEnd) {

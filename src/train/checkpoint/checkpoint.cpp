@@ -235,6 +235,17 @@ Checkpoint read_checkpoint(const std::filesystem::path& path, const Scene& scene
   return checkpoint;
 }
 
+namespace {
+
+/// Whether --checkpoint_iterations of the training that wrote it names an iteration of the checkpoint's last step.
+bool was_requested(const Json& header) {
+  const int last = header.at("iteration"), n = header.value("step_iterations", 1);
+  const auto requested = header.at("config").value("checkpoint_iterations", std::vector<int>());
+  return std::any_of(requested.begin(), requested.end(), [&](int own) { return last - n < own && own <= last; });
+}
+
+}  // namespace
+
 void remove_superseded_checkpoints(const ModelFolder& folder, const std::string& training_id, int iteration, int keep) {
   std::vector<std::filesystem::path> own;  // the newest first
   const std::vector<int> iterations = folder.checkpoint_iterations();
@@ -243,7 +254,7 @@ void remove_superseded_checkpoints(const ModelFolder& folder, const std::string&
     try {
       const Json header = read_checkpoint_header(folder.checkpoint(*it));
       const std::string other = header.value("training_id", "");
-      if (other.empty() || other == training_id) own.push_back(folder.checkpoint(*it));
+      if ((other.empty() || other == training_id) && !was_requested(header)) own.push_back(folder.checkpoint(*it));
     } catch (const std::exception&) {
       continue;  // damaged: it cannot be told which training wrote it
     }

@@ -127,7 +127,8 @@ void check_resume_options(const TrainConfig& saved, int iteration, const TrainCo
 Checkpoint read_checkpoint(const std::filesystem::path& path, const Scene& scene, torch::Device device);
 
 /// Removes what the checkpoint of `iteration`, just written, makes superfluous: of the training `training_id` all but
-/// the newest `keep` up to it. Checkpoints of other trainings, later ones and damaged ones stay.
+/// the newest `keep` up to it. Checkpoints of --checkpoint_iterations are not counted and stay, as do those of other
+/// trainings, later ones and damaged ones.
 void remove_superseded_checkpoints(const ModelFolder& folder, const std::string& training_id, int iteration, int keep);
 
 /// The newest valid checkpoint of the folder, or an empty path. Damaged ones are reported to `on_message`.

@@ -334,6 +334,29 @@ TEST(OldCheckpoints, AreRemovedExceptTheNewestOfTheSameTraining) {
   EXPECT_TRUE(fs::exists(temp / "checkpoints/notes.txt"));
 }
 
+TEST(OldCheckpoints, ThatWereRequestedAreKept) {
+  const test::TempDir temp;
+  const ModelFolder folder(temp.path());
+  const Scene scene = small_scene();
+  const OwnFiles own_files(folder.root());
+  TrainConfig config = make_config();
+  const auto write = [&](int iteration, int step_iterations) {
+    TrainState state = make_state(scene);
+    state.iteration = iteration;
+    state.step_iterations = step_iterations;
+    state.training_id = "ours";
+    write_checkpoint(folder.checkpoint(iteration), config, state, scene);
+  };
+  config.checkpoint_iterations = {10, 18, 25, 50};
+  for (const int iteration : {10, 15}) write(iteration, 1);
+  write(20, 4);                             // 17 to 20
+  write(28, 3);                             // 26 to 28
+  config.checkpoint_iterations = {40, 50};  // resumed with others
+  for (const int iteration : {30, 40, 45, 50}) write(iteration, 1);
+  remove_superseded_checkpoints(folder, "ours", 50, 2);
+  EXPECT_EQ(folder.checkpoint_iterations(), (std::vector<int>{10, 20, 30, 40, 45, 50}));
+}
+
 TEST_F(CheckpointFiles, AreReadForASceneWithADifferentlyRoundedExtent) {
   Scene other = scene;
   other.extent *= 1 + 1e-9;
