@@ -5,13 +5,12 @@
 #include <algorithm>
 #include <cctype>
 #include <cstdint>
-#include <fstream>
-#include <iterator>
 #include <string_view>
 #include <vector>
 
 #include "core/check.h"
 #include "core/files/atomic_file.h"
+#include "core/files/file_reader.h"
 #include "core/files/folders.h"
 #include "core/process/child_process.h"
 #include "core/text.h"
@@ -64,8 +63,7 @@ Conversion convert(const fs::path& from, const fs::path& to, bool on_cpu) {
 std::string sog_in_page(const fs::path& page) {
   constexpr const char* kZipInBase64 = ";base64,UEsDB";  // "PK\3\4"
   constexpr std::string_view kDigits = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
-  std::ifstream file(page, std::ios::binary);
-  const std::string text((std::istreambuf_iterator<char>(file)), std::istreambuf_iterator<char>());
+  const std::string text = read_whole_file(page);
   std::size_t at = text.find(kZipInBase64);
   if (at == std::string::npos) return "";
   at = text.find(',', at) + 1;

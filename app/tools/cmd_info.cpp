@@ -4,7 +4,6 @@
 #include <cmath>
 #include <cstdio>
 #include <filesystem>
-#include <fstream>
 
 #include "app/status/status_line.h"
 #include "app/tools/commands.h"
@@ -12,6 +11,7 @@
 #include "config/option_layers.h"
 #include "config/train_options.h"
 #include "core/check.h"
+#include "core/files/file_reader.h"
 #include "core/options/command_line.h"
 #include "core/text.h"
 #include "model/checkpoint/checkpoint_header.h"
@@ -178,10 +178,9 @@ int run_info(const std::vector<std::string>& words) {
     describe_folder(path);
     return 0;
   }
-  std::ifstream file(path, std::ios::binary);
-  if (!file) input_error("cannot open file: ", path);
-  std::string start(8, '\0');  // which identifies the format
-  file.read(start.data(), static_cast<std::streamsize>(start.size()));
+  FileReader file(path);
+  std::string start(std::min<std::uint64_t>(8, file.remaining()), '\0');  // which identifies the format
+  file.read_bytes(start.data(), start.size());
   if (start.compare(0, 3, "ply") == 0 || splat_format(path) == SplatFormat::kSpz) {
     holds_splats(path) ? describe_splats(path) : describe_points(path);
     return 0;

@@ -8,10 +8,12 @@
 #include <cstdint>
 #include <limits>
 #include <nlohmann/json.hpp>
+#include <set>
 #include <string>
 #include <string_view>
 #include <type_traits>
 #include <utility>
+#include <vector>
 
 #include "core/check.h"
 
@@ -104,37 +106,6 @@ inline std::string dump_json(nlohmann::ordered_json json, int indent = -1) {
   return json.dump(indent);
 }
 
-/// Returns the document, or a discarded value (is_discarded()) if `input`, a string or a stream, is not valid JSON or
-/// is nested too deeply.
-template <class Input>
-nlohmann::ordered_json parse_json(Input&& input, bool ignore_comments = false) {
-  using Json = nlohmann::ordered_json;
-  bool is_too_deep = false;
-  const auto limit_depth = [&](int depth, Json::parse_event_t event, Json&) {
-    const bool begins = event == Json::parse_event_t::object_start || event == Json::parse_event_t::array_start;
-    if (begins && depth >= kMaxJsonDepth) is_too_deep = true;
-    return !is_too_deep;
-  };
-  Json json = Json::parse(std::forward<Input>(input), limit_depth, /*allow_exceptions=*/false,
-                          /*ignore_comments=*/ignore_comments);
-  if (is_too_deep) return Json(Json::value_t::discarded);
-  detail::convert_strings(json, unescape_bytes);
-  return json;
-}
-
-/// Why parse_json(), ignoring comments, has discarded a text: "parse error at line 3, column 5: ...".
-inline std::string json_damage(std::string_view text) {
-  try {
-    const auto nested =
-        nlohmann::ordered_json::parse(text, nullptr, /*allow_exceptions=*/true, /*ignore_comments=*/true);
-    return detail::concat("nesting of more than ", kMaxJsonDepth, " levels");
-  } catch (const nlohmann::json::exception& error) {
-    constexpr std::size_t kMaxLength = 200;  // it quotes what was read last
-    const std::string reason = error.what();
-    return reason.substr(reason.find("] ") + 2, kMaxLength);  // without the library's number
-  }
-}
-
 /// A value for an error message: its text, at most 80 characters of it, or "an object", "an array of 20 values".
 inline std::string json_excerpt(const nlohmann::ordered_json& json) {
   if (json.is_object()) return "an object";
@@ -145,6 +116,49 @@ inline std::string json_excerpt(const nlohmann::ordered_json& json) {
   std::size_t end = kMaxLength;
   while (end > 0 && (static_cast<unsigned char>(text[end]) & 0xC0) == 0x80) --end;  // not inside a UTF-8 character
   return text.substr(0, end) + "...";
+}
+
+/// The document, or a discarded value (is_discarded()) if `input`, a string or a stream, is not valid JSON, is nested
+/// too deeply, or has an object with the same key twice. `repeated_key` then gets an excerpt of this key.
+template <class Input>
+nlohmann::ordered_json parse_json(Input&& input, bool ignore_comments = false, std::string* repeated_key = nullptr) {
+  using Json = nlohmann::ordered_json;
+  using Event = Json::parse_event_t;
+  bool is_refused = false;
+  std::vector<std::set<std::string>> keys;  // of the objects around the current place
+  const auto check = [&](int depth, Event event, Json& parsed) {
+    if (is_refused) return false;
+    if (event == Event::object_start) keys.emplace_back();
+    if (event == Event::object_end) keys.pop_back();
+    if (event == Event::key && !keys.back().insert(parsed.template get<std::string>()).second) {
+      is_refused = true;
+      if (repeated_key != nullptr) *repeated_key = json_excerpt(parsed);
+    }
+    const bool begins = event == Event::object_start || event == Event::array_start;
+    if (begins && depth >= kMaxJsonDepth) is_refused = true;
+    return !is_refused;
+  };
+  Json json = Json::parse(std::forward<Input>(input), check, /*allow_exceptions=*/false,
+                          /*ignore_comments=*/ignore_comments);
+  if (is_refused) return Json(Json::value_t::discarded);
+  detail::convert_strings(json, unescape_bytes);
+  return json;
+}
+
+/// Why parse_json(), ignoring comments, has discarded a text: "parse error at line 3, column 5: ...".
+inline std::string json_damage(std::string_view text) {
+  std::string repeated_key;
+  parse_json(text, /*ignore_comments=*/true, &repeated_key);
+  if (!repeated_key.empty()) return "the key " + repeated_key + " twice in one object";
+  try {
+    const auto nested =
+        nlohmann::ordered_json::parse(text, nullptr, /*allow_exceptions=*/true, /*ignore_comments=*/true);
+    return detail::concat("nesting of more than ", kMaxJsonDepth, " levels");
+  } catch (const nlohmann::json::exception& error) {
+    constexpr std::size_t kMaxLength = 200;  // it quotes what was read last
+    const std::string reason = error.what();
+    return reason.substr(reason.find("] ") + 2, kMaxLength);  // without the library's number
+  }
 }
 
 /// An integer in [min, max]. @throws InputError naming `place` and `what` for any other value, including 1.0 and true

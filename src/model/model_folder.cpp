@@ -4,7 +4,6 @@
 
 #include <algorithm>
 #include <charconv>
-#include <fstream>
 #include <random>
 #include <system_error>
 
@@ -12,6 +11,8 @@
 #include "config/train_options.h"
 #include "core/check.h"
 #include "core/files/atomic_file.h"
+#include "core/files/file_reader.h"
+#include "core/files/json_file.h"
 #include "core/files/own_files.h"
 #include "core/json_text.h"
 #include "core/text.h"
@@ -59,8 +60,7 @@ std::string cfg_args(const TrainConfig& config) {
 
 /// Null if there is none.
 Json member_of(const fs::path& file, const char* name) {
-  std::ifstream text(file);
-  const Json json = parse_json(text);
+  const Json json = read_json(file);
   return json.is_object() && json.contains(name) ? json[name] : Json();
 }
 
@@ -132,9 +132,10 @@ bool ModelFolder::has_config() const {
 
 TrainConfig ModelFolder::read_config() const {
   const fs::path path = root_ / "config.json";
-  std::ifstream file(path);
-  if (!file) input_error(path.string(), ": cannot be opened; is ", root_.string(), " a model folder of b3dgs train?");
-  const Json json = parse_json(file);
+  if (!fs::exists(path)) {
+    input_error(path.string(), ": cannot be opened; is ", root_.string(), " a model folder of b3dgs train?");
+  }
+  const Json json = read_json(path);
   if (json.is_discarded()) input_error(path.string(), ": not valid JSON; the file is damaged");
   TrainConfig config;
   stored_config_from_json(config, json, path.string());
@@ -196,19 +197,20 @@ Json photograph_fingerprint(const std::string& path) {
   const std::string extension = lower_case(fs::path(path).extension().string());
   constexpr std::array<std::string_view, 4> kCompressed{".jpg", ".jpeg", ".png", ".webp"};
   const bool is_compressed = std::find(kCompressed.begin(), kCompressed.end(), extension) != kCompressed.end();
-  std::ifstream file(path, std::ios::binary);
   std::error_code error;
-  const std::uintmax_t bytes = fs::file_size(path, error);
-  if (path.empty() || !file || error) return nullptr;
+  if (path.empty() || !fs::exists(path, error)) return nullptr;
+  FileReader file(path);
+  const std::uint64_t bytes = file.remaining();
   std::string piece(kPiece, '\0');
   const auto add_piece = [&](uLong crc) {
-    file.read(piece.data(), static_cast<std::streamsize>(piece.size()));
-    return ::crc32_z(crc, reinterpret_cast<const Bytef*>(piece.data()), static_cast<std::size_t>(file.gcount()));
+    const auto length = static_cast<std::size_t>(std::min<std::uint64_t>(kPiece, file.remaining()));
+    file.read_bytes(piece.data(), length);
+    return ::crc32_z(crc, reinterpret_cast<const Bytef*>(piece.data()), length);
   };
   const uLong start = add_piece(0);
   uLong rest = 0;
-  if (bytes > 2 * kPiece && is_compressed) file.seekg(static_cast<std::streamoff>(bytes - kPiece));
-  while (file) rest = add_piece(rest);
+  if (bytes > 2 * kPiece && is_compressed) file.skip(bytes - 2 * kPiece);
+  while (file.remaining() > 0) rest = add_piece(rest);
   return {{"bytes", bytes}, {"crc32", start}, {"rest_crc32", rest}};
 }
 
@@ -220,8 +222,7 @@ bool is_same_photograph(const Json& before, const Json& now) {
 }
 
 std::vector<std::string> changed_views(const fs::path& file, const std::vector<View>& views) {
-  std::ifstream text(file);
-  const Json saved = parse_json(text);
+  const Json saved = read_json(file);
   std::vector<std::string> names;
   if (!saved.is_object()) return names;
   for (const View& view : views) {

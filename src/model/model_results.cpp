@@ -1,10 +1,12 @@
 // What a model folder holds of single iterations: results of evaluations, and moving all of it aside.
 #include <algorithm>
-#include <fstream>
+#include <sstream>
 #include <system_error>
 
 #include "core/check.h"
 #include "core/files/atomic_file.h"
+#include "core/files/file_reader.h"
+#include "core/files/json_file.h"
 #include "core/files/own_files.h"
 #include "core/json_text.h"
 #include "model/model_folder.h"
@@ -17,8 +19,7 @@ using Json = nlohmann::ordered_json;
 
 /// The contents of a results file. Damaged and missing ones are empty: views can be evaluated again.
 Json read_results(const fs::path& path) {
-  std::ifstream file(path);
-  Json json = parse_json(file);
+  Json json = read_json(path);
   return json.is_object() ? json : Json::object();
 }
 
@@ -57,7 +58,7 @@ std::vector<fs::path> later_files(const ModelFolder& folder, int iteration) {
 /// The log's lines of later iterations.
 std::string later_lines(const fs::path& log, int iteration) {
   std::string lines;
-  std::ifstream file(log);
+  std::istringstream file(read_file_if_there(log).value_or(""));
   for (std::string line; std::getline(file, line);) {
     const Json json = parse_json(line);
     const bool is_line = json.is_object() && json.contains("iteration") && json["iteration"].is_number_integer();

@@ -76,7 +76,7 @@ bool is_placed(const fs::path& from, const fs::path& to) {
 
 /// Lets `to` share the blocks of `from` until one of them is changed. False where the file system cannot.
 bool clone_file(const fs::path& from, const fs::path& to) {
-  const Descriptor source(::open(from.c_str(), O_RDONLY | O_CLOEXEC)), target(::open(to.c_str(), O_WRONLY | O_CLOEXEC));
+  const Descriptor source = open_for_reading(from), target(::open(to.c_str(), O_WRONLY | O_CLOEXEC));
   return source && target && ::ioctl(target.fd(), FICLONE, source.fd()) == 0;
 }
 

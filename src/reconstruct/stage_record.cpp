@@ -1,12 +1,11 @@
 #include "reconstruct/stage_record.h"
 
-#include <fstream>
 #include <optional>
 #include <utility>
 
 #include "core/check.h"
 #include "core/files/atomic_file.h"
-#include "core/json_text.h"
+#include "core/files/json_file.h"
 
 namespace b3dgs {
 namespace {
@@ -22,8 +21,7 @@ bool is_stage(const Json& json) {
 
 /// Nothing if the file is no record of any version.
 std::optional<Json> read_record(const std::filesystem::path& file) {
-  std::ifstream stream(file, std::ios::binary);
-  Json json = stream ? parse_json(stream) : Json();
+  Json json = read_json(file);
   if (!json.is_object() || !json.contains("version") || !json["version"].is_number_integer()) return std::nullopt;
   if (!json.contains("stages") || !json["stages"].is_array()) return std::nullopt;
   return json;

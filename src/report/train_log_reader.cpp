@@ -1,10 +1,11 @@
 #include "report/train_log_reader.h"
 
 #include <algorithm>
-#include <fstream>
 #include <map>
+#include <sstream>
 #include <type_traits>
 
+#include "core/files/file_reader.h"
 #include "core/json_text.h"
 
 namespace b3dgs {
@@ -155,7 +156,7 @@ TrainHistory parse_train_log(std::istream& lines) {
 }
 
 TrainHistory read_train_log(const std::filesystem::path& path) {
-  std::ifstream file(path);
+  std::istringstream file(read_file_if_there(path).value_or(""));
   return parse_train_log(file);
 }
 

@@ -6,6 +6,8 @@
 
 #include <algorithm>
 #include <cerrno>
+#include <charconv>
+#include <system_error>
 
 #include "core/check.h"
 
@@ -14,16 +16,78 @@ namespace {
 
 constexpr std::size_t kBufferBytes = std::size_t{1} << 18;
 
+[[noreturn]] void fail_to_open(const std::filesystem::path& path, const std::string& reason) {
+  input_error("file cannot be read: ", path.string(), " (", reason, ")");
+}
+
+void require_regular(const std::filesystem::path& path, mode_t mode) {
+  if (S_ISREG(mode)) return;
+  const char* const kind = S_ISDIR(mode)    ? "a folder"
+                           : S_ISFIFO(mode) ? "a FIFO"
+                           : S_ISSOCK(mode) ? "a socket"
+                                            : "a device";
+  input_error("file cannot be read: ", path.string(), " (expected a regular file, found ", kind,
+              "); copy its content into a file");
+}
+
+/// The number N of a path /dev/fd/N, or -1.
+int inherited_file(const std::filesystem::path& path) {
+  constexpr std::string_view kFolder = "/dev/fd/";
+  const std::string& text = path.native();
+  if (text.compare(0, kFolder.size(), kFolder) != 0) return -1;
+  int number = -1;
+  const char* const end = text.data() + text.size();
+  return std::from_chars(text.data() + kFolder.size(), end, number).ptr == end ? number : -1;
+}
+
+/// Reads a pipe to its end.
+std::string read_pipe(const std::filesystem::path& path, int pipe) {
+  constexpr std::size_t kMostBytes = std::size_t{1} << 26;
+  std::string text;
+  std::vector<char> buffer(kBufferBytes);
+  for (;;) {
+    const ssize_t bytes = ::read(pipe, buffer.data(), buffer.size());
+    if (bytes == 0) return text;
+    if (bytes < 0) fail_to_open(path, std::strerror(errno));
+    text.append(buffer.data(), static_cast<std::size_t>(bytes));
+    if (text.size() > kMostBytes) fail_to_open(path, detail::concat("a pipe with more than ", kMostBytes, " bytes"));
+  }
+}
+
 }  // namespace
 
-FileReader::FileReader(std::filesystem::path path)
-    : path_(std::move(path)),
-      file_(::open(path_.c_str(), O_RDONLY | O_CLOEXEC)),
-      buffer_(kBufferBytes),
-      data_(buffer_.data()) {
+Descriptor open_for_reading(const std::filesystem::path& path) {
   struct stat status {};
-  if (!file_ || ::fstat(file_.fd(), &status) != 0) fail_to_read(std::strerror(errno));
-  if (!S_ISREG(status.st_mode)) fail_to_read("not a regular file");
+  // Before it is opened, because that fails for a socket and may start something in a device.
+  if (::stat(path.c_str(), &status) == 0) require_regular(path, status.st_mode);
+  // O_NONBLOCK: a FIFO may have taken the file's place meanwhile.
+  Descriptor file(::open(path.c_str(), O_RDONLY | O_NONBLOCK | O_NOCTTY | O_CLOEXEC));
+  if (!file || ::fstat(file.fd(), &status) != 0) fail_to_open(path, std::strerror(errno));
+  require_regular(path, status.st_mode);
+  return file;
+}
+
+std::string read_whole_file(const std::filesystem::path& path) {
+  struct stat status {};
+  const int inherited = inherited_file(path);
+  if (inherited >= 0 && ::fstat(inherited, &status) == 0 && S_ISFIFO(status.st_mode)) return read_pipe(path, inherited);
+  FileReader file(path);
+  std::string text(file.remaining(), '\0');
+  file.read_bytes(text.data(), text.size());
+  return text;
+}
+
+std::optional<std::string> read_file_if_there(const std::filesystem::path& path) {
+  std::error_code error;
+  const auto type = std::filesystem::status(path, error).type();
+  if (type == std::filesystem::file_type::not_found) return std::nullopt;
+  return read_whole_file(path);
+}
+
+FileReader::FileReader(std::filesystem::path path)
+    : path_(std::move(path)), file_(open_for_reading(path_)), buffer_(kBufferBytes), data_(buffer_.data()) {
+  struct stat status {};
+  if (::fstat(file_.fd(), &status) != 0) fail_to_read(std::strerror(errno));
   size_ = static_cast<std::uint64_t>(status.st_size);
 }
 
@@ -31,7 +95,7 @@ FileReader::FileReader(std::string name, std::string_view bytes)
     : path_(std::move(name)), size_(bytes.size()), data_(bytes.data()), end_(bytes.size()) {}
 
 void FileReader::fail_to_read(const char* reason) const {
-  input_error("file cannot be read: ", name(), " (", reason, ")");
+  fail_to_open(path_, reason);
 }
 
 void FileReader::begin_record(const char* kind, std::uint64_t index, std::uint64_t total) {

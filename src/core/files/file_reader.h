@@ -5,6 +5,7 @@
 #include <cstdint>
 #include <cstring>
 #include <filesystem>
+#include <optional>
 #include <string>
 #include <string_view>
 #include <type_traits>
@@ -13,6 +14,18 @@
 #include "core/descriptor.h"
 
 namespace b3dgs {
+
+/// Opens a file for reading, without waiting for anything. @throws InputError if the file is missing or unreadable, or
+/// is a folder, FIFO, device or socket
+Descriptor open_for_reading(const std::filesystem::path& path);
+
+/// Returns the content of a file that open_for_reading() accepts, or of a pipe that the shell has opened for this
+/// process, as in `--config <(...)`. @throws InputError
+std::string read_whole_file(const std::filesystem::path& path);
+
+/// Returns the content of a file, or nothing if there is none at this place. @throws InputError for anything else that
+/// cannot be read
+std::optional<std::string> read_file_if_there(const std::filesystem::path& path);
 
 class FileReader {
  public:

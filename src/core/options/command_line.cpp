@@ -5,12 +5,11 @@
 #include <charconv>
 #include <cmath>
 #include <cstdint>
-#include <fstream>
 #include <iostream>
-#include <iterator>
 #include <map>
 #include <sstream>
 
+#include "core/files/file_reader.h"
 #include "core/json_text.h"
 
 namespace b3dgs {
@@ -248,10 +247,12 @@ void CommandLine::reject(const std::string& word) const {
 }
 
 nlohmann::ordered_json read_json_file(const std::string& path, const char* expected) {
-  std::ifstream file(path, std::ios::binary);
-  file.peek();  // fails for a folder, which can be opened
-  if (file.bad() || !file.is_open()) input_error("cannot open file: ", path, " (expected ", expected, ")");
-  const std::string text{std::istreambuf_iterator<char>(file), {}};
+  std::string text;
+  try {
+    text = read_whole_file(path);
+  } catch (const InputError& error) {
+    error.rethrow_with(detail::concat("; expected ", expected));
+  }
   nlohmann::ordered_json json = parse_json(text, /*ignore_comments=*/true);
   if (json.is_discarded()) input_error("not valid JSON: ", path, " (expected ", expected, "; ", json_damage(text), ")");
   return json;

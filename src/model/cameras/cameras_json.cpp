@@ -3,12 +3,12 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <fstream>
-#include <iterator>
 #include <map>
 #include <optional>
 
 #include "core/check.h"
+#include "core/files/file_reader.h"
+#include "core/files/json_file.h"
 #include "core/json_text.h"
 #include "core/vec.h"
 #include "scene/cameras/camera.h"
@@ -109,10 +109,9 @@ Pose pose_from_json(const Json& entry, const std::string& prefix, const std::str
 }
 
 /// `what`: the file's name in a model folder.
-Json read_json(const fs::path& path, const char* what) {
-  std::ifstream file(path);
-  if (!file) input_error(path.string(), ": cannot be opened (expected the ", what, " of a model folder)");
-  return parse_json(file);
+Json read_part(const fs::path& path, const char* what) {
+  if (!fs::exists(path)) input_error(path.string(), ": cannot be opened (expected the ", what, " of a model folder)");
+  return read_json(path);
 }
 
 /// Equal up to rounding.
@@ -178,7 +177,7 @@ std::vector<NamedCamera> cameras_from_json(const Json& json, const std::string& 
 }
 
 std::vector<NamedCamera> read_cameras_json(const std::filesystem::path& path) {
-  return cameras_from_json(read_json(path, "cameras.json"), path.string());
+  return cameras_from_json(read_part(path, "cameras.json"), path.string());
 }
 
 Json poses_to_json(const std::vector<View>& given, const std::vector<View>& refined, const CoordinateFrame& frame) {
@@ -199,7 +198,7 @@ Json poses_to_json(const std::vector<View>& given, const std::vector<View>& refi
 }
 
 void apply_refined_poses(const std::filesystem::path& path, std::vector<View>& views, const CoordinateFrame& frame) {
-  const Json json = read_json(path, "poses.json");
+  const Json json = read_part(path, "poses.json");
   if (!json.is_array()) input_error(path.string(), ": expected a JSON list of poses, as b3dgs train writes it");
   std::map<std::string, View*> by_name;
   for (View& view : views) by_name[view.name] = &view;
@@ -290,16 +289,12 @@ CameraFile read_transforms_cameras(const std::string& text, const fs::path& path
 CameraFile read_camera_file(const fs::path& path, ImageSize size) {
   std::error_code error;
   if (!fs::exists(path, error)) input_error("camera file not found: ", path.string(), " (", kExpected, ")");
-  std::ifstream file(path, std::ios::binary);
-  if (fs::is_directory(path, error) || !file) {
-    input_error(path.string(), ": cannot be read as a file (", kExpected, ")");
-  }
-  return parse_camera_file({std::istreambuf_iterator<char>(file), std::istreambuf_iterator<char>()}, path, size);
+  return parse_camera_file(read_whole_file(path), path, size);
 }
 
 CameraFile parse_camera_file(const std::string& text, const fs::path& path, ImageSize size) {
   const Json json = parse_json(text);
-  if (json.is_discarded()) input_error(path.string(), ": not valid JSON (", kExpected, ")");
+  if (json.is_discarded()) input_error(path.string(), ": not valid JSON (", kExpected, "): ", json_damage(text));
   if (json.is_array()) return {cameras_from_json(json, path.string()), 0};
   if (json.is_object() && json.contains("camera_path")) return read_camera_path(json, path.string(), size);
   if (json.is_object() && json.contains("frames")) return read_transforms_cameras(text, path, size);

@@ -5,12 +5,12 @@
 #include <cmath>
 #include <cstdlib>
 #include <cstring>
-#include <fstream>
 #include <opencv2/core.hpp>
 #include <opencv2/imgcodecs.hpp>
 #include <string_view>
 
 #include "core/check.h"
+#include "core/files/file_reader.h"
 
 namespace b3dgs {
 namespace {
@@ -182,10 +182,11 @@ int exif_orientation(const Bytes& beginning) {
 
 int read_exif_orientation(const std::filesystem::path& path) {
   constexpr std::size_t kMostBytes = std::size_t{1} << 17;  // a segment has at most 64 KiB, and EXIF comes early
-  Bytes bytes(kMostBytes);
-  std::ifstream file(path, std::ios::binary);
-  file.read(reinterpret_cast<char*>(bytes.data()), static_cast<std::streamsize>(bytes.size()));
-  bytes.resize(static_cast<std::size_t>(std::max<std::streamsize>(file.gcount(), 0)));
+  std::error_code error;
+  if (!std::filesystem::exists(path, error)) return kUpright;
+  FileReader file(path);
+  Bytes bytes(static_cast<std::size_t>(std::min<std::uint64_t>(kMostBytes, file.remaining())));
+  file.read_bytes(bytes.data(), bytes.size());
   return exif_orientation(bytes);
 }
 

@@ -2,11 +2,12 @@
 
 #include <algorithm>
 #include <cmath>
-#include <fstream>
+#include <filesystem>
 #include <nlohmann/json.hpp>
 
 #include "core/check.h"
 #include "core/files/atomic_file.h"
+#include "core/files/json_file.h"
 #include "core/json_text.h"
 #include "core/parallel.h"
 #include "raster/torch/tensors.h"
@@ -248,9 +249,8 @@ void write_exposures(const std::filesystem::path& path, const Exposures& exposur
 }
 
 Exposures read_exposures(const std::filesystem::path& path) {
-  std::ifstream file(path);
-  if (!file) input_error(path.string(), ": cannot be opened");
-  const Json json = parse_json(file);
+  if (!std::filesystem::exists(path)) input_error(path.string(), ": cannot be opened");
+  const Json json = read_json(path);
   if (!json.is_object()) input_error(path.string(), ": not a JSON object; the file is damaged");
   Exposures exposures;
   for (const auto& [name, rows] : json.items()) {

@@ -6,9 +6,10 @@
 #include <algorithm>
 #include <cerrno>
 #include <cstring>
-#include <fstream>
+#include <sstream>
 
 #include "core/files/atomic_file.h"
+#include "core/files/file_reader.h"
 #include "core/files/own_files.h"
 #include "core/json_text.h"
 #include "core/text.h"
@@ -214,7 +215,7 @@ using Json = nlohmann::ordered_json;
 
 /// Lines of iterations up to the given one. Incomplete lines, left by a crash, are dropped.
 std::string lines_until(const std::filesystem::path& path, int iteration) {
-  std::ifstream file(path);
+  std::istringstream file(read_file_if_there(path).value_or(""));
   std::string kept;
   for (std::string line; std::getline(file, line);) {
     const Json json = parse_json(line);
