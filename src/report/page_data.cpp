@@ -4,7 +4,6 @@
 #include <cstdint>
 #include <cstdlib>
 #include <filesystem>
-#include <fstream>
 #include <optional>
 #include <set>
 #include <utility>
@@ -12,7 +11,7 @@
 #include "config/option_layers.h"
 #include "core/check.h"
 #include "core/files/atomic_file.h"
-#include "core/json_text.h"
+#include "core/files/json_file.h"
 #include "core/text.h"
 #include "model/cameras/cameras_json.h"
 #include "scene/images/image.h"
@@ -158,8 +157,8 @@ void write_run_info(const RunInfo& info, const ModelFolder& folder) {
 }
 
 RunInfo read_run_info(const ModelFolder& folder) {
-  std::ifstream file(report_folder(folder) / "run.json");
-  const Json json = parse_json(file);
+  const fs::path file = report_folder(folder) / "run.json";
+  const Json json = read_json(file);
   RunInfo info;
   if (!json.is_object()) return info;
   try {
@@ -169,9 +168,11 @@ RunInfo read_run_info(const ModelFolder& folder) {
     info.iteration = json.value("iteration", 0);
     info.held_out = json.value("held_out", false);
     for (const Json& preview : json.value("previews", Json::array())) {
-      info.previews.push_back({preview.at("view"), preview.value("psnr", 0.0),
-                               report_folder(folder) / preview.at("truth").get<std::string>(),
-                               report_folder(folder) / preview.at("render").get<std::string>()});
+      const auto picture_at = [&](const char* key) {
+        return file_in(report_folder(folder), preview.at(key).get<std::string>(), file.string() + ": " + key);
+      };
+      info.previews.push_back(
+          {preview.at("view"), preview.value("psnr", 0.0), picture_at("truth"), picture_at("render")});
     }
   } catch (const nlohmann::json::exception&) {
     return {};

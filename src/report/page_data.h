@@ -39,7 +39,8 @@ struct RunInfo {
   std::vector<Preview> previews;
 };
 
-/// Returns an empty RunInfo if run.json is missing or damaged: the report then leaves those parts out.
+/// Returns an empty RunInfo if run.json is missing or damaged: the report then leaves those parts out. @throws
+/// InputError if it names pictures outside of its folder
 RunInfo read_run_info(const ModelFolder& folder);
 
 /// MODEL/report

@@ -91,5 +91,23 @@ TEST(JsonFiles, WithTheSameKeyTwiceAreRefused) {
   EXPECT_TRUE(read_json(folder / "none").is_null());
 }
 
+TEST(JsonFiles, NameOnlyFilesOfTheirFolder) {
+  TempDir folder;
+  write_bytes(folder / "private.png", "private");
+  write_bytes(folder / "report/a.png", "public");
+  fs::create_symlink(folder / "private.png", folder / "report/link.png");
+  fs::create_directory_symlink(folder.path(), folder / "report/up");
+  const fs::path report = folder / "report";
+  EXPECT_EQ(file_in(report, "a.png", "place"), report / "a.png");
+  EXPECT_EQ(file_in(report, "later.png", "place"), report / "later.png");
+  for (const std::string& name : {(folder / "private.png").string(), std::string("../private.png"), std::string(".."),
+                                  std::string("."), std::string(), std::string("./a.png"), std::string("a.png/"),
+                                  std::string("up/private.png"), std::string("link.png"), std::string("a.png\0", 6)}) {
+    EXPECT_TRUE(fails_with<InputError>({"place: expected the name of a file in", report.string()}, [&] {
+      file_in(report, name, "place");
+    })) << name;
+  }
+}
+
 }  // namespace
 }  // namespace b3dgs

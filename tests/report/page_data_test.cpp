@@ -5,6 +5,8 @@
 
 #include "config/train_options.h"
 #include "scene/images/image.h"
+#include "support/expect_error.h"
+#include "support/files.h"
 #include "support/temp_dir.h"
 
 namespace b3dgs {
@@ -87,6 +89,28 @@ TEST(ChangedOptions, AreThoseThatDifferFromTheDefaults) {
   config.test_iterations = {10, 20};
   EXPECT_EQ(changed_options(defaults, config_to_json(config)), "eval on, test_iterations 10 20")
       << "scene and device are shown elsewhere";
+}
+
+TEST(RunInfoFile, NamesNoPicturesOutsideOfTheReport) {
+  test::TempDir temp;
+  const ModelFolder folder(temp / "model");
+  const std::filesystem::path secret = temp / "private.png", report = report_folder(folder);
+  write_image(secret, Image8(8, 6, 3));
+  write_image(report / "own.png", Image8(8, 6, 3));
+  std::filesystem::create_symlink(secret, report / "link.png");
+  const auto read_with = [&](const std::string& truth, const std::string& render) {
+    const Json preview{{"view", "a"}, {"psnr", 20}, {"truth", truth}, {"render", render}};
+    test::write_bytes(report / "run.json", Json{{"previews", Json::array({preview})}}.dump());
+    return read_run_info(folder);
+  };
+  EXPECT_EQ(read_with("own.png", "own.png").previews.at(0).photograph, report / "own.png");
+  for (const std::string& name : {secret.string(), std::string("../../private.png"), std::string("link.png")}) {
+    for (const bool is_truth : {true, false}) {
+      EXPECT_TRUE(
+          test::fails_with<InputError>({"run.json", is_truth ? "truth" : "render", "expected the name of a file in"},
+                                       [&] { is_truth ? read_with(name, "own.png") : read_with("own.png", name); }));
+    }
+  }
 }
 
 }  // namespace
