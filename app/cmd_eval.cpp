@@ -248,8 +248,11 @@ int run_eval(const std::vector<std::string>& words) {
       continue;
     }
     if (!writes_results) continue;
-    model.folder.write_results(key, evaluation, source);
-    std::cout << "written: results.json, per_view.json (" << key << ")\n";
+    const FolderTurn turn(model.folder.root());
+    // Another evaluation may have taken the key meanwhile, with another source.
+    const std::string free_key = model.folder.results_key(model.iteration, variant, source);
+    model.folder.write_results(free_key, evaluation, source);
+    std::cout << "written: results.json, per_view.json (" << free_key << ")\n";
   }
   return 0;
 }

@@ -98,6 +98,7 @@ std::string ModelFolder::results_key(int iteration, const std::string& variant, 
 void ModelFolder::write_results(const std::string& key, const Evaluation& evaluation,
                                 const EvaluationSource& source) const {
   const auto [results_path, per_view_path] = results();
+  const FolderTurn turn(root_);
   Json means = read_results(results_path), per_view = read_results(per_view_path);
   means[key] = {{"SSIM", evaluation.mean.ssim}, {"PSNR", evaluation.mean.psnr}, {"views", evaluation.views.size()}};
   means[key].update(to_json(source));
@@ -128,6 +129,7 @@ fs::path set_aside_after(const ModelFolder& folder, int iteration) {
     fs::path path;
     Json kept = Json::object(), later = Json::object();  // entries up to the iteration, and those after it
   };
+  const FolderTurn turn(folder.root());
   std::vector<Results> results;
   bool has_results = false;
   for (const fs::path& path : folder.results()) {

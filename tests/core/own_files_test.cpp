@@ -11,6 +11,7 @@
 #include "core/files/atomic_file.h"
 #include "core/files/folders.h"
 #include "support/files.h"
+#include "support/processes.h"
 #include "support/temp_dir.h"
 
 namespace b3dgs {
@@ -125,6 +126,48 @@ TEST_F(OwnFilesTest, WhatAnotherObjectRecordsIsSeen) {
     other.add(folder_ / "results.json");
   }
   EXPECT_TRUE(one.is_own(folder_ / "results.json"));
+}
+
+TEST_F(OwnFilesTest, AFileThatSeveralProcessesReplaceStaysOwn) {
+  test::run_processes(4, [&](int) {
+    const OwnFiles own(folder_.path());
+    for (int i = 0; i < 50; ++i) write_file(folder_ / "results.json", std::to_string(i));
+  });
+  EXPECT_FALSE(fs::exists(folder_ / "results.json.previous"));
+  EXPECT_TRUE(OwnFiles(folder_.path()).is_own(folder_ / "results.json"));
+}
+
+TEST_F(OwnFilesTest, ATurnLosesNoChangeOfAnotherProcess) {
+  constexpr int kProcesses = 4, kTurns = 100;
+  write_bytes(folder_ / "count", "0");
+  test::run_processes(kProcesses, [&](int) {
+    for (int i = 0; i < kTurns; ++i) {
+      const FolderTurn turn(folder_.path());
+      const FolderTurn nested(folder_.path() / ".");
+      write_bytes(folder_ / "count", std::to_string(std::stoi(read_bytes(folder_ / "count")) + 1));
+    }
+  });
+  EXPECT_EQ(read_bytes(folder_ / "count"), std::to_string(kProcesses * kTurns));
+}
+
+TEST_F(OwnFilesTest, ACopyByHardLinksLeavesTheRecordOfItsOriginal) {
+  {
+    const OwnFiles own(folder_ / "model");
+    write_file(folder_ / "model/a", "first"), write_file(folder_ / "model/b", "own");
+  }
+  const std::string before = read_bytes(folder_ / "model" / OwnFiles::kRecord);
+  fs::create_directory(folder_ / "copy");
+  for (const char* name : {"a", "b", OwnFiles::kRecord}) {
+    fs::create_hard_link(folder_ / "model" / name, folder_ / "copy" / name);
+  }
+  OwnFiles copy(folder_ / "copy");
+  write_file(folder_ / "copy/a", "second");
+  EXPECT_EQ(read_bytes(folder_ / "model" / OwnFiles::kRecord), before);
+  EXPECT_TRUE(OwnFiles(folder_ / "model").is_own(folder_ / "model/a"));
+  OwnFiles again(folder_ / "copy");
+  EXPECT_TRUE(again.is_own(folder_ / "copy/a"));
+  EXPECT_TRUE(again.is_own(folder_ / "copy/b"));
+  EXPECT_TRUE(lines_.empty());
 }
 
 TEST_F(OwnFilesTest, TheInnermostFolderHasTheRecord) {

@@ -12,6 +12,7 @@
 #include <cstring>
 #include <ctime>
 #include <fstream>
+#include <optional>
 #include <string>
 #include <system_error>
 #include <vector>
@@ -148,13 +149,18 @@ void AtomicFile::commit() {
   if (::close(file_) != 0 && failed == 0 && errno != EINTR) failed = errno;
   file_ = -1;
   if (failed) io_error("cannot write ", target_.string(), with_remedy(failed));
-  make_way(target_);
-  if (::rename(temporary_.c_str(), target_.c_str()) != 0) {
-    io_error("cannot replace ", target_.string(), with_remedy(errno));
-  }
   const fs::path folder = temporary_.parent_path();
-  temporary_.clear();
-  add_own_file(target_);
+  {
+    // To another process, the file would be the user's after rename() and before it is recorded.
+    std::optional<FolderTurn> turn;
+    if (const OwnFiles* const own = OwnFiles::of(target_)) turn.emplace(own->root());
+    make_way(target_);
+    if (::rename(temporary_.c_str(), target_.c_str()) != 0) {
+      io_error("cannot replace ", target_.string(), with_remedy(errno));
+    }
+    temporary_.clear();
+    add_own_file(target_);
+  }
   sync_folder(folder, target_.string());
 }
 

@@ -1,21 +1,25 @@
 #include "core/files/own_files.h"
 
 #include <fcntl.h>
+#include <sys/file.h>
 #include <sys/stat.h>
 #include <unistd.h>
 
 #include <algorithm>
 #include <cerrno>
+#include <chrono>
 #include <cstdio>
 #include <cstdlib>
 #include <cstring>
-#include <fstream>
 #include <optional>
+#include <set>
 #include <sstream>
 #include <system_error>
+#include <thread>
 
 #include "core/check.h"
-#include "core/descriptor.h"
+#include "core/files/atomic_file.h"
+#include "core/files/file_reader.h"
 
 namespace b3dgs {
 namespace {
@@ -30,6 +34,17 @@ struct Registry {
 
 Registry& registry() {
   static Registry one;
+  return one;
+}
+
+/// Folders whose lock this process holds, and which thread may change that.
+struct Turns {
+  std::recursive_mutex mutex;
+  std::set<fs::path> held;
+};
+
+Turns& turns() {
+  static Turns one;
   return one;
 }
 
@@ -56,6 +71,11 @@ std::optional<struct stat> status_of(const fs::path& file) {
 
 std::int64_t time_of(const struct stat& status) {
   return std::int64_t{status.st_mtim.tv_sec} * 1'000'000'000 + status.st_mtim.tv_nsec;
+}
+
+/// Whether a file is also in another place, as a hard link.
+bool has_copies(const struct stat& status) {
+  return S_ISREG(status.st_mode) && status.st_nlink > 1;
 }
 
 /// A name in one line: "\n" and "\\" are escaped.
@@ -98,6 +118,47 @@ fs::path real_path(const fs::path& path) {
   }
 }
 
+FolderTurn::FolderTurn(const fs::path& folder) : thread_turn_(turns().mutex) {
+  const fs::path root = real_path(folder);
+  if (turns().held.count(root) > 0) return;
+  lock_record(root / OwnFiles::kRecord);
+  turns().held.insert(root);
+  root_ = root;
+}
+
+FolderTurn::~FolderTurn() {
+  if (!root_.empty()) turns().held.erase(root_);
+}
+
+void FolderTurn::lock_record(const fs::path& record) {
+  using Clock = std::chrono::steady_clock;
+  constexpr std::chrono::seconds kLongest{60};
+  constexpr std::chrono::milliseconds kPause{5};
+  const auto end = Clock::now() + kLongest;
+  for (;;) {
+    file_ = Descriptor(::open(record.c_str(), O_RDWR | O_CREAT | O_NOFOLLOW | O_NONBLOCK | O_CLOEXEC, 0666));
+    if (!file_) return;
+    while (::flock(file_.fd(), LOCK_EX | LOCK_NB) != 0) {
+      if (errno != EWOULDBLOCK && errno != EINTR) return;
+      if (Clock::now() > end) {
+        io_error("folder in use: ", record.parent_path().string(), " (another process has held the lock of ",
+                 record.filename().string(), " for ", kLongest.count(), " s); end that process, or wait for it");
+      }
+      std::this_thread::sleep_for(kPause);
+    }
+    struct stat own {};
+    const auto there = status_of(record);
+    if (::fstat(file_.fd(), &own) != 0 || !there) continue;
+    if (own.st_ino != there->st_ino || own.st_dev != there->st_dev) continue;  // replaced meanwhile
+    if (!has_copies(own)) return;
+    try {  // a copy of the folder by hard links keeps the record as it is
+      write_file(record, read_whole_file(record));
+    } catch (const Error&) {
+      return;
+    }
+  }
+}
+
 OwnFiles::OwnFiles(const fs::path& folder) : root_(real_path(folder)), given_(fs::absolute(folder).lexically_normal()) {
   read_record();
   const std::lock_guard lock(registry().mutex);
@@ -106,7 +167,7 @@ OwnFiles::OwnFiles(const fs::path& folder) : root_(real_path(folder)), given_(fs
 
 void OwnFiles::read_record() {
   entries_.clear();
-  std::ifstream file(root_ / kRecord);
+  std::istringstream file(read_file_if_there(root_ / kRecord).value_or(""));
   for (std::string line; std::getline(file, line);) {
     // "SIZE TIME KIND NAME": kind is "f", "g" for a growing file, or "-" for one that is no longer there.
     std::istringstream words(line);
@@ -168,26 +229,32 @@ void OwnFiles::record(const std::string& name, const Entry* entry) {
   entries_.erase(name);
   if (entry != nullptr) entries_.emplace(name, values);
   const Descriptor file(
-      ::open((root_ / kRecord).c_str(), O_WRONLY | O_CREAT | O_APPEND | O_NOFOLLOW | O_CLOEXEC, 0666));
-  if (file && ::write(file.fd(), line.data(), line.size()) < 0) return;
+      ::open((root_ / kRecord).c_str(), O_WRONLY | O_CREAT | O_APPEND | O_NOFOLLOW | O_NONBLOCK | O_CLOEXEC, 0666));
+  struct stat status {};
+  if (!file || ::fstat(file.fd(), &status) != 0 || has_copies(status)) return;
+  if (::write(file.fd(), line.data(), line.size()) < 0) return;
 }
 
 void OwnFiles::add(const fs::path& file, bool is_growing) {
-  const std::lock_guard lock(mutex_);
   const std::string name = name_of(file);
+  if (name.empty() || !status_of(root_ / name)) return;
+  const FolderTurn turn(root_);
+  const std::lock_guard lock(mutex_);
   const auto status = status_of(root_ / name);
-  if (name.empty() || !status) return;
+  if (!status) return;
   const Entry entry{static_cast<std::uintmax_t>(status->st_size), time_of(*status), is_growing};
   record(name, &entry);
 }
 
 void OwnFiles::make_way(const fs::path& file) {
+  const std::string name = name_of(file);
+  const fs::path place = root_ / name;
+  if (name.empty() || !status_of(place)) return;
   fs::path free;
   {
+    const FolderTurn turn(root_);
     const std::lock_guard lock(mutex_);
-    const std::string name = name_of(file);
-    const fs::path place = root_ / name;
-    if (name.empty() || !status_of(place) || is_own(name)) return;
+    if (!status_of(place) || is_own(name)) return;
     free = previous_name(place);
     std::error_code error;
     fs::rename(place, free, error);
@@ -219,11 +286,14 @@ void OwnFiles::remove_known(const fs::path& path) {
 }
 
 void OwnFiles::remove(const fs::path& path) {
+  if (name_of(path).empty() || !status_of(path)) return;
+  const FolderTurn turn(root_);
   const std::lock_guard lock(mutex_);
-  if (!name_of(path).empty()) remove_known(path);
+  remove_known(path);
 }
 
 void OwnFiles::move(const fs::path& from, const fs::path& to) {
+  const FolderTurn turn(root_);
   make_way(to);
   const std::lock_guard lock(mutex_);
   const std::string old_name = name_of(from), new_name = name_of(to);
@@ -241,6 +311,7 @@ void OwnFiles::move(const fs::path& from, const fs::path& to) {
 }
 
 OwnFiles* OwnFiles::of(const fs::path& file) {
+  if (file.filename() == kRecord) return nullptr;
   const std::lock_guard lock(registry().mutex);
   OwnFiles* innermost = nullptr;
   for (OwnFiles* folder : registry().folders) {

@@ -9,7 +9,28 @@
 #include <string>
 #include <vector>
 
+#include "core/descriptor.h"
+
 namespace b3dgs {
+
+/// Holds the lock of a folder while shared files in it are read, changed and written, so that no change of another
+/// process or thread is lost. Waits until the lock is free. A thread that holds it may take it again. The lock is that
+/// of the record OwnFiles::kRecord. It is skipped where the record cannot be opened, and on file systems without locks.
+class FolderTurn {
+ public:
+  /// @throws IoError if another process does not release the lock
+  explicit FolderTurn(const std::filesystem::path& folder);
+  ~FolderTurn();
+  FolderTurn(const FolderTurn&) = delete;
+  FolderTurn& operator=(const FolderTurn&) = delete;
+
+ private:
+  void lock_record(const std::filesystem::path& record);
+
+  std::unique_lock<std::recursive_mutex> thread_turn_;
+  std::filesystem::path root_;  // empty if this thread held the lock before
+  Descriptor file_;
+};
 
 /// The path without symbolic links, as far as it exists. Instead of std::filesystem::weakly_canonical(), for the reason
 /// in folders.h.
@@ -34,6 +55,9 @@ class OwnFiles {
   ~OwnFiles();
   OwnFiles(const OwnFiles&) = delete;
   OwnFiles& operator=(const OwnFiles&) = delete;
+
+  /// The folder, with symbolic links followed.
+  const std::filesystem::path& root() const { return root_; }
 
   bool is_own(const std::filesystem::path& file);
 
