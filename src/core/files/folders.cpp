@@ -8,11 +8,14 @@
 #include <unistd.h>
 
 #include <algorithm>
+#include <array>
 #include <cerrno>
+#include <climits>
 #include <cstdio>
 #include <cstring>
 #include <fstream>
 #include <iterator>
+#include <sstream>
 #include <string>
 
 #include "core/check.h"
@@ -23,21 +26,35 @@ namespace {
 
 namespace fs = std::filesystem;
 
-std::string read_all(const fs::path& path) {
-  std::ifstream file(path, std::ios::binary);
-  return {std::istreambuf_iterator<char>(file), std::istreambuf_iterator<char>()};
+std::string host_name() {
+  std::array<char, HOST_NAME_MAX + 1> name{};
+  return ::gethostname(name.data(), name.size() - 1) == 0 ? name.data() : "";
 }
 
-/// `lock`: has the number of the process that holds it.
-[[noreturn]] void refuse(const fs::path& folder, const fs::path& lock, const std::string& kind) {
+/// Of a process on this machine.
+std::string command_of(int process) {
   constexpr std::size_t kMost = 200;
-  std::string holder = "another process", command;
-  if (const int process = std::atoi(read_all(lock).c_str()); process > 0) {
+  std::ifstream file("/proc/" + std::to_string(process) + "/cmdline", std::ios::binary);
+  std::string command{std::istreambuf_iterator<char>(file), {}};  // words, each with a zero byte
+  std::replace(command.begin(), command.end(), '\0', ' ');
+  command.resize(command.find_last_not_of(' ') + 1);
+  return command.size() > kMost ? command.substr(0, kMost) + "..." : command;
+}
+
+/// `lock`: has the number of the process that holds it and the name of its host, which is also that of a container.
+[[noreturn]] void refuse(const fs::path& folder, int lock, const std::string& kind) {
+  std::array<char, HOST_NAME_MAX + 32> text{};
+  const ssize_t bytes = ::pread(lock, text.data(), text.size() - 1, 0);
+  std::istringstream words(bytes > 0 ? text.data() : "");
+  std::string holder = "another process", command, host;
+  if (int process = 0; words >> process && process > 0) {
     holder = "process " + std::to_string(process);
-    command = read_all("/proc/" + std::to_string(process) + "/cmdline");  // words, each with a zero byte
-    std::replace(command.begin(), command.end(), '\0', ' ');
-    command.resize(command.find_last_not_of(' ') + 1);
-    if (command.size() > kMost) command = command.substr(0, kMost) + "...";
+    words >> host;
+    if (host == host_name()) {
+      command = command_of(process);
+    } else if (!host.empty()) {
+      holder += " on " + host;
+    }
   }
   input_error(kind, " in use: ", folder.string(), " (by ", holder, command.empty() ? "" : ": " + command,
               "); wait until it ends, or choose another folder", kind == "model folder" ? " with -m" : "");
@@ -63,10 +80,10 @@ FolderLock::FolderLock(const fs::path& folder, const char* kind) : path_(folder 
     int failed = 0;
     while (::flock(file_.fd(), LOCK_EX | LOCK_NB) != 0 && (failed = errno) == EINTR) {
     }
-    if (failed == EWOULDBLOCK) refuse(folder, path_, kind);
+    if (failed == EWOULDBLOCK) refuse(folder, file_.fd(), kind);
   } while (!is_at(file_.fd(), path_));
-  const std::string process = std::to_string(::getpid()) + "\n";
-  // The process ID serves error messages only, so a full disk is ignored here.
+  const std::string process = std::to_string(::getpid()) + " " + host_name() + "\n";
+  // These serve error messages only, so a full disk is ignored here.
   if (::ftruncate(file_.fd(), 0) != 0 || ::write(file_.fd(), process.data(), process.size()) < 0) errno = 0;
   remove_unfinished_files(folder);
   own_files_.emplace(folder);
