@@ -9,6 +9,7 @@
 #include "core/check.h"
 #include "core/files/atomic_file.h"
 #include "core/files/own_files.h"
+#include "core/stop_signals.h"
 #include "report/page_data.h"
 
 namespace b3dgs {
@@ -33,8 +34,7 @@ extern "C" void ask_to_stop(int signal) {
   if (asked_to_stop.compare_exchange_strong(none, signal)) {
     asked_at_ms = now_ms();
   } else if (asked_at_ms > 0 && now_ms() - asked_at_ms > kOneRequestMs) {
-    std::signal(signal, SIG_DFL);
-    std::raise(signal);
+    end_by_signal(signal);
   }
 }
 
@@ -107,9 +107,7 @@ const std::atomic<int>& stop_signal() {
 }
 
 void catch_stop_signals() {
-  std::signal(SIGINT, ask_to_stop);
-  std::signal(SIGTERM, ask_to_stop);
-  if (std::signal(SIGHUP, ask_to_stop) == SIG_IGN) std::signal(SIGHUP, SIG_IGN);  // of nohup
+  handle_stop_signals(ask_to_stop);
 }
 
 void request_stop() {

@@ -1,6 +1,5 @@
 // b3dgs reconstruct: makes a scene from photographs or a video, by COLMAP.
 #include <atomic>
-#include <csignal>
 #include <iostream>
 
 #include "app/status/status_line.h"
@@ -8,6 +7,7 @@
 #include "app/tools/single_option.h"
 #include "core/check.h"
 #include "core/options/command_line.h"
+#include "core/stop_signals.h"
 #include "core/text.h"
 #include "reconstruct/reconstruct.h"
 
@@ -48,8 +48,7 @@ int run_reconstruct(const std::vector<std::string>& words) {
   }
   // COLMAP's programs link Qt, which otherwise wants a display.
   setenv("QT_QPA_PLATFORM", "offscreen", /*overwrite=*/0);
-  std::signal(SIGINT, stop_reconstruction);
-  std::signal(SIGTERM, stop_reconstruction);
+  handle_stop_signals(stop_reconstruction);
 
   StatusLine status = StatusLine::for_stderr(quiet.value);
   const ReconstructResult result =

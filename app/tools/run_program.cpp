@@ -9,6 +9,7 @@
 
 #include "core/check.h"
 #include "core/options/command_line.h"
+#include "core/stop_signals.h"
 #include "core/text.h"
 #include "dist/control/message.h"
 
@@ -44,6 +45,7 @@ int report_out_of_memory(const std::string& what) {
 }  // namespace
 
 int run_program(int argc, char** argv, const std::vector<Command>& commands) {
+  end_by_stop_signals();
   std::signal(SIGXFSZ, SIG_IGN);  // of ulimit -f: writing then fails with an error that names the file
   try {
     const std::string name = argc > 1 ? argv[1] : "";

@@ -9,9 +9,12 @@
 #include <unistd.h>
 
 #include <algorithm>
+#include <array>
 #include <chrono>
+#include <memory>
 
 #include "core/check.h"
+#include "core/stop_signals.h"
 #include "support/expect_error.h"
 #include "support/files.h"
 #include "support/temp_dir.h"
@@ -169,6 +172,58 @@ TEST(RequireWritable, RefusesWhatCannotBeWrittenAndLeavesNothing) {
   EXPECT_TRUE(fails_with<InputError>({"expected a file, found a folder); use another"},
                                      [&] { require_writable(folder.path(), "use another"); }));
   EXPECT_EQ(count_files(folder.path()), 1u);
+}
+
+/// Sends `signal` to a process that has called `write` and has what that returned open.
+template <class Write>
+void end_while_writing(int signal, const Write& write) {
+  std::array<int, 2> ends{};
+  ASSERT_EQ(::pipe(ends.data()), 0);
+  const pid_t child = ::fork();
+  if (child == 0) {
+    end_by_stop_signals();
+    const auto open = write();
+    if (::write(ends[1], "x", 1) != 1) ::_exit(1);
+    for (;;) ::pause();
+  }
+  char ready = 0;
+  ASSERT_EQ(::read(ends[0], &ready, 1), 1);
+  ::kill(child, signal);
+  int status = 0;
+  ASSERT_EQ(::waitpid(child, &status, 0), child);
+  EXPECT_TRUE(WIFSIGNALED(status) && WTERMSIG(status) == signal) << status;
+  ::close(ends[0]), ::close(ends[1]);
+}
+
+TEST(UnfinishedFiles, AreRemovedByASignal) {
+  for (const int signal : {SIGINT, SIGTERM, SIGHUP}) {
+    TempDir folder;
+    test::write_bytes(folder / "a.ply", "old");
+    end_while_writing(signal, [&] {
+      auto file = std::make_unique<AtomicFile>(folder / "a.ply");
+      file->write("new");
+      return file;
+    });
+    end_while_writing(signal, [&] {
+      auto work = std::make_unique<WorkFolder>(folder.path());
+      test::write_bytes(work->path() / "deep/er/b", "x"), test::write_bytes(work->path() / "c", "x");
+      fs::create_directory_symlink(folder.path(), work->path() / "link");
+      return work;
+    });
+    EXPECT_EQ(read_bytes(folder / "a.ply"), "old");
+    EXPECT_EQ(count_files(folder.path()), 1u);
+  }
+}
+
+TEST(UnfinishedFiles, OfAKilledProcessAreRemovedByTheNextFile) {
+  TempDir folder;
+  end_while_writing(SIGKILL, [&] { return std::make_unique<AtomicFile>(folder / "a.ply"); });
+  EXPECT_EQ(count_files(folder.path()), 1u);
+  AtomicFile open(folder / "b.ply");
+  EXPECT_EQ(count_files(folder.path()), 1u);
+  write_file(folder / "c.ply", "new");
+  EXPECT_TRUE(fs::exists(open.temporary()));
+  EXPECT_EQ(count_files(folder.path()), 2u);
 }
 
 /// The name of a temporary file up to the process ID.

@@ -2,6 +2,7 @@
 #include "core/files/own_files.h"
 
 #include <gtest/gtest.h>
+#include <unistd.h>
 
 #include <chrono>
 #include <filesystem>
@@ -10,6 +11,7 @@
 
 #include "core/files/atomic_file.h"
 #include "core/files/folders.h"
+#include "support/expect_error.h"
 #include "support/files.h"
 #include "support/processes.h"
 #include "support/temp_dir.h"
@@ -18,6 +20,7 @@ namespace b3dgs {
 namespace {
 
 namespace fs = std::filesystem;
+using test::fails_with;
 using test::read_bytes;
 using test::TempDir;
 using test::write_bytes;
@@ -208,6 +211,15 @@ TEST_F(OwnFilesTest, ADamagedRecordMakesFilesTheUsers) {
   }
   write_bytes(folder_ / ".b3dgs-files", "\0\1garbage\n99 99 f\n-1 x f a\n3"s);
   EXPECT_FALSE(OwnFiles(folder_.path()).is_own(folder_ / "a"));
+}
+
+TEST(FolderLocks, NameTheHolderAndItsHost) {
+  TempDir folder;
+  const FolderLock lock(folder.path());
+  const std::string own = "(by process " + std::to_string(::getpid());
+  EXPECT_TRUE(fails_with<InputError>({own + ": ", "core_tests"}, [&] { FolderLock again(folder.path()); }));
+  write_bytes(folder / ".b3dgs-lock", std::to_string(::getpid()) + " node-7\n");
+  EXPECT_TRUE(fails_with<InputError>({own + " on node-7); wait"}, [&] { FolderLock again(folder.path()); }));
 }
 
 }  // namespace

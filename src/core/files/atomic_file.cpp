@@ -12,7 +12,9 @@
 #include <cstring>
 #include <ctime>
 #include <fstream>
+#include <mutex>
 #include <optional>
+#include <set>
 #include <string>
 #include <system_error>
 #include <vector>
@@ -55,19 +57,38 @@ fs::path temporary_name(const fs::path& folder) {
                    std::to_string(counter.fetch_add(1)) + kTemporarySuffix);
 }
 
-int remove_if_left_behind(const char* path, const struct stat* status, int type, FTW* place) {
+void remove_if_left_behind(const char* path, const std::string& name, const struct stat& status) {
   constexpr std::time_t kOneDay = 86400;  // s
-  const std::string name = type == FTW_F ? path + place->base : "";
   unsigned space = 0, number = 0;
   int process = 0, length = 0;
   const std::string pattern = std::string(kTemporaryPrefix) + "%u-%d-%u" + kTemporarySuffix + "%n";
   const bool fits = std::sscanf(name.c_str(), pattern.c_str(), &space, &process, &number, &length) == 3;
-  if (!fits || length != static_cast<int>(name.size()) || process <= 0) return 0;
+  if (!fits || length != static_cast<int>(name.size()) || process <= 0) return;
   // This process has no file open here, so a file with its ID is from an earlier process with the same ID.
   const bool is_left = space == process_space() ? process == ::getpid() || (::kill(process, 0) != 0 && errno == ESRCH)
-                                                : std::time(nullptr) - status->st_mtime > kOneDay;
+                                                : std::time(nullptr) - status.st_mtime > kOneDay;
   if (is_left) ::unlink(path);
+}
+
+int remove_entry_if_left_behind(const char* path, const struct stat* status, int type, FTW* place) {
+  if (type == FTW_F) remove_if_left_behind(path, path + place->base, *status);
   return 0;
+}
+
+/// Removes what killed processes left in a folder, but not below it. Once for each folder, before this process has a
+/// file open there.
+void clean_once(const fs::path& folder) {
+  static std::mutex mutex;
+  static std::set<fs::path> cleaned;
+  const std::lock_guard lock(mutex);
+  if (!cleaned.insert(real_path(folder)).second) return;
+  std::error_code error;
+  for (fs::directory_iterator it(folder, error), end; !error && it != end; it.increment(error)) {
+    const std::string name = it->path().filename().string();
+    struct stat status {};
+    if (name.rfind(kTemporaryPrefix, 0) != 0 || ::lstat(it->path().c_str(), &status) != 0) continue;
+    if (S_ISREG(status.st_mode)) remove_if_left_behind(it->path().c_str(), name, status);
+  }
 }
 
 // A rename is durable once the folder is synced. Some network file systems cannot sync folders and return EINVAL.
@@ -102,8 +123,10 @@ void create_folders(const fs::path& folder, const std::string& target) {
 AtomicFile::AtomicFile(fs::path target) : target_(std::move(target)) {
   const fs::path folder = target_.has_parent_path() ? target_.parent_path() : fs::path(".");
   create_folders(folder, target_.string());
+  clean_once(folder);
   do {  // the name may be taken, by a file that a killed process with the same ID left
     temporary_ = temporary_name(folder);
+    removed_by_signal_.emplace(temporary_);
     // The usual mode of a new file: 0666 without the bits of the umask.
     file_ = ::open(temporary_.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0666);
   } while (file_ < 0 && (errno == EEXIST || errno == EINTR));
@@ -159,6 +182,7 @@ void AtomicFile::commit() {
       io_error("cannot replace ", target_.string(), with_remedy(errno));
     }
     temporary_.clear();
+    removed_by_signal_.reset();
     add_own_file(target_);
   }
   sync_folder(folder, target_.string());
@@ -182,6 +206,7 @@ void require_writable(const fs::path& file, std::string_view remedy) {
     folder = folder.parent_path();
   }
   const fs::path probe = temporary_name(folder);
+  const RemovedBySignal removed_by_signal(probe);
   const Descriptor opened(::open(probe.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0600));
   const int failed = errno;
   if (opened) {
@@ -198,7 +223,7 @@ void create_folder(const fs::path& folder) {
 
 void remove_unfinished_files(const fs::path& folder) {
   constexpr int kOpenFolders = 16;
-  ::nftw(folder.c_str(), remove_if_left_behind, kOpenFolders, FTW_PHYS);
+  ::nftw(folder.c_str(), remove_entry_if_left_behind, kOpenFolders, FTW_PHYS);
 }
 
 }  // namespace b3dgs

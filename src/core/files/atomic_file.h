@@ -5,14 +5,17 @@
 #include <cstddef>
 #include <cstdint>
 #include <filesystem>
+#include <optional>
 #include <string_view>
+
+#include "core/stop_signals.h"
 
 namespace b3dgs {
 
 class AtomicFile {
  public:
   /// Opens a temporary file in the target's folder. Creates that folder if it is missing, and then syncs it and its
-  /// parent. @throws IoError
+  /// parent. Removes temporary files that killed processes left in the folder. @throws IoError
   explicit AtomicFile(std::filesystem::path target);
   /// Removes the temporary file unless commit() has renamed it.
   ~AtomicFile();
@@ -35,7 +38,8 @@ class AtomicFile {
 
  private:
   std::filesystem::path target_, temporary_;
-  std::uint64_t size_ = 0;  // bytes
+  std::optional<RemovedBySignal> removed_by_signal_;  // the temporary file
+  std::uint64_t size_ = 0;                            // bytes
   int file_ = -1;
 };
 

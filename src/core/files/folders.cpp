@@ -110,6 +110,7 @@ WorkFolder::WorkFolder(const std::filesystem::path& parent) {
     io_error("cannot create a folder in ", parent.string(), ": ", std::strerror(errno));
   }
   path_ = name;
+  removed_by_signal_.emplace(path_);
 }
 
 WorkFolder::~WorkFolder() {

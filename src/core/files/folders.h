@@ -6,6 +6,7 @@
 
 #include "core/descriptor.h"
 #include "core/files/own_files.h"
+#include "core/stop_signals.h"
 
 namespace b3dgs {
 
@@ -37,7 +38,7 @@ class FolderLock {
 bool remove_tree(const std::filesystem::path& path);
 
 /// A new folder for intermediate files inside another one, with a name that nothing has; removed with its content at
-/// the end of the scope.
+/// the end of the scope, or by end_by_signal().
 class WorkFolder {
  public:
   /// @throws IoError
@@ -50,6 +51,7 @@ class WorkFolder {
 
  private:
   std::filesystem::path path_;
+  std::optional<RemovedBySignal> removed_by_signal_;
 };
 
 }  // namespace b3dgs

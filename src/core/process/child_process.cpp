@@ -21,6 +21,7 @@
 #include <utility>
 
 #include "core/check.h"
+#include "core/stop_signals.h"
 
 namespace b3dgs {
 namespace {
@@ -42,11 +43,16 @@ bool is(const struct sigaction& action, void (*handler)(int)) {
   return (action.sa_flags & SA_SIGINFO) == 0 && action.sa_handler == handler;
 }
 
+/// Whether the signal ends the process at once.
+bool ends_process_at_once(const struct sigaction& action) {
+  return is(action, SIG_DFL) || is(action, end_by_signal);
+}
+
 extern "C" void note_signal(int signal, siginfo_t* info, void* context) {
   const int saved_errno = errno;
   last_signal = signal;
   for (std::size_t i = 0; i < kSignals.size(); ++i) {
-    if (kSignals[i] != signal || is(actions_before[i], SIG_DFL)) continue;
+    if (kSignals[i] != signal || ends_process_at_once(actions_before[i])) continue;
     if ((actions_before[i].sa_flags & SA_SIGINFO) != 0) {
       actions_before[i].sa_sigaction(signal, info, context);
     } else {
@@ -159,7 +165,7 @@ EndingSignals::~EndingSignals() {
   bool ends_process = false;
   for (std::size_t i = 0; i < kSignals.size(); ++i) {
     if (!is(actions_before[i], SIG_IGN)) sigaction(kSignals[i], &actions_before[i], nullptr);
-    ends_process = ends_process || (is(actions_before[i], SIG_DFL) && kSignals[i] == last_signal);
+    ends_process = ends_process || (ends_process_at_once(actions_before[i]) && kSignals[i] == last_signal);
   }
   if (ends_process) std::raise(last_signal);
 }

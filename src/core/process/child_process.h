@@ -15,8 +15,8 @@
 namespace b3dgs {
 
 /// While one exists, SIGINT, SIGTERM and SIGHUP do not end this process. Signals that it ignored stay ignored. Handlers
-/// that it had are called as before. Where there was none, the signal is raised again at the end of the last
-/// EndingSignals, so that the process ends as it would have. Any thread may create one.
+/// that it had are called as before. Where there was none, or end_by_signal(), the signal is raised again at the end of
+/// the last EndingSignals, so that the process ends as it would have. Any thread may create one.
 class EndingSignals {
  public:
   EndingSignals();
