@@ -66,7 +66,7 @@ void print_table(const Evaluation& evaluation) {
   for (const std::string& name : evaluation.unmeasured) columns = std::max(columns, name.size());
   const auto print = [&](std::string name, const std::string& rest) {
     name.resize(columns, ' ');
-    std::cout << name << rest << "\n";
+    std::cout << detail::one_line(name) << rest << "\n";
   };
   const auto print_row = [&](const std::string& name, const ImageQuality& quality) {
     std::string row = print_to_string("  %8.3f  %7.4f", quality.psnr, quality.ssim);

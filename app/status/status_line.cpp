@@ -44,11 +44,12 @@ void StatusLine::show(const std::string& text, bool now) {
   const double time_s = clock_();
   if (!now && time_s - last_shown_s_ < (is_terminal() ? kRedrawSeconds : kPlainLineSeconds)) return;
   last_shown_s_ = time_s;
+  const std::string line = detail::one_line(text);
   if (!is_terminal()) {
-    out_ << text + '\n' << std::flush;  // one write: errors of other ranks do not get into the line
+    out_ << line + '\n' << std::flush;  // one write: errors of other ranks do not get into the line
     return;
   }
-  shown_ = text.substr(0, static_cast<std::size_t>(columns_ - 1));  // a full line would wrap
+  shown_ = line.substr(0, static_cast<std::size_t>(columns_ - 1));  // a full line would wrap
   out_ << '\r' + shown_ + "\x1b[K" << std::flush;
 }
 

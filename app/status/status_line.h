@@ -5,6 +5,7 @@
 #include <iosfwd>
 #include <string>
 
+#include "core/check.h"
 #include "scene/scene.h"
 
 namespace b3dgs {
@@ -35,7 +36,7 @@ class StatusLine {
   /// Prints a permanent line above the status.
   void print(const std::string& line);
   /// Prints "warning: LINE", even if quiet.
-  void warn(const std::string& line) { print("warning: " + line); }
+  void warn(const std::string& line) { print("warning: " + detail::one_line(line)); }
   /// Removes the status.
   void clear();
 

@@ -10,9 +10,11 @@
 // the message, or continues without the part that failed.
 #pragma once
 
+#include <cstddef>
 #include <sstream>
 #include <stdexcept>
 #include <string>
+#include <string_view>
 
 namespace b3dgs {
 
@@ -48,12 +50,54 @@ std::string concat(const Parts&... parts) {
   return text.str();
 }
 
-/// Replaces control characters: names from files may contain line breaks and terminal escape sequences.
-inline std::string one_line(std::string text) {
-  for (char& c : text) {
-    if (static_cast<unsigned char>(c) < 0x20 || c == 0x7f) c = '?';
+/// The first character of a text in UTF-8, and how many bytes it has. Other bytes are characters of their own.
+struct Character {
+  char32_t code = 0;
+  std::size_t bytes = 1;
+  bool is_utf8 = false;
+};
+
+inline Character first_character(std::string_view text) {
+  const auto byte = [&](std::size_t i) { return static_cast<unsigned char>(text[i]); };
+  Character c{byte(0), 1, byte(0) < 0x80};
+  const std::size_t bytes = c.code >= 0xF0 ? 4 : c.code >= 0xE0 ? 3 : c.code >= 0xC0 ? 2 : 1;
+  if (bytes == 1 || c.code >= 0xF8 || bytes > text.size()) return c;
+  char32_t code = c.code & (0x7Fu >> bytes);
+  for (std::size_t i = 1; i < bytes; ++i) {
+    if ((byte(i) & 0xC0) != 0x80) return c;
+    code = code << 6 | (byte(i) & 0x3Fu);
   }
-  return text;
+  constexpr char32_t kLeast[] = {0, 0, 0x80, 0x800, 0x10000};
+  const bool is_valid = code >= kLeast[bytes] && code <= 0x10FFFF && (code < 0xD800 || code > 0xDFFF);
+  return is_valid ? Character{code, bytes, true} : c;
+}
+
+/// Whether it can control a terminal (C0, C1, also as a single byte), break a line, or change the order of others.
+inline bool is_control(const Character& c) {
+  const auto is_in = [&](char32_t first, char32_t last) { return c.code >= first && c.code <= last; };
+  return is_in(0, 0x1F) || is_in(0x7F, 0x9F) || is_in(0x2028, 0x202E) || is_in(0x2066, 0x2069);
+}
+
+/// For names from files, which are printed. Names that are not UTF-8 are allowed.
+inline bool has_control_characters(std::string_view text) {
+  for (std::size_t at = 0; at < text.size();) {
+    const Character c = first_character(text.substr(at));
+    if (is_control(c)) return true;
+    at += c.bytes;
+  }
+  return false;
+}
+
+/// Replaces control characters and what is not UTF-8: names from files may contain line breaks and terminal escape
+/// sequences.
+inline std::string one_line(std::string_view text) {
+  std::string line;
+  for (std::size_t at = 0; at < text.size();) {
+    const Character c = first_character(text.substr(at));
+    line += c.is_utf8 && !is_control(c) ? text.substr(at, c.bytes) : "?";
+    at += c.bytes;
+  }
+  return line;
 }
 
 [[noreturn]] inline void fail_check(const char* file, int line, const char* condition, const std::string& message) {

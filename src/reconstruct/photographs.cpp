@@ -102,7 +102,7 @@ bool copy_photograph(const fs::path& from, const fs::path& to) {
 
 /// COLMAP removes blanks at both ends of the names in its list, one per line. At the end there is an extension.
 void check_name(const fs::path& folder, const std::string& name) {
-  if (detail::one_line(name) == name && name[0] != ' ') return;
+  if (!detail::has_control_characters(name) && name[0] != ' ') return;
   input_error((folder / name).string(), ": expected a name without ",
               name[0] == ' ' ? "a blank at the beginning" : "control characters such as line breaks",
               "; rename this file or folder");

@@ -170,6 +170,11 @@ TEST_F(DamagedModel, RejectsNamesThatCouldControlATerminal) {
   write(model);
   EXPECT_TRUE(refuses({file("images.bin"), "image 0 (?[31m.png)", "control characters"}));
   model.images[1].name =
+      "\xc2\x9b"
+      "31m.png";  // CSI as one character
+  write(model);
+  EXPECT_TRUE(refuses({file("images.bin"), "image 0 (?31m.png)", "control characters"}));
+  model.images[1].name =
       "f\xc3\xbc"
       "chse.png";  // UTF-8
   write(model);

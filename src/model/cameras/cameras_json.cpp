@@ -71,7 +71,7 @@ LensParams<double> lens_from_json(const Json& entry, const Camera& camera, const
 NamedCamera camera_from_json(const Json& entry, const std::string& place) {
   NamedCamera named;
   named.name = entry.at("img_name").get<std::string>();
-  if (detail::one_line(named.name) != named.name)
+  if (detail::has_control_characters(named.name))
     input_error(place, ": img_name has control characters; rename the image");
   Camera& camera = named.camera;
   camera.width = json_integer<int>(entry.at("width"), "width", place, 1, kMaxImageSide);

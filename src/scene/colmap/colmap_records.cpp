@@ -279,7 +279,7 @@ void check_image(const ColmapImage& image, const ColmapModel& model, const std::
                 kRemedy);
   }
   if (image.name.empty()) input_error(place, ": expected the name of an image file, found an empty name");
-  if (points_outside(image.name) || detail::one_line(image.name) != image.name) {
+  if (points_outside(image.name) || detail::has_control_characters(image.name)) {
     input_error(place, ": expected a path inside the image folder, without \"..\" and control characters; rename the ",
                 "image in the model");
   }

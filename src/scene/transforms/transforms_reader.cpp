@@ -122,7 +122,7 @@ class FrameReader {
     const std::string name = name_of_path(file_path);
     if (name.empty()) input_error(place, ": expected file_path to name a photograph, found \"", file_path, "\"");
     place += " (" + file_path.substr(0, 100) + ")";
-    if (detail::one_line(name) != name) {  // names are printed, and outputs are named after them
+    if (detail::has_control_characters(name)) {  // names are printed, and outputs are named after them
       input_error(place, ": expected a file_path without control characters; rename the photograph");
     }
     if (!names_.insert(name).second) {
