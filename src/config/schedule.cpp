@@ -4,6 +4,7 @@
 #include <cmath>
 #include <cstdint>
 #include <limits>
+#include <string_view>
 #include <type_traits>
 #include <vector>
 
@@ -14,13 +15,18 @@
 namespace b3dgs {
 namespace {
 
-/// Rounded to the nearest whole number, but a positive number of iterations does not become 0.
+/// Rounded to the nearest whole number, but a positive number of iterations does not become 0. @throws InputError that
+/// names the option, for a product that is too large
 template <class Integer>
-Integer scaled(Integer steps, double factor) {
-  const double most = static_cast<double>(std::numeric_limits<Integer>::max());
-  const double product = std::round(static_cast<double>(steps) * factor);
+Integer scaled(std::string_view option, Integer steps, double factor) {
+  constexpr Integer kMost = std::numeric_limits<Integer>::max();
   if (steps <= 0) return steps;
-  return product >= most ? std::numeric_limits<Integer>::max() : std::max(Integer{1}, static_cast<Integer>(product));
+  const double product = std::round(static_cast<double>(steps) * factor);
+  if (!(product < static_cast<double>(kMost) + 1)) {
+    input_error("--", option, " ", steps, " is to be multiplied by ", factor, " (expected a product of at most ", kMost,
+                "); choose a smaller --steps_scaler");
+  }
+  return std::max(Integer{1}, static_cast<Integer>(product));
 }
 
 /// Iterations that use each photograph so often; any number of photographs does not overflow.
@@ -34,7 +40,7 @@ int uses_by_overlap(int max_epochs, const Photographs& photographs) {
   constexpr double kEnough = 50, kLeastIterations = 500;
   const double n = static_cast<double>(std::max<std::size_t>(1, photographs.n));
   const double share = std::max(photographs.overlap / kEnough, kLeastIterations / (n * std::max(1, max_epochs)));
-  return scaled(max_epochs, std::min(1.0, share));
+  return scaled("max_epochs", max_epochs, std::min(1.0, share));
 }
 
 }  // namespace
@@ -46,9 +52,9 @@ void scale_steps(TrainConfig& config, double factor, const std::function<bool(co
     if (option.steps == Steps::kNone || !is_wanted(option)) return;
     using Value = std::decay_t<decltype(value)>;
     if constexpr (std::is_integral_v<Value> && !std::is_same_v<Value, bool>) {
-      value = scaled(value, factor);
+      value = scaled(option.name, value, factor);
     } else if constexpr (std::is_same_v<Value, std::vector<int>>) {
-      for (int& entry : value) entry = scaled(entry, factor);
+      for (int& entry : value) entry = scaled(option.name, entry, factor);
     }
   });
   // Rounds that came together still do. Rounded by itself, the interval of resets or removals would be no multiple any

@@ -1,5 +1,5 @@
 // Changes the length of a training: multiplies options counted in iterations. Products are rounded to the nearest
-// integer, but to no less than 1; 0 stays 0.
+// integer, but to no less than 1; 0 stays 0. Products that do not fit throw InputError.
 #pragma once
 
 #include <cstddef>

@@ -354,10 +354,23 @@ TEST(Schedule, StepsScalerMultipliesAllAndIsAppliedOnce) {
   const TrainConfig tiny = resolved({"--preset", "inria", "--steps_scaler", "1e-9"});
   EXPECT_EQ(tiny.iterations, 1);
   EXPECT_EQ(tiny.densify_from_iter, 1);
-  EXPECT_EQ(resolved({"--steps_scaler", "1e9"}).iterations, std::numeric_limits<int>::max());
+  EXPECT_EQ(resolved({"--preset", "inria", "--iterations", "2147483647"}).iterations, std::numeric_limits<int>::max());
   const TrainConfig both = resolved({"--preset", "fast", "--iterations", "10000", "--steps_scaler", "2"});
   EXPECT_EQ(both.iterations, 20000);
   EXPECT_EQ(both.position_lr_max_steps, 20000);
+}
+
+TEST(Schedule, ProductsOfStepsScalerThatDoNotFitAreRefused) {
+  for (const Words& words :
+       {Words{"--iterations", "3", "--steps_scaler", "1e300"}, Words{"--iterations", "3", "--steps_scaler", "1e9"},
+        Words{"--steps_scaler", "1e9"}, Words{"--save_iterations", "2147483647", "--steps_scaler", "2"}}) {
+    EXPECT_TRUE(test::fails_with<InputError>({"2147483647", "smaller --steps_scaler"}, [&] { resolved(words); }))
+        << testing::PrintToString(words);
+  }
+  TrainConfig config = resolved({});
+  EXPECT_TRUE(test::fails_with<InputError>({"--iterations 3 is to be multiplied by 1e+300"}, [&] {
+    apply_at_resume(config, given({"--iterations", "3", "--steps_scaler", "1e300"}));
+  }));
 }
 
 TEST(GivenMaxEpochs, IsOffIfIterationsAreGivenWithoutIt) {
