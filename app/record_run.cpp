@@ -64,6 +64,7 @@ std::string driver_version() {
   std::string line;
   std::smatch match;
   std::getline(file, line);
+  line.resize(std::min<std::size_t>(line.size(), 256));  // std::regex recurses for each character
   return std::regex_search(line, match, std::regex(R"(\b\d{3,}\.\d+(\.\d+)?\b)")) ? match.str() : "";
 }
 

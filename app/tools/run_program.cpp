@@ -4,6 +4,7 @@
 #include <csignal>
 #include <cstring>
 #include <exception>
+#include <filesystem>
 #include <iostream>
 #include <new>
 
@@ -19,7 +20,8 @@ namespace {
 enum ExitCode { kFailed = 1, kBadInput = 2, kPeerFailed = PeerError::kExitCode };
 
 int report_error(const std::string& message, ExitCode code) {
-  std::cerr << "error: " + first_line(message) + '\n';  // one write: lines of several ranks on one terminal do not mix
+  std::cerr << "error: " + detail::one_line(first_line(message)) +
+                   '\n';  // one write: lines of several ranks on one terminal do not mix
   return code;
 }
 
@@ -59,6 +61,8 @@ int run_program(int argc, char** argv, const std::vector<Command>& commands) {
   } catch (const InputError& error) {
     return report_error(error.what(), kBadInput);
   } catch (const IoError& error) {
+    return report_error(error.what(), kBadInput);
+  } catch (const std::filesystem::filesystem_error& error) {  // such as a path that is too long
     return report_error(error.what(), kBadInput);
   } catch (const OutOfMemoryError& error) {
     return report_out_of_memory(error.what());

@@ -2,7 +2,6 @@
 
 #include <charconv>
 #include <iostream>
-#include <regex>
 #include <system_error>
 
 #include "core/check.h"
@@ -15,8 +14,13 @@ constexpr const char* kAutoPort = "auto";
 
 /// A port, or an address in digits or `localhost` and a port; anything else after --view is the next argument.
 bool is_place(const std::string& word) {
-  static const std::regex kPlace(R"(((localhost|[0-9a-fA-F.:\[\]]+):)?(auto|[0-9]+))");
-  return std::regex_match(word, kPlace);
+  const std::size_t colon = word.rfind(':');
+  const std::string port = word.substr(colon == std::string::npos ? 0 : colon + 1);
+  const bool has_port = port == kAutoPort || (!port.empty() && port.find_first_not_of("0123456789") == port.npos);
+  if (!has_port || colon == std::string::npos) return has_port;
+  const std::string address = word.substr(0, colon);
+  const bool has_digits = address.find_first_not_of("0123456789abcdefABCDEF.:[]") == address.npos;
+  return address == "localhost" || (!address.empty() && has_digits);
 }
 
 }  // namespace
@@ -46,7 +50,9 @@ ViewServerOptions parse_view_place(const std::string& place) {
   const auto [end, error] = std::from_chars(port.data(), port.data() + port.size(), number);
   const bool is_read = error == std::errc() && end == port.data() + port.size();
   if (!is_read || number < 0 || number > 65535 || options.address.empty()) {
-    input_error("--view ", place, ": not a place for the page (expected PORT or ADDRESS:PORT, such as 127.0.0.1:8080)");
+    constexpr std::size_t kShown = 80;
+    input_error("--view ", place.substr(0, kShown),
+                ": not a place for the page (expected PORT or ADDRESS:PORT, such as 127.0.0.1:8080)");
   }
   options.port = number;
   return options;

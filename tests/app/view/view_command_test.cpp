@@ -167,8 +167,18 @@ TEST(ViewOptions, APlaceMayFollowTheOption) {
   EXPECT_EQ(join_view_place({"--view", "[::1]:80", "scene"}), (Words{"--view=[::1]:80", "scene"}));
   EXPECT_EQ(join_view_place({"--view", "scene"}), (Words{"--view=auto", "scene"}));
   EXPECT_EQ(join_view_place({"--view", "host:80"}), (Words{"--view=auto", "host:80"})) << "a folder";
+  EXPECT_EQ(join_view_place({"--view", "localhost:auto", "x"}), (Words{"--view=localhost:auto", "x"}));
+  EXPECT_EQ(join_view_place({"--view", ":80"}), (Words{"--view=auto", ":80"}));
   EXPECT_EQ(join_view_place({"scene", "--view"}), (Words{"scene", "--view=auto"}));
   EXPECT_EQ(join_view_place({"-r", "4", "--view", "-m", "2"}), (Words{"-r", "4", "--view=auto", "-m", "2"}));
+}
+
+TEST(ViewOptions, APlaceOfAnyLengthIsReadOrRefused) {
+  for (const std::string& before : {std::string(), std::string("1.2:"), std::string(200000, 'a') + ":"}) {
+    const std::string place = before + std::string(200000, '1');
+    EXPECT_EQ(join_view_place({"--view", place}), (Words{"--view=" + place}));
+    EXPECT_TRUE(fails_with<InputError>({"not a place for the page"}, [&] { parse_view_place(place); }));
+  }
 }
 
 TEST(ViewOptions, APlaceIsAPortOrAnAddressAndAPort) {
