@@ -44,12 +44,35 @@ std::string file_argument(const fs::path& path) {
   return "file:" + fs::absolute(path).string();
 }
 
+// Containers of videos. Playlists are not among them, because they would make ffmpeg read other files.
+constexpr const char* kProtocols = "file,pipe";
+constexpr const char* kContainers =
+    "mov,mp4,matroska,webm,avi,mpeg,mpegts,mpegvideo,flv,asf,ogg,mxf,dv,gif,apng,h264,hevc,m4v,mjpeg,ivf,obu,rm,wtv,"
+    "nut,"
+    "yuv4mpegpipe";
+
 /// Each decoded frame once, whatever the times in the file: some muxers would otherwise repeat or drop frames.
 constexpr const char* kEachFrame = "settb=1/25,setpts=N";
 
 std::vector<std::string> ffmpeg_command(const fs::path& video, const std::string& filter) {
-  return {"ffmpeg", "-nostdin", "-hide_banner", "-v",  "error", "-i", file_argument(video),
-          "-map",   "0:v:0",    "-an",          "-vf", filter,  "-r", "25"};
+  return {"ffmpeg",
+          "-nostdin",
+          "-hide_banner",
+          "-v",
+          "error",
+          "-protocol_whitelist",
+          kProtocols,
+          "-format_whitelist",
+          kContainers,
+          "-i",
+          file_argument(video),
+          "-map",
+          "0:v:0",
+          "-an",
+          "-vf",
+          filter,
+          "-r",
+          "25"};
 }
 
 std::vector<double> measure_sharpness(const fs::path& video, const VideoInfo& info, ProgramLog& log,
@@ -108,7 +131,8 @@ VideoInfo read_video_info(const fs::path& video, ProgramLog& log) {
   const std::string fault = detail::concat(video.string(), ": not a video that ffmpeg can read");
   try {
     log.run(
-        {"ffprobe", "-v", "error", "-select_streams", "v:0", "-show_entries",
+        {"ffprobe", "-v", "error", "-protocol_whitelist", kProtocols, "-format_whitelist", kContainers,
+         "-select_streams", "v:0", "-show_entries",
          "stream=width,height,avg_frame_rate,nb_frames,duration:format=duration", "-of", "json", file_argument(video)},
         [&](const std::string& line) { text += line + "\n"; });
   } catch (const InputError& error) {

@@ -105,5 +105,20 @@ TEST(VideoFrames, FilesThatAreNoVideoAreRefused) {
   EXPECT_TRUE(fails_with<InputError>({"ffmpeg was not found in PATH", "apt install ffmpeg"}, extract));
 }
 
+TEST(VideoFrames, PlaylistsLeadToNoOtherFiles) {
+  if (find_program("ffmpeg").empty()) GTEST_SKIP() << "no ffmpeg";
+  const TempDir folder;
+  ProgramLog log(folder / "log", nullptr);
+  const std::string other = (folder / "private.ts").string();
+  log.run({"ffmpeg", "-v", "error", "-f", "lavfi", "-i", "testsrc=size=64x48:duration=1", other});
+  EXPECT_EQ(read_video_info(other, log).width, 64);
+  test::write_bytes(folder / "film.mp4", "#EXTM3U\n#EXT-X-TARGETDURATION:1\n#EXTINF:1,\nprivate.ts\n#EXT-X-ENDLIST\n");
+  test::write_bytes(folder / "list.mp4", "ffconcat version 1.0\nfile private.ts\n");
+  for (const char* name : {"film.mp4", "list.mp4"}) {
+    EXPECT_TRUE(fails_with<InputError>({name, "not a video that ffmpeg can read"},
+                                       [&] { read_video_info(folder / name, log); }));
+  }
+}
+
 }  // namespace
 }  // namespace b3dgs
