@@ -123,21 +123,53 @@ void apply_lists(const TransformsModel& transforms, const std::string& file, boo
             "only in val_filenames, so neither trained on nor tested", scene);
 }
 
+/// Finds the photographs that file_path names, to learn the size that intrinsics in px belong to. With -i, reduced
+/// copies may be used in their place.
+class NamedPhotographs {
+ public:
+  NamedPhotographs(const SceneOptions& options, const ImageFolder& images)
+      : source_(options.source_path), used_(images), originals_(images) {
+    if (options.images != "images") originals_ = ImageFolder(source_, "images");
+  }
+
+  /// `file`: file_path, relative to the scene's file.
+  PhotographSizes sizes_of(const std::string& name, const fs::path& file) {
+    fs::path named = find_named(file);
+    if (named.empty()) named = originals_.find_all({name})[name];
+    if (!named.empty()) return {read_image_size(named)};
+    const fs::path used = used_.find_all({name})[name];
+    return used.empty() ? PhotographSizes{} : PhotographSizes{{}, read_image_size(used)};
+  }
+
+ private:
+  // Also with another extension or case.
+  fs::path find_named(const fs::path& file) {
+    if (!is_within_reach(file, source_)) return {};
+    if (is_file(file)) return file;
+    const fs::path folder = file.lexically_normal().parent_path(), name = file.filename();
+    std::error_code error;
+    if (!fs::is_directory(folder, error) || fs::equivalent(folder, source_, error)) return {};
+    const auto entry = folders_.try_emplace(folder, folder.parent_path(), folder.filename().string()).first;
+    return entry->second.find_all({name.string()})[name.string()];
+  }
+
+  fs::path source_;
+  const ImageFolder& used_;
+  ImageFolder originals_;
+  std::map<fs::path, ImageFolder> folders_;
+};
+
 SceneModel read_transforms_scene(const SceneOptions& options, const TransformsFiles& files, const ImageFolder& images) {
   TransformsModel transforms;
-  const PhotographSizeFn size_of = [&](const std::string& name) -> std::optional<ImageSize> {
-    const fs::path in_folder = images.find_all({name})[name];
-    if (!in_folder.empty()) return read_image_size(in_folder);
-    const auto named = transforms.files.find(name);
-    const bool is_there = named != transforms.files.end() && is_file(named->second);
-    if (!is_there || !is_within_reach(named->second, options.source_path)) return std::nullopt;
-    return read_image_size(named->second);
+  NamedPhotographs photographs(options, images);
+  const PhotographSizesFn sizes_of = [&](const std::string& name) {
+    return photographs.sizes_of(name, transforms.files.at(name));
   };
   const auto read = [&](const fs::path& path) {
     FileReader file(path);
     std::string text(file.remaining(), '\0');
     file.read_bytes(text.data(), text.size());
-    read_transforms(text, path, size_of, transforms);
+    read_transforms(text, path, sizes_of, transforms);
   };
   read(files.train);
   const std::size_t n_train = transforms.model.images.size();
@@ -152,7 +184,7 @@ SceneModel read_transforms_scene(const SceneOptions& options, const TransformsFi
   scene.notes = files.notes;
   scene.camera_places = std::move(transforms.camera_places);
   for (const auto& [name, file] : transforms.files) {  // "train/r_0.png" may also be below images_4/
-    if (!images.find(name).empty() || !is_file(file)) continue;
+    if (!images.find(name).empty() || images.replaces(name) || !is_file(file)) continue;
     check_reach(file, options.source_path, scene.file + ": file_path of the photograph " + name);
     scene.files[name] = file;
   }

@@ -8,11 +8,12 @@
 
 void b3dgs::fuzz::read_input(std::string_view bytes) {
   TransformsModel transforms;
-  const auto size_of = [](const std::string& name) -> std::optional<ImageSize> {
-    if (name.size() % 2 == 1) return std::nullopt;  // some photographs are missing
-    return ImageSize{64, 48};
+  const auto sizes_of = [](const std::string& name) -> PhotographSizes {
+    if (name.size() % 3 == 1) return {};  // some photographs are missing
+    if (name.size() % 3 == 2) return {{}, ImageSize{32, 24}};
+    return {ImageSize{64, 48}};
   };
-  read_transforms(bytes, "transforms.json", size_of, transforms);
+  read_transforms(bytes, "transforms.json", sizes_of, transforms);
   for (const ColmapImage& image : transforms.model.images) {
     const std::filesystem::path name = image.name;
     B3DGS_CHECK(!name.empty() && name.is_relative(), "the name ", image.name);

@@ -142,6 +142,7 @@ TEST_F(CameraFiles, WithoutASizeTakeThatOfThePhotographOrTheGivenOne) {
     write_image(folder_ / ("photo" + std::to_string(i) + ".png"), Image8(12, 8, 3));
   }
   EXPECT_EQ(read(json).cameras[4].camera.width, 12);
+  EXPECT_EQ(read(json, {30, 20}).cameras[4].camera.width, 12) << "fl_x is in px of the photograph";
 
   Json path = camera_path(views_);
   path.erase("render_width");

@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "core/files/folders.h"
 #include "scene/images/image.h"
 #include "scene/points/point_cloud.h"
 #include "scene/scene_folder.h"
@@ -299,6 +300,56 @@ TEST_F(Transforms, FindsPhotographsOutsideTheSceneAndInReducedFolders) {
   scene = load();
   EXPECT_EQ(scene.train[1].image->read()->pixels[0], 78);
   EXPECT_EQ(scene.train[1].camera.fx, 25);
+}
+
+TEST_F(Transforms, IntrinsicsInPixelsAreThoseOfThePhotographThatIsNamed) {
+  Json json = line(2);
+  json.erase("w");
+  json.erase("h");
+  write(json);
+  const auto reduced = [&](const fs::path& folder, const char* extension = ".png") {
+    for (const char* name : {"00", "01"}) {
+      write_image(folder_ / folder / (name + std::string(extension)), flat(kWidth / 2, kHeight / 2, 3, 77));
+    }
+  };
+  const auto expect_half = [&](const std::string& folder) {
+    options_.images = folder;
+    const Scene scene = load();
+    ASSERT_EQ(scene.train.size(), 2u) << folder;
+    const Camera& camera = scene.train[1].camera;
+    EXPECT_EQ(scene.train[1].image->read()->pixels[0], 77);
+    EXPECT_EQ(camera.width, kWidth / 2);
+    EXPECT_EQ(camera.fx, 25) << folder;
+    EXPECT_EQ(camera.fy, 30) << folder;
+    EXPECT_EQ(camera.cx, 10.5) << folder;
+    EXPECT_EQ(camera.cy, 7) << folder;
+  };
+  reduced("images_2");
+  reduced("small");
+  reduced("other", ".jpg");
+  for (const char* folder : {"images_2", "small", "other"}) expect_half(folder);
+
+  // Named without its extension, in a folder of another name.
+  fs::rename(folder_ / "images", folder_ / "rgb");
+  for (const char* name : {"00", "01"})
+    fs::rename(folder_ / "rgb" / (name + std::string(".png")), folder_ / "rgb" / (name + std::string(".PNG")));
+  json["frames"][0]["file_path"] = "rgb/00";
+  json["frames"][1]["file_path"] = "rgb/01";
+  write(json);
+  expect_half("small");
+
+  // Without the original photographs, the principal point tells by how much they were reduced.
+  remove_tree(folder_ / "rgb");
+  expect_half("images_2");
+  json.erase("cx");
+  json.erase("cy");
+  write(json);
+  EXPECT_TRUE(SceneFolder::refuses({"transforms.json: frame 0 (rgb/00): expected w and h", "20 x 15 px; add w and h"}));
+  json.erase("fl_x");
+  json.erase("fl_y");
+  json["camera_angle_x"] = 2 * std::atan(0.5);
+  write(json);
+  EXPECT_NEAR(load().train[1].camera.fx, kWidth / 2, 1e-9) << "an angle is the same at any size";
 }
 
 TEST_F(Transforms, PathsLeadNoFurtherThanTheFolderThatTheSceneIsIn) {

@@ -262,16 +262,15 @@ CameraFile read_camera_path(const Json& json, const std::string& file, ImageSize
   return result;
 }
 
-/// Of frames without w and h: the size asked for, or that of the photograph.
 CameraFile read_transforms_cameras(const std::string& text, const fs::path& path, ImageSize size) {
   TransformsModel frames;
-  const auto size_of = [&](const std::string& name) -> std::optional<ImageSize> {
-    if (size.width > 0 && size.height > 0) return size;
-    if (is_file(frames.files.at(name))) return read_image_size(frames.files.at(name));
+  const auto sizes_of = [&](const std::string& name) -> PhotographSizes {
+    if (is_file(frames.files.at(name))) return {read_image_size(frames.files.at(name))};
+    if (size.width > 0 && size.height > 0) return {size};
     input_error(path.string(), ": frame ", frames.model.images.size(), " (", name,
                 "): has no size (w, h), and no photograph; name a size with --width and --height");
   };
-  read_transforms(text, path, size_of, frames);
+  read_transforms(text, path, sizes_of, frames);
   CameraFile result;
   for (const ColmapImage& image : frames.model.images) {
     const std::string& place = frames.camera_places.at(image.camera_id);

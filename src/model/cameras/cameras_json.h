@@ -66,9 +66,9 @@ struct CameraFile {
 };
 
 /// Reads any of these files. Cameras of a cameras.json keep their lens, panoramas of a transforms.json too; other lens
-/// distortion there is ignored, so that the images are those of undistorted photographs. `size` is used for cameras
-/// without one in the file; a frame of a transforms.json without "w" and "h" has the size of its photograph, if that is
-/// there and `size` is empty.
+/// distortion there is ignored, so that the images are those of undistorted photographs. A frame of a
+/// transforms.json without "w" and "h" has the size of its photograph, if that is there. Other cameras without a size
+/// in the file get `size`.
 /// @throws InputError with file and frame if the file is missing, damaged or of another kind, or a camera has no size
 CameraFile read_camera_file(const std::filesystem::path& path, ImageSize size = {});
 

@@ -135,7 +135,12 @@ fs::path ImageFolder::find(const std::string& name) const {
   for (const std::string& candidate : names) {
     if (is_file(folder_ / candidate)) return folder_ / candidate;
   }
-  return is_file(source_ / names.front()) ? source_ / names.front() : fs::path();
+  return is_file(source_ / names.front()) && !replaces(name) ? source_ / names.front() : fs::path();
+}
+
+bool ImageFolder::replaces(const std::string& name) const {
+  return images_ != "images" && names_in_folder(name, images_)[0].rfind("images/", 0) == 0 &&
+         !find_similar(name).empty();
 }
 
 fs::path ImageFolder::find_similar(const std::string& name) const {

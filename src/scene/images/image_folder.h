@@ -37,6 +37,9 @@ class ImageFolder {
   /// to the scene folder.
   std::filesystem::path find(const std::string& name) const;
 
+  /// Whether a file of the folder that -i names, found only by a similar name, takes the place of one in images/.
+  bool replaces(const std::string& name) const;
+
   /// Number of image files in the folder that are not in `used`.
   std::size_t count_others(const std::set<std::filesystem::path>& used) const;
 

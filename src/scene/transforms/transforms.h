@@ -69,13 +69,18 @@ struct TransformsModel {
   std::filesystem::path points;  // ply_file_path; empty: there is none
 };
 
-/// Size of a photograph by image name, in px; nothing: it is missing.
-using PhotographSizeFn = std::function<std::optional<ImageSize>(const std::string& name)>;
+/// The size of a frame's photograph, in px. Intrinsics in px belong to the photograph that file_path names.
+struct PhotographSizes {
+  std::optional<ImageSize> named;  // of that photograph; nothing if it is missing
+  std::optional<ImageSize>
+      used{};  // of the photograph that replaces a missing one, perhaps reduced; nothing: none does
+};
+using PhotographSizesFn = std::function<PhotographSizes(const std::string& image_name)>;
 
-/// Adds the frames of the text of a file. `size_of` is asked for frames without w and h. Keys that are not known are
+/// Adds the frames of the text of a file. `sizes_of` is called for frames without w and h. Keys that are not known are
 /// ignored; poses are taken as written, whatever applied_transform says. @throws InputError with file, frame, expected
 /// and found, also for camera models that photographs cannot be undistorted from
-void read_transforms(std::string_view text, const std::filesystem::path& file, const PhotographSizeFn& size_of,
+void read_transforms(std::string_view text, const std::filesystem::path& file, const PhotographSizesFn& sizes_of,
                      TransformsModel& model);
 
 }  // namespace b3dgs

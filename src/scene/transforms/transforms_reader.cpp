@@ -109,8 +109,8 @@ void add_names(const Json& json, const char* key, const std::string& place, std:
 // Adds frames, and a camera for each new set of intrinsics.
 class FrameReader {
  public:
-  FrameReader(const Json& json, const fs::path& file, const PhotographSizeFn& size_of, TransformsModel& model)
-      : json_(json), file_(file), size_of_(size_of), model_(model) {
+  FrameReader(const Json& json, const fs::path& file, const PhotographSizesFn& sizes_of, TransformsModel& model)
+      : json_(json), file_(file), sizes_of_(sizes_of), model_(model) {
     for (const auto& [id, camera] : model.model.cameras) ids_[key_of(camera)] = id;
     for (const ColmapImage& image : model.model.images) names_.insert(image.name);
   }
@@ -134,8 +134,7 @@ class FrameReader {
     const fs::path path = file_.parent_path() / file_path;
     model_.files[name] = has_image_extension(path) ? path : fs::path(path.string() + ".png");
     if (const std::string mask = own.text("mask_path"); !mask.empty()) model_.masks[name] = file_.parent_path() / mask;
-    const std::optional<int> width = values.side("w"), height = values.side("h");
-    const std::optional<ImageSize> size = width && height ? ImageSize{*width, *height} : size_of_(name);
+    const std::optional<ImageSize> size = camera_size(values, name);
     const std::uint32_t camera_id = size ? id_of(camera_of_frame(values, *size), place) : 0;
     const auto id = static_cast<std::uint32_t>(model_.model.images.size() + 1);
     model_.model.images.push_back({id, quaternion_from_rotation(pose.rotation), pose.translation, camera_id, name});
@@ -146,6 +145,30 @@ class FrameReader {
 
   static CameraKey key_of(const ColmapCamera& camera) {
     return {camera.model, camera.width, camera.height, camera.params};
+  }
+
+  // The size that intrinsics in px belong to; nothing if there is no photograph.
+  std::optional<ImageSize> camera_size(const JsonValues& values, const std::string& name) const {
+    const std::optional<int> width = values.side("w"), height = values.side("h");
+    if (width && height) return ImageSize{*width, *height};
+    const auto [named, used] = sizes_of_(name);
+    if (named || !used) return named;
+    const std::optional<double> cx = values.number("cx"), cy = values.number("cy");
+    if (!cx && !cy && !values.number("fl_x") && !values.number("fl_y")) return used;
+    // The photograph that is used was perhaps reduced. The principal point is near the centre of the original.
+    const auto reduction = [](std::optional<int> side, std::optional<double> center, int used_side) {
+      return side || center ? std::round((side ? *side : 2 * *center) / used_side) : 0;
+    };
+    const double across = reduction(width, cx, used->width), down = reduction(height, cy, used->height);
+    const double most = static_cast<double>(kMaxImageSide) / std::max(used->width, used->height);
+    const double factor = std::max(across, down);
+    if (!(factor >= 1 && factor <= most) || (across != 0 && down != 0 && across != down)) {
+      input_error(values.place(), ": expected w and h, because fl_x and fl_y are in px and the photograph that ",
+                  "file_path names is missing, found only another photograph of ", used->width, " x ", used->height,
+                  " px; add w and h, the size of the photograph that fl_x was measured in");
+    }
+    const auto n = static_cast<int>(factor);
+    return ImageSize{n * used->width, n * used->height};
   }
 
   std::uint32_t id_of(ColmapCamera camera, const std::string& place) {
@@ -161,7 +184,7 @@ class FrameReader {
 
   const Json& json_;
   const fs::path& file_;
-  const PhotographSizeFn& size_of_;
+  const PhotographSizesFn& sizes_of_;
   TransformsModel& model_;
   std::map<CameraKey, std::uint32_t> ids_;
   std::set<std::string> names_;
@@ -256,7 +279,7 @@ TransformsFiles find_transforms(const fs::path& source) {
   return files;
 }
 
-void read_transforms(std::string_view text, const fs::path& file, const PhotographSizeFn& size_of,
+void read_transforms(std::string_view text, const fs::path& file, const PhotographSizesFn& sizes_of,
                      TransformsModel& model) {
   const std::string place = file.string();
   const Json json = parse_json(text, /*ignore_comments=*/true);
@@ -272,7 +295,7 @@ void read_transforms(std::string_view text, const fs::path& file, const Photogra
     input_error(place, ": expected a list \"frames\" with an entry for each photograph, found ",
                 frames == json.end() ? "none" : json_excerpt(*frames));
   }
-  FrameReader reader(json, file, size_of, model);
+  FrameReader reader(json, file, sizes_of, model);
   for (std::size_t i = 0; i < frames->size(); ++i) reader.read_frame((*frames)[i], i);
   add_names(json, "train_filenames", place, model.listed_for_training);
   add_names(json, "test_filenames", place, model.listed_as_test);
