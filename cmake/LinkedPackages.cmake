@@ -24,6 +24,9 @@ b3dgs_need(nlohmann_json_FOUND "nlohmann-json" "nlohmann-json3-dev")
 find_package(ZLIB QUIET)
 b3dgs_need(ZLIB_FOUND "zlib" "zlib1g-dev")
 
+find_package(TIFF QUIET)
+b3dgs_need(TIFF_FOUND "libtiff" "libtiff-dev")
+
 find_package(hwy QUIET CONFIG)
 b3dgs_need(hwy_FOUND "Highway" "libhwy-dev")
 if(NOT TARGET hwy::hwy)

@@ -59,6 +59,49 @@ std::string one_row_png(int width, int bits, int color_type, const std::string& 
   return "\x89PNG\r\n\x1a\n" + png_chunk("IHDR", header) + png_chunk("IDAT", deflated) + png_chunk("IEND", "");
 }
 
+// A TIFF that is not compressed; `extra` is the kind of its last sample (ExtraSamples), 1 premultiplied and 2 straight
+// alpha. Samples of 16 bits are little-endian. With `is_separate`, the samples are those of one plane after the other.
+std::string tiff_of(int width, int height, int bits, int n_samples, int extra, const std::string& samples,
+                    bool is_separate = false) {
+  const auto number = [](std::uint32_t value, int bytes) {
+    std::string text;
+    for (int i = 0; i < bytes; ++i) text += static_cast<char>(value >> 8 * i & 0xff);
+    return text;
+  };
+  const auto n = static_cast<std::uint32_t>(n_samples), n_planes = is_separate ? n : 1;
+  const auto plane_bytes = static_cast<std::uint32_t>(samples.size()) / n_planes;
+  const std::uint32_t n_entries = 10,
+                      lists = 8 + 2 + 12 * n_entries + 4;  // where values that need more than 4 bytes are
+  std::string entries, values;
+  const auto add = [&](std::uint32_t tag, int bytes_each, const std::vector<std::uint32_t>& numbers) {
+    std::string list;
+    for (const std::uint32_t value : numbers) list += number(value, bytes_each);
+    entries +=
+        number(tag, 2) + number(bytes_each == 2 ? 3 : 4, 2) + number(static_cast<std::uint32_t>(numbers.size()), 4);
+    if (list.size() > 4) {
+      entries += number(lists + static_cast<std::uint32_t>(values.size()), 4);
+      values += list;
+    } else {
+      entries += list + std::string(4 - list.size(), '\0');
+    }
+  };
+  const std::uint32_t data = lists + 64;
+  std::vector<std::uint32_t> offsets;
+  for (std::uint32_t i = 0; i < n_planes; ++i) offsets.push_back(data + i * plane_bytes);
+  add(256, 4, {static_cast<std::uint32_t>(width)});
+  add(257, 4, {static_cast<std::uint32_t>(height)});
+  add(258, 2, std::vector<std::uint32_t>(n, static_cast<std::uint32_t>(bits)));
+  add(262, 2, {n >= 3 ? 2u : 1u});  // RGB, or grey with black as 0
+  add(273, 4, offsets);
+  add(277, 2, {n});
+  add(278, 4, {static_cast<std::uint32_t>(height)});  // rows per strip
+  add(279, 4, std::vector<std::uint32_t>(n_planes, plane_bytes));
+  add(284, 2, {is_separate ? 2u : 1u});
+  add(338, 2, {static_cast<std::uint32_t>(extra)});
+  values.resize(64);
+  return std::string("II*\0", 4) + number(8, 4) + number(n_entries, 2) + entries + number(0, 4) + values + samples;
+}
+
 std::string jpeg_of(const Image8& image) {
   TempDir folder;
   write_image(folder / "a.jpg", image);
@@ -134,6 +177,44 @@ TEST_F(ImageFile, GreyWithAlphaIsCompositedToo) {
   EXPECT_EQ(read_image(png, true).pixels, (std::vector<std::uint8_t>{100, 100, 100, 255, 255, 255}));
   const auto deep = store("b.png", one_row_png(1, 16, 4, std::string("\x64\x64\x80\x80", 4)));
   EXPECT_EQ(read_image(deep, false).pixels, (std::vector<std::uint8_t>{50, 50, 50}));
+}
+
+TEST_F(ImageFile, AlphaOfATiffIsThatOfTheSamePng) {
+  // Opaque, half transparent, hardly visible and transparent.
+  const std::string rgba("\x64\xc8\x0a\xff\x64\xc8\x0a\x80\x64\xc8\x0a\x14\x00\x00\x00\x00", 16);
+  const std::string premultiplied("\x64\xc8\x0a\xff\x32\x64\x05\x80\x08\x10\x01\x14\x00\x00\x00\x00", 16);
+  const std::string planes("\x64\x64\x64\x00\xc8\xc8\xc8\x00\x0a\x0a\x0a\x00\xff\x80\x14\x00", 16);
+  const std::string la("\x64\xff\x64\x80\xc8\x14\x00\x00", 8), grey("\x64\xff\x32\x80\x10\x14\x00\x00", 8);
+  const auto deep = [](const std::string& text) {  // v becomes 257 v
+    std::string twice;
+    for (const char c : text) twice += std::string(2, c);
+    return twice;
+  };
+  const auto png = store("a.png", one_row_png(4, 8, 6, rgba)), grey_png = store("b.png", one_row_png(4, 8, 4, la));
+  const auto expect_same = [&](const fs::path& expected, const std::string& tiff, const char* what) {
+    const auto path = store("a.tif", tiff);
+    for (const bool is_white : {false, true}) {
+      EXPECT_EQ(read_image(path, is_white).pixels, read_image(expected, is_white).pixels) << what << " " << is_white;
+    }
+    ASSERT_TRUE(read_alpha(path)) << what;
+    EXPECT_EQ(read_alpha(path)->pixels, (std::vector<std::uint8_t>{255, 128, 20, 0})) << what;
+    EXPECT_EQ(read_image_size(path), (ImageSize{4, 1})) << what;
+  };
+  expect_same(png, tiff_of(4, 1, 8, 4, 2, rgba), "8 bits, straight");
+  expect_same(png, tiff_of(4, 1, 8, 4, 1, premultiplied), "8 bits, premultiplied");
+  expect_same(png, tiff_of(4, 1, 8, 4, 2, planes, true), "8 bits, straight, in planes");
+  expect_same(png, tiff_of(4, 1, 16, 4, 2, deep(rgba)), "16 bits, straight");
+  expect_same(png, tiff_of(4, 1, 16, 4, 1, deep(premultiplied)), "16 bits, premultiplied");
+  expect_same(grey_png, tiff_of(4, 1, 8, 2, 2, la), "8 bits, grey, straight");
+  expect_same(grey_png, tiff_of(4, 1, 8, 2, 1, grey), "8 bits, grey, premultiplied");
+  expect_same(grey_png, tiff_of(4, 1, 16, 2, 2, deep(la)), "16 bits, grey, straight");
+  expect_same(grey_png, tiff_of(4, 1, 16, 2, 1, deep(grey)), "16 bits, grey, premultiplied");
+
+  const std::string whole = tiff_of(4, 1, 8, 2, 2, la);
+  for (std::size_t length = 0; length < whole.size(); ++length) {
+    const auto path = store("cut.tif", whole.substr(0, length));
+    EXPECT_THROW(read_image(path, false), InputError) << length;
+  }
 }
 
 TEST_F(ImageFile, ExifOrientationIsIgnored) {

@@ -10,6 +10,7 @@
 #include "core/files/atomic_file.h"
 #include "core/files/file_reader.h"
 #include "core/text.h"
+#include "scene/images/tiff_alpha.h"
 
 namespace b3dgs {
 namespace {
@@ -39,7 +40,7 @@ void check_size(const fs::path& path, ImageSize size, std::uint64_t n_bytes) {
 }
 
 // Keeps the file's channels and depth, since the decoders' own conversions differ from those documented for
-// read_image().
+// read_image(). Alpha is not premultiplied, as in PNG.
 cv::Mat decode(const fs::path& path, const Bytes& bytes) {
   const std::string damage = image_damage(bytes);
   if (!damage.empty()) input_error(path.string(), ": ", damage, "; copy the image again or remove it from the scene");
@@ -47,7 +48,9 @@ cv::Mat decode(const fs::path& path, const Bytes& bytes) {
   cv::Mat image;
   std::string reason;
   try {
-    image = cv::imdecode(bytes, cv::IMREAD_UNCHANGED);  // also ignores the EXIF orientation
+    const auto check = [&](ImageSize size) { check_size(path, size, bytes.size()); };
+    std::optional<cv::Mat> with_alpha = decode_tiff_with_alpha(bytes, check);
+    image = with_alpha ? *with_alpha : cv::imdecode(bytes, cv::IMREAD_UNCHANGED);  // also ignores the EXIF orientation
   } catch (const cv::Exception& error) {
     reason = error.err.empty() ? "" : " (" + error.err + ")";
   }
@@ -73,7 +76,6 @@ cv::Mat reduce_to_8_bits(const fs::path& path, const cv::Mat& image) {
   return reduced;
 }
 
-// Alpha is not premultiplied, as in PNG.
 void composite(const cv::Mat& bgra, bool white_background, std::uint8_t* to) {
   const int background = white_background ? 255 : 0;
   for (int row = 0; row < bgra.rows; ++row) {
