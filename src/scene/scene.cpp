@@ -5,6 +5,7 @@
 #include <map>
 #include <set>
 #include <tuple>
+#include <utility>
 
 #include "core/check.h"
 #include "core/text.h"
@@ -47,7 +48,8 @@ Camera training_camera(const ViewSource& source, const std::string& lenses, Phot
   return known->second = is_undistorted ? native.without_lens() : native;
 }
 
-// Reads the photograph's header. Photographs may be smaller or larger than COLMAP's camera.
+// Reads the photograph's header. Photographs may be smaller or larger than their camera. If the sides are swapped, the
+// camera belongs to the photograph as its EXIF orientation turns it.
 ViewSource view_source(const ColmapImage& image, const SceneModel& model, const fs::path& file, int divisor,
                        const SceneOptions& options, PhotographCameras& cameras) {
   const ColmapCamera& camera = model.model.cameras.at(image.camera_id);
@@ -58,6 +60,15 @@ ViewSource view_source(const ColmapImage& image, const SceneModel& model, const 
   source.camera_id = camera.id;
   source.camera_place = model.camera_places.at(camera.id);
   source.file_size = read_image_size(file);
+  const ImageSize camera_size{static_cast<int>(camera.width), static_cast<int>(camera.height)};
+  if (is_turned(source.file_size, camera_size)) {
+    const int orientation = read_orientation(file);
+    source.is_on_side = orientation < 5;  // those above swap the sides
+    if (!source.is_on_side) {
+      source.orientation = orientation;
+      std::swap(source.file_size.width, source.file_size.height);
+    }
+  }
   source.size = training_size(divided_size(source.file_size, divisor), options.resolution);
   source.file_camera =
       camera_of(camera, source.camera_place).scaled_to(source.file_size.width, source.file_size.height);
@@ -226,6 +237,19 @@ Scene load_scene(const SceneOptions& options, const ProgressFn& progress) {
     scene.warnings.push_back(detail::concat(folder.folder().string(), ": ", missing.size(), " of ", registered.size(),
                                             " registered images not found (first: ", missing.front(),
                                             "); training and evaluation leave them out"));
+  }
+  std::vector<const ViewSource*> on_side;
+  for (const ViewSource& source : sources) {
+    if (source.is_on_side) on_side.push_back(&source);
+  }
+  if (!on_side.empty()) {
+    const ViewSource& first = *on_side.front();
+    const ColmapCamera& camera = model.model.cameras.at(first.camera_id);
+    scene.warnings.push_back(detail::concat(
+        first.file, ": expected the sides of its camera, ", camera.width, " x ", camera.height, " px, found ",
+        first.file_size.width, " x ", first.file_size.height, " px, and no EXIF orientation that says how to turn it",
+        on_side.size() > 1 ? detail::concat(" (", on_side.size(), " such photographs)") : "",
+        "; turn the photograph, or it is stretched"));
   }
   scene.summary = summarize(scene, {options, model, folder, sources, missing, folder.count_others(used)});
   return scene;

@@ -112,7 +112,7 @@ Texts notes_on(const Scene& scene, const SceneOrigin& origin) {
   if (!origin.image_folder.note().empty()) notes.push_back(origin.image_folder.note());
   const int resolution = origin.options.resolution;
   bool is_capped = false, is_kept = false;
-  Texts other_aspect, other_name;
+  Texts other_aspect, other_name, turned;
   for (const ViewSource& source : origin.sources) {
     const ImageSize size = divided_size(source.file_size, origin.image_folder.divisor());
     is_capped = is_capped || (resolution == -1 && size.width > kMaxDefaultWidth);
@@ -122,7 +122,9 @@ Texts notes_on(const Scene& scene, const SceneOrigin& origin) {
     const double expected = static_cast<double>(camera.width) / static_cast<double>(camera.height);
     const double step = 1.0 / std::min(source.file_size.width, source.file_size.height);
     const std::string file = std::filesystem::path(source.file).filename().string();
-    if (std::abs(aspect / expected - 1) > kMaxAspectDeviation + step) other_aspect.push_back(file);
+    if (std::abs(aspect / expected - 1) > kMaxAspectDeviation + step && !source.is_on_side)
+      other_aspect.push_back(file);
+    if (source.orientation != 1) turned.push_back(file);
     if (origin.image_folder.find(source.name).empty()) other_name.push_back(source.name + " as " + file);
   }
   if (!other_name.empty()) notes.push_back("found under another name: " + join(other_name));
@@ -132,6 +134,10 @@ Texts notes_on(const Scene& scene, const SceneOrigin& origin) {
   if (is_kept) notes.push_back(concat("-r ", resolution, " is larger than the images, which are not enlarged"));
   if (!other_aspect.empty()) {
     notes.push_back("aspect ratio differs from the camera's (cropped or rotated images?): " + join(other_aspect));
+  }
+  if (!turned.empty()) {
+    notes.push_back("turned as their EXIF orientation says, because their cameras have the sides swapped: " +
+                    join(turned));
   }
   if (scene.points.size() == 0) notes.push_back("the scene has no points; training finds some in the photographs");
   return notes;

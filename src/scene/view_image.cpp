@@ -82,7 +82,7 @@ std::shared_ptr<const Image8> pixels_within(const Image8& mask, const ViewSource
 // Reads the mask of a photograph, which is undistorted and reduced like it. Pixels where light and dark meet are
 // neither valid nor empty.
 void read_mask_of(ViewSource& source, const SceneOptions& options, UndistorterCache& cache) {
-  Image8 mask = read_mask(source.mask_file, source.file_size, options.invert_masks);
+  Image8 mask = read_mask(source.mask_file, source.file_size, options.invert_masks, source.orientation);
   if (source.lens_group >= 0) mask = cache.get(source.lens_group)->apply(mask);
   std::shared_ptr<const Image8> valid = pixels_within(mask, source), empty;
   if (options.empty_background) {
@@ -158,12 +158,20 @@ void ViewImage::read_into(std::uint8_t* rgb) const {
   }
 }
 
+Image8 ViewImage::decode() const {
+  const auto [width, height] = source_.file_size;
+  const bool is_turned = source_.orientation != 1;
+  Image8 image(is_turned ? height : width, is_turned ? width : height, 3);
+  read_image_into(source_.file, shared_->white_background, image.size(), image.pixels.data());
+  return is_turned ? turn_upright(image, source_.orientation) : image;
+}
+
 void ViewImage::decode_into(std::uint8_t* rgb) const {
-  const ImageSize full = source_.file_size;
   const bool is_pinhole = source_.lens_group < 0;
-  if (is_pinhole && !source_.is_reduced()) return read_image_into(source_.file, shared_->white_background, full, rgb);
-  Image8 image(full.width, full.height, 3);
-  read_image_into(source_.file, shared_->white_background, full, image.pixels.data());
+  if (is_pinhole && !source_.is_reduced() && source_.orientation == 1) {
+    return read_image_into(source_.file, shared_->white_background, size(), rgb);
+  }
+  Image8 image = decode();
   if (!is_pinhole) {
     const std::shared_ptr<const Undistorter> undistorter = shared_->undistorters->get(source_.lens_group);
     if (!source_.is_reduced()) return undistorter->apply_into(image, rgb);
@@ -176,6 +184,7 @@ std::optional<Image8> ViewImage::read_alpha() const {
   if (!shared_) return std::nullopt;
   std::optional<Image8> alpha = b3dgs::read_alpha(source_.file);
   if (!alpha) return std::nullopt;
+  if (source_.orientation != 1) alpha = turn_upright(*alpha, source_.orientation);
   if (source_.lens_group >= 0) alpha = shared_->undistorters->get(source_.lens_group)->apply(*alpha);
   return resize_image(*alpha, size().width, size().height);
 }
@@ -183,6 +192,7 @@ std::optional<Image8> ViewImage::read_alpha() const {
 Depth16 ViewImage::read_depth(const std::filesystem::path& file) const {
   const ImageSize photograph = source_.file_size;
   Depth16 map = read_depth_map(file);
+  if (is_turned(map.size(), photograph) && source_.orientation != 1) map = turn_upright(map, source_.orientation);
   if (!has_same_aspect(map.size(), photograph)) {
     input_error(file.string(), ": expected the aspect ratio of its photograph, ", photograph.width, " x ",
                 photograph.height, " px, found a depth map of ", map.width, " x ", map.height, " px");

@@ -23,7 +23,9 @@ struct ViewSource : View {
   std::uint32_t image_id = 0, camera_id = 0;
   std::string camera_place;    // "FILE: camera ID", for errors
   Camera file_camera;          // of the photograph on disk, with its lens, without its pose
-  ImageSize file_size, size;   // px, on disk and for training; `size` is not larger
+  ImageSize file_size, size;   // px, on disk but upright, and for training; `size` is not larger
+  int orientation = 1;         // EXIF's, that the photograph is turned upright from
+  bool is_on_side = false;     // its sides are those of its camera swapped, but nothing says how to turn it
   int lens_group = -1;         // of SceneImages::undistorters; -1: the photograph is used as it is
   std::string warning;         // about the lens; or ""
   bool is_masked_out = false;  // no pixel is valid
@@ -82,6 +84,8 @@ class ViewImage {
 
  private:
   void decode_into(std::uint8_t* rgb) const;
+  /// The photograph as it is on disk, but upright.
+  Image8 decode() const;
 
   ViewSource source_;
   std::shared_ptr<SceneImages> shared_;

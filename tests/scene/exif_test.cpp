@@ -76,6 +76,27 @@ TEST(Exif, DamagedFilesAreNotTurned) {
   EXPECT_FALSE(turned_upright({}));
 }
 
+TEST(Exif, OrientationIsReadFromOtherFormats) {
+  const test::TempDir folder;
+  const Bytes jpeg = jpeg_with_orientation(12, 8, 6, true);
+  const std::string text(jpeg.begin(), jpeg.end());
+  const std::string tiff = text.substr(text.find("II*"), 64);  // EXIF has the form of a TIFF
+  const std::string png_size = std::string("\0\0\0\0", 4), png_name = "\x89PNG\r\n\x1a\n";
+  const std::string png = png_name + png_size + "tEXt" + "crc." + std::string("\0\0\0\x40", 4) + "eXIf" + tiff + "crc.";
+  const std::string webp = std::string("RIFF\0\0\0\0WEBPVP8 \x03\0\0\0abc\0EXIF\x40\0\0\0", 32) + tiff;
+  for (const std::string& bytes : {tiff, png, webp}) {
+    test::write_bytes(folder / "a", bytes);
+    EXPECT_EQ(read_orientation(folder / "a"), 6);
+    EXPECT_EQ(read_exif_orientation(folder / "a"), 1) << "only JPEG files are turned on disk";
+    for (std::size_t length = 0; length < bytes.size(); ++length) {
+      const int orientation =
+          exif_orientation(Bytes(bytes.begin(), bytes.begin() + static_cast<std::ptrdiff_t>(length)));
+      EXPECT_TRUE(orientation == 1 || orientation == 6);
+    }
+  }
+  EXPECT_FALSE(turned_upright(Bytes(webp.begin(), webp.end())));
+}
+
 TEST(Exif, AFileIsReadFromItsBeginning) {
   const test::TempDir folder;
   const Bytes jpeg = jpeg_with_orientation(48, 32, 8, false);

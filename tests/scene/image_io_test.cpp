@@ -226,6 +226,19 @@ TEST_F(ImageFile, ExifOrientationIsIgnored) {
   EXPECT_EQ(read_image_size(path).height, 16);
 }
 
+TEST_F(ImageFile, ATiffIsNotTurned) {
+  std::string tiff = tiff_of(4, 2, 8, 3, 0, std::string("abcdefghijklmnopqrstuvwx"));
+  // The last entry becomes the orientation instead of ExtraSamples.
+  const std::size_t last = 8 + 2 + 9 * 12;
+  tiff[last] = '\x12';
+  tiff[last + 8] = '\6';
+  const auto path = store("a.tif", tiff);
+  EXPECT_EQ(read_orientation(path), 6);
+  EXPECT_EQ(read_image_size(path), (ImageSize{4, 2}));
+  const Image8 image = read_image(path, false);
+  EXPECT_EQ(std::string(image.pixels.begin(), image.pixels.end()), "abcdefghijklmnopqrstuvwx");
+}
+
 TEST_F(ImageFile, JpegTruncatedAnywhereIsRejected) {
   const std::string jpeg = jpeg_of(noise(64, 64, 3));
   for (const double share : {0.02, 0.1, 0.5, 0.9}) {

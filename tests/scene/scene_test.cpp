@@ -9,6 +9,7 @@
 #include "core/check.h"
 #include "scene/colmap/colmap.h"
 #include "scene/images/image.h"
+#include "scene/photograph.h"
 #include "scene/scene_folder.h"
 #include "scene/view_image.h"
 #include "support/expect_error.h"
@@ -378,6 +379,63 @@ TEST_F(LoadScene, MixesSizesAndOrientations) {
   EXPECT_EQ(scene.train[0].camera.width, kWidth);
   EXPECT_EQ(scene.train[1].camera.width, kHeight);
   EXPECT_EQ(scene.train[1].image->size().height, kWidth);
+}
+
+// A camera of 24 x 36 px, and photographs of 36 x 24 px.
+TEST_F(LoadScene, TurnsPhotographsWhoseSidesAreSwappedAsExifSays) {
+  ColmapModel model = line_model(8);
+  model.cameras[1] = {1, CameraModel::kPinhole, 24, 36, {50, 60, 13, 17}};
+  for (ColmapImage& image : model.images) image.name = std::to_string(image.id - 99) + ".jpg";  // the orientation
+  write(model);
+  Image8 mask(36, 24, 1);
+  mask.pixels.assign(mask.pixels.size(), 255);
+  *mask.at(0, 0) = 0;
+  for (int orientation = 1; orientation <= 8; ++orientation) {
+    const std::vector<std::uint8_t> jpeg = test::jpeg_with_orientation(36, 24, orientation, orientation % 2 == 0);
+    write_bytes(folder_ / ("images/" + std::to_string(orientation) + ".jpg"), std::string(jpeg.begin(), jpeg.end()));
+    write_image(folder_ / ("masks/" + std::to_string(orientation) + ".png"), mask);
+  }
+  for (const int divisor : {1, 2}) {
+    options_.resolution = divisor;
+    const Scene scene = load();
+    ASSERT_EQ(scene.train.size(), 8u);
+    for (int orientation = 5; orientation <= 8; ++orientation) {
+      const View& view = scene.train[orientation - 1];
+      EXPECT_EQ(view.camera.width, 24 / divisor);
+      EXPECT_EQ(view.camera.fx, 50.0 / divisor);
+      EXPECT_EQ(view.camera.cy, 17.0 / divisor);
+      // As OpenCV turns it, which is as viewers show it.
+      const cv::Mat expected = cv::imread(view.file, cv::IMREAD_COLOR);
+      ASSERT_EQ(expected.size(), cv::Size(24, 36));
+      if (divisor > 1) continue;
+      const Image8 image = *view.image->read();
+      for (int y = 0; y < 36; ++y) {
+        for (int x = 0; x < 24; ++x) ASSERT_EQ(image.at(x, y)[0], expected.at<cv::Vec3b>(y, x)[2]) << orientation;
+      }
+      // The corner of the mask goes where that of the photograph goes, which is bright.
+      for (const int y : {0, 35}) {
+        for (const int x : {0, 23}) {
+          EXPECT_EQ(*view.valid->at(x, y) == 0, image.at(x, y)[1] > 150) << orientation << " " << x << " " << y;
+        }
+      }
+    }
+    for (int orientation = 1; orientation <= 4; ++orientation) {
+      EXPECT_EQ(scene.train[orientation - 1].camera.width, 36 / divisor) << "nothing says how to turn it";
+    }
+    EXPECT_TRUE(says(scene, "turned as their EXIF orientation says"));
+    ASSERT_EQ(scene.warnings.size(), 1u);
+    EXPECT_NE(scene.warnings[0].find("images/1.jpg: expected the sides of its camera, 24 x 36 px, found 36 x 24 px"),
+              std::string::npos)
+        << scene.warnings[0];
+    EXPECT_NE(scene.warnings[0].find("(4 such photographs); turn"), std::string::npos) << scene.warnings[0];
+  }
+  // The camera's sides say that the photographs are used as stored.
+  model.cameras[1] = {1, CameraModel::kPinhole, 36, 24, {50, 60, 17, 13}};
+  write(model);
+  options_.resolution = 1;
+  const Scene scene = load();
+  EXPECT_TRUE(scene.warnings.empty());
+  EXPECT_EQ(scene.train[5].image->size(), (ImageSize{36, 24}));
 }
 
 TEST_F(LoadScene, FindsPointsInThePhotographsIfTheModelHasNone) {

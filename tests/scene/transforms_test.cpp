@@ -7,6 +7,7 @@
 
 #include "core/files/folders.h"
 #include "scene/images/image.h"
+#include "scene/photograph.h"
 #include "scene/points/point_cloud.h"
 #include "scene/scene_folder.h"
 #include "scene/view_image.h"
@@ -350,6 +351,26 @@ TEST_F(Transforms, IntrinsicsInPixelsAreThoseOfThePhotographThatIsNamed) {
   json["camera_angle_x"] = 2 * std::atan(0.5);
   write(json);
   EXPECT_NEAR(load().train[1].camera.fx, kWidth / 2, 1e-9) << "an angle is the same at any size";
+}
+
+TEST_F(Transforms, PhotographsAreTurnedIfTheCameraIsUpright) {
+  const std::vector<std::uint8_t> jpeg = test::jpeg_with_orientation(kWidth, kHeight, 6, false);
+  Json json{{"fl_x", 50.0}, {"fl_y", 60.0}, {"cx", 14.0}, {"cy", 21.0}, {"w", kHeight}, {"h", kWidth}};
+  json["frames"] = {frame(0, "images/a.jpg")};
+  write_bytes(folder_ / "images/a.jpg", std::string(jpeg.begin(), jpeg.end()));
+  for (const char* what : {"with a size", "with a principal point"}) {
+    write(json);
+    const Scene scene = load();
+    const Camera& camera = scene.train[0].camera;
+    EXPECT_EQ(camera.width, kHeight) << what;
+    EXPECT_EQ(camera.height, kWidth) << what;
+    EXPECT_EQ(camera.fx, 50) << what;
+    EXPECT_EQ(camera.cy, 21) << what;
+    EXPECT_EQ(scene.train[0].image->read()->size(), (ImageSize{kHeight, kWidth})) << what;
+    EXPECT_TRUE(says(scene, "turned as their EXIF orientation says")) << what;
+    json.erase("w");
+    json.erase("h");
+  }
 }
 
 TEST_F(Transforms, PathsLeadNoFurtherThanTheFolderThatTheSceneIsIn) {

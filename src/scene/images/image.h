@@ -52,6 +52,8 @@ void check_resolution(int resolution);
 
 /// Whether the sizes have one aspect ratio, up to the rounding of one side by less than a pixel of `size`.
 bool has_same_aspect(ImageSize other, ImageSize size);
+/// Whether they have it only if the sides of `other` are swapped.
+bool is_turned(ImageSize other, ImageSize size);
 
 // Size and completeness of JPEG and PNG files, without decoding them: OpenCV decodes the whole image to tell its size,
 // and fills the missing part of a truncated JPEG with grey. And the EXIF orientation of JPEG files, by which a camera
@@ -64,10 +66,18 @@ std::optional<ImageSize> image_size_from_header(const std::vector<std::uint8_t>&
 /// of another format.
 std::string image_damage(const std::vector<std::uint8_t>& file);
 
-/// The orientation that the first bytes of a JPEG file give, 1 to 8; 1 is upright, and what is taken if there is none.
-int exif_orientation(const std::vector<std::uint8_t>& beginning);
-/// The same for a file; 1 if it is not a JPEG file that can be read.
+/// The EXIF orientation in the bytes of a JPEG, PNG, WebP or TIFF file, 1 to 8. Returns 1, which is upright, if there
+/// is none. The first 128 KiB of a JPEG are enough.
+int exif_orientation(const std::vector<std::uint8_t>& bytes);
+/// The orientation of a JPEG file; 1 for other files and those that cannot be read.
 int read_exif_orientation(const std::filesystem::path& path);
+
+/// Turns an image upright that is stored in the given EXIF orientation, 1 to 8.
+template <class Value>  // of Image8 or Depth16
+Raster<Value> turn_upright(const Raster<Value>& stored, int orientation);
+
+/// Marks a TIFF as upright, because OpenCV turns it otherwise. Does nothing to other files.
+void clear_tiff_orientation(std::vector<std::uint8_t>& bytes);
 
 /// A JPEG file turned upright and encoded again with quality 98. Keeps the other EXIF data, from which COLMAP takes the
 /// focal length, and the colour profile. Nothing if the file cannot be decoded.
@@ -89,6 +99,9 @@ std::optional<Image8> read_alpha(const std::filesystem::path& path);
 
 /// Width and height of an image file, from its header where possible. @throws InputError
 ImageSize read_image_size(const std::filesystem::path& path);
+
+/// Reads the EXIF orientation of a JPEG, PNG, WebP or TIFF file: exif_orientation(). @throws InputError
+int read_orientation(const std::filesystem::path& path);
 
 /// Averages areas when shrinking, interpolates bilinearly when enlarging. `pixels`: size.width x size.height x
 /// image.channels values.

@@ -182,8 +182,9 @@ fs::path find_mask(const fs::path& folder, const std::string& image, const std::
   return {};
 }
 
-Image8 read_mask(const fs::path& file, ImageSize size, bool invert) {
-  const Image8 image = read_image(file, /*white_background=*/false);
+Image8 read_mask(const fs::path& file, ImageSize size, bool invert, int orientation) {
+  Image8 image = read_image(file, /*white_background=*/false);
+  if (is_turned(image.size(), size) && orientation != 1) image = turn_upright(image, orientation);
   if (!has_same_aspect(image.size(), size)) {
     input_error(file.string(), ": expected the aspect ratio of its photograph, ", size.width, " x ", size.height,
                 " px, found a mask of ", image.width, " x ", image.height, " px");

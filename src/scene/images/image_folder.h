@@ -69,8 +69,8 @@ std::filesystem::path find_mask(const std::filesystem::path& folder, const std::
                                 const std::string& images);
 
 /// A mask of one channel and `size`: 0 where the file is darker than half of white or transparent, 255 elsewhere; the
-/// other way round with `invert`. The file may have any size of the photograph's aspect ratio, `size` (px).
-/// @throws InputError with the file's name
-Image8 read_mask(const std::filesystem::path& file, ImageSize size, bool invert);
+/// other way round with `invert`. The file may have any size of the photograph's aspect ratio, `size` (px), also before
+/// the photograph was turned upright from its EXIF orientation. @throws InputError with the file's name
+Image8 read_mask(const std::filesystem::path& file, ImageSize size, bool invert, int orientation = 1);
 
 }  // namespace b3dgs

@@ -97,20 +97,24 @@ struct Orientation {
   int value = kUpright;
 };
 
-/// TIFF 6.0, section 2: a header of 8 bytes, then a directory of entries of 12 bytes each.
-std::optional<Orientation> orientation_in(const Bytes& bytes, const Segment& segment) {
+bool is_tiff(const Bytes& bytes) {
+  return bytes.size() >= 8 && bytes[0] == bytes[1] && (bytes[0] == 'I' || bytes[0] == 'M') &&
+         value_at(bytes, 2, 2, bytes[0] == 'I') == 42;
+}
+
+/// TIFF 6.0, section 2: a header of 8 bytes, then a directory of entries of 12 bytes each. EXIF has the same form.
+std::optional<Orientation> orientation_in_tiff(const Bytes& bytes, std::size_t tiff, std::size_t end) {
   constexpr std::size_t kEntryBytes = 12;
   constexpr std::uint32_t kOrientationTag = 0x0112, kShort = 3;
-  const std::size_t tiff = segment.begin + 10;
-  if (!begins_with(bytes, segment, kApp1, kExif) || tiff + 8 > segment.end) return std::nullopt;
+  if (tiff + 8 > end) return std::nullopt;
   const bool is_little = bytes[tiff] == 'I';
   if (bytes[tiff + 1] != bytes[tiff] || (!is_little && bytes[tiff] != 'M')) return std::nullopt;
   const auto number = [&](std::size_t at, std::size_t count) { return value_at(bytes, at, count, is_little); };
   const std::size_t directory = tiff + number(tiff + 4, 4);
-  if (directory + 2 > segment.end) return std::nullopt;
+  if (directory + 2 > end) return std::nullopt;
   std::size_t entry = directory + 2;
   for (std::size_t left = number(directory, 2); left > 0; --left, entry += kEntryBytes) {
-    if (entry + kEntryBytes > segment.end) return std::nullopt;
+    if (entry + kEntryBytes > end) return std::nullopt;
     if (number(entry, 2) != kOrientationTag || number(entry + 2, 2) != kShort) continue;
     const auto value = static_cast<int>(number(entry + 8, 2));
     if (value < 1 || value > 8) return std::nullopt;
@@ -121,9 +125,30 @@ std::optional<Orientation> orientation_in(const Bytes& bytes, const Segment& seg
 
 std::optional<Orientation> find_orientation(const Bytes& bytes) {
   for (const Segment& segment : segments_of(bytes)) {
-    if (const auto found = orientation_in(bytes, segment)) return found;
+    if (!begins_with(bytes, segment, kApp1, kExif)) continue;
+    if (const auto found = orientation_in_tiff(bytes, segment.begin + 4 + kExif.size(), segment.end)) return found;
+  }
+  if (is_tiff(bytes)) return orientation_in_tiff(bytes, 0, bytes.size());
+  const auto has_text = [&](std::size_t at, std::string_view text) {
+    return at + text.size() <= bytes.size() && std::memcmp(bytes.data() + at, text.data(), text.size()) == 0;
+  };
+  // Chunks of a name and a length, the other way round in PNG, which also adds a checksum.
+  const bool is_webp = has_text(0, "RIFF") && has_text(8, "WEBP");
+  if (!is_webp && !is_png(bytes)) return std::nullopt;
+  for (std::size_t at = is_webp ? 12 : kPngSignature.size(); at + 8 <= bytes.size();) {
+    const std::size_t length = value_at(bytes, is_webp ? at + 4 : at, 4, /*is_little_endian=*/is_webp), begin = at + 8;
+    if (length > bytes.size() - begin) return std::nullopt;
+    if (has_text(is_webp ? at : at + 4, is_webp ? "EXIF" : "eXIf")) {
+      return orientation_in_tiff(bytes, begin + (has_text(begin, kExif) ? kExif.size() : 0), begin + length);
+    }
+    at = begin + length + (is_webp ? length % 2 : 4);
   }
   return std::nullopt;
+}
+
+void set_upright(const Orientation& orientation, Bytes& bytes) {
+  bytes[orientation.at] = orientation.is_little_endian ? kUpright : 0;
+  bytes[orientation.at + 1] = orientation.is_little_endian ? 0 : kUpright;
 }
 
 /// As EXIF 2.3 defines the values: where row 0 and column 0 of the stored image belong. OpenCV would turn it only if
@@ -131,7 +156,7 @@ std::optional<Orientation> find_orientation(const Bytes& bytes) {
 cv::Mat upright(const cv::Mat& stored, int orientation) {
   constexpr std::array<bool, 9> kFlipsColumns{false, false, true, true, false, false, true, true, false},
       kFlipsRows{false, false, false, true, true, false, false, true, true};
-  cv::Mat image = stored;
+  cv::Mat image = stored.clone();
   if (orientation >= 5) cv::transpose(image, image);
   if (kFlipsColumns[orientation]) cv::flip(image, image, 1);
   if (kFlipsRows[orientation]) cv::flip(image, image, 0);
@@ -175,8 +200,8 @@ std::string image_damage(const Bytes& bytes) {
   return "";
 }
 
-int exif_orientation(const Bytes& beginning) {
-  const auto found = find_orientation(beginning);
+int exif_orientation(const Bytes& bytes) {
+  const auto found = find_orientation(bytes);
   return found ? found->value : kUpright;
 }
 
@@ -187,12 +212,29 @@ int read_exif_orientation(const std::filesystem::path& path) {
   FileReader file(path);
   Bytes bytes(static_cast<std::size_t>(std::min<std::uint64_t>(kMostBytes, file.remaining())));
   file.read_bytes(bytes.data(), bytes.size());
-  return exif_orientation(bytes);
+  return is_jpeg(bytes) ? exif_orientation(bytes) : kUpright;
+}
+
+template <class Value>
+Raster<Value> turn_upright(const Raster<Value>& stored, int orientation) {
+  const int type = CV_MAKETYPE(cv::DataType<Value>::depth, stored.channels);
+  const cv::Mat image =
+      upright({stored.height, stored.width, type, const_cast<Value*>(stored.pixels.data())}, orientation);
+  Raster<Value> turned(image.cols, image.rows, stored.channels);
+  image.copyTo(cv::Mat(image.rows, image.cols, type, turned.pixels.data()));
+  return turned;
+}
+template Image8 turn_upright(const Image8&, int);
+template Depth16 turn_upright(const Depth16&, int);
+
+void clear_tiff_orientation(Bytes& bytes) {
+  if (!is_tiff(bytes)) return;
+  if (const auto found = find_orientation(bytes)) set_upright(*found, bytes);
 }
 
 std::optional<Bytes> turned_upright(const Bytes& jpeg) {
   const auto orientation = find_orientation(jpeg);
-  if (!orientation) return std::nullopt;
+  if (!orientation || !is_jpeg(jpeg)) return std::nullopt;
   constexpr int kQuality = 98;
   Bytes encoded;
   try {
@@ -204,8 +246,7 @@ std::optional<Bytes> turned_upright(const Bytes& jpeg) {
     return std::nullopt;
   }
   Bytes source = jpeg;
-  source[orientation->at] = orientation->is_little_endian ? kUpright : 0;
-  source[orientation->at + 1] = orientation->is_little_endian ? 0 : kUpright;
+  set_upright(*orientation, source);
   // JFIF's segment, APP0, comes first.
   const Segment first = segments_of(encoded).front();
   const auto place = encoded.begin() + static_cast<std::ptrdiff_t>(first.marker == kApp0 ? first.end : 2);
@@ -242,6 +283,10 @@ ImageSize training_size(ImageSize size, int resolution) {
 bool has_same_aspect(ImageSize other, ImageSize size) {
   const std::int64_t across = std::int64_t{other.width} * size.height, down = std::int64_t{other.height} * size.width;
   return std::abs(across - down) < std::max(size.width, size.height);
+}
+
+bool is_turned(ImageSize other, ImageSize size) {
+  return !has_same_aspect(other, size) && has_same_aspect({other.height, other.width}, size);
 }
 
 void check_resolution(int resolution) {

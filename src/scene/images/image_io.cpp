@@ -5,6 +5,7 @@
 #include <opencv2/core.hpp>
 #include <opencv2/imgcodecs.hpp>
 #include <opencv2/imgproc.hpp>
+#include <utility>
 
 #include "core/check.h"
 #include "core/files/atomic_file.h"
@@ -41,10 +42,11 @@ void check_size(const fs::path& path, ImageSize size, std::uint64_t n_bytes) {
 
 // Keeps the file's channels and depth, since the decoders' own conversions differ from those documented for
 // read_image(). Alpha is not premultiplied, as in PNG.
-cv::Mat decode(const fs::path& path, const Bytes& bytes) {
+cv::Mat decode(const fs::path& path, Bytes bytes) {
   const std::string damage = image_damage(bytes);
   if (!damage.empty()) input_error(path.string(), ": ", damage, "; copy the image again or remove it from the scene");
   if (const auto size = image_size_from_header(bytes)) check_size(path, *size, bytes.size());
+  clear_tiff_orientation(bytes);
   cv::Mat image;
   std::string reason;
   try {
@@ -165,11 +167,16 @@ ImageSize read_image_size(const fs::path& path) {
     size = image_size_from_header(bytes);
   }
   if (!size) {
-    const cv::Mat image = decode(path, bytes);
+    const cv::Mat image = decode(path, std::move(bytes));
     size = ImageSize{image.cols, image.rows};
   }
   check_size(path, *size, n_bytes);
   return *size;
+}
+
+int read_orientation(const fs::path& path) {
+  FileReader file(path);
+  return exif_orientation(read_bytes(file, file.remaining()));
 }
 
 template <class Value>

@@ -152,8 +152,17 @@ class FrameReader {
     const std::optional<int> width = values.side("w"), height = values.side("h");
     if (width && height) return ImageSize{*width, *height};
     const auto [named, used] = sizes_of_(name);
-    if (named || !used) return named;
     const std::optional<double> cx = values.number("cx"), cy = values.number("cy");
+    if (named || !used) {
+      // Where the principal point is nearer to the centre of the photograph turned by 90 degrees, as that of a phone
+      // held upright, it belongs to that.
+      const auto is_nearer = [](double center, int side, int other) {
+        return std::abs(2 * center - side) < std::abs(2 * center - other);
+      };
+      const bool is_turned = named && cx && cy && is_nearer(*cx, named->height, named->width) &&
+                             is_nearer(*cy, named->width, named->height);
+      return is_turned ? ImageSize{named->height, named->width} : named;
+    }
     if (!cx && !cy && !values.number("fl_x") && !values.number("fl_y")) return used;
     // The photograph that is used was perhaps reduced. The principal point is near the centre of the original.
     const auto reduction = [](std::optional<int> side, std::optional<double> center, int used_side) {
