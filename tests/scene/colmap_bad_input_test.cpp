@@ -259,6 +259,11 @@ TEST_F(DamagedModel, RejectsTextImagesWithoutTheirLineOf2dPoints) {
   write(sample_model(), ColmapFormat::kText);
   replace("images.txt", "1 1 0 0 0 0 0 1 7 a.png\n2 1 0 0 0 0 0 1 7 b.png\n");
   EXPECT_TRUE(refuses({file("images.txt") + ":2:", "2D points of image 1", "b.png"}));
+  // Names that are numbers.
+  replace("images.txt", "1 1 0 0 0 0 0 1 7 0000\n2 1 0 0 0 0 0 1 7 0001\n");
+  EXPECT_TRUE(refuses({file("images.txt") + ":2:", "2D points of image 1", "found 10 numbers; add a second line"}));
+  replace("images.txt", "1 1 0 0 0 0 0 1 7 0000\n1.5 2e1 -1 nan -nan(ind) 17\n2 1 0 0 0 0 0 1 7 0001\n\n");
+  EXPECT_EQ(read_colmap_model(folder_.path()).images.size(), 2u);
   replace("images.txt", "1 1 0 0 0 0 0 1 7\n\n");
   EXPECT_TRUE(refuses({file("images.txt") + ":1:", "expected the image's name"}));
 }

@@ -110,17 +110,26 @@ struct BinaryReader {
   }
 };
 
-// An image's second line holds only numbers. Without this check, a file that lacks the second lines would silently lose
-// every other image.
+// An image's second line holds x, y and the ID of a 3D point for each 2D point. Without this check, a file that lacks
+// the second lines would silently lose every other image. If the names of images are numbers too, the count tells: a
+// first line has 10 words.
 void check_points_2d_line(const FileReader& file, std::string_view line, const ColmapImage& image) {
-  const std::size_t last = line.find_last_not_of(" \t,\r");
-  if (last == std::string_view::npos) return;
-  const std::size_t separator = line.find_last_of(" \t,", last);
-  const std::size_t begin = separator == std::string_view::npos ? 0 : separator + 1;
-  const std::string_view word = line.substr(begin, last + 1 - begin);
-  if (word.find_first_not_of("0123456789+-.eE") == std::string_view::npos || word == "nan" || word == "inf") return;
-  input_error(file.place(), ": expected the 2D points of image ", image.id, " (numbers, or an empty line), found \"",
-              word.substr(0, 40), "\"");
+  const auto is_number = [](std::string_view word) {
+    if (word.find_first_not_of("0123456789+-.eE") == std::string_view::npos) return true;
+    word.remove_prefix(word[0] == '-' || word[0] == '+' ? 1 : 0);
+    return word.substr(0, 3) == "nan" || word.substr(0, 3) == "inf";
+  };
+  std::size_t n_words = 0;
+  std::string found;
+  for (TextFields fields(line); !fields.empty() && found.empty();) {
+    const std::string_view word = fields.word();
+    ++n_words;
+    if (!is_number(word)) found = detail::concat('"', word.substr(0, 40), '"');
+  }
+  if (found.empty() && n_words % 3 == 0) return;
+  input_error(file.place(), ": expected the 2D points of image ", image.id, " (x, y and a point's ID for each, or an ",
+              "empty line), found ", found.empty() ? detail::concat(n_words, " numbers") : found,
+              "; add a second line for each image, which may be empty");
 }
 
 /// Of one line.
