@@ -238,6 +238,11 @@ Scene load_scene(const SceneOptions& options, const ProgressFn& progress) {
                                             " registered images not found (first: ", missing.front(),
                                             "); training and evaluation leave them out"));
   }
+  if (const std::vector<LeftOutImage>& left_out = model.model.left_out; !left_out.empty()) {
+    scene.warnings.push_back(detail::concat(left_out.front().reason, "; training and evaluation leave out ",
+                                            left_out.size(), " of ", left_out.size() + registered.size(),
+                                            " images (first: ", left_out.front().name, ")"));
+  }
   std::vector<const ViewSource*> on_side;
   for (const ViewSource& source : sources) {
     if (source.is_on_side) on_side.push_back(&source);

@@ -83,6 +83,7 @@ void check_reach(const fs::path& file, const fs::path& source, const std::string
 void check_list(const char* key, const std::set<std::string>& listed, const std::string& file, SceneModel& scene) {
   std::set<std::string> unknown = listed;
   for (const ColmapImage& image : scene.model.images) unknown.erase(image.name);
+  for (const LeftOutImage& image : scene.model.left_out) unknown.erase(image.name);
   if (unknown.empty()) return;
   const std::string first = unknown.begin()->substr(0, 100);
   if (unknown.size() == listed.size()) {

@@ -59,7 +59,9 @@ void truncate_file(const fs::path& path, std::size_t bytes_less) {
 }
 
 /// images.bin: count (8 bytes), then per image id (4), quaternion (32), translation (24), camera id (4), name, ...
-constexpr std::size_t kFirstQuaternion = 12, kFirstCameraId = 68;
+constexpr std::size_t kFirstCameraId = 68;
+/// cameras.bin: count (8 bytes), then per camera id (4), model (4), width (8), height (8), parameters, ...
+constexpr std::size_t kFirstParameter = 32;
 
 struct BadScene {
   const char* name;
@@ -83,11 +85,11 @@ const std::vector<BadScene>& bad_scenes() {
       {"MorePointsThanTheFileHolds",
        [](const fs::path& s) { overwrite(s / "sparse/0/points3D.bin", 0, std::uint64_t{77777}); },
        {"points3D.bin", "77777"}},
-      {"PoseNotANumber",
+      {"CameraNotANumber",  // of all images
        [](const fs::path& s) {
-         overwrite(s / "sparse/0/images.bin", kFirstQuaternion, std::numeric_limits<double>::quiet_NaN());
+         overwrite(s / "sparse/0/cameras.bin", kFirstParameter, std::numeric_limits<double>::quiet_NaN());
        },
-       {"images.bin", "view0.jpg"}},
+       {"cameras.bin", "nan"}},
       {"UnknownCameraId",
        [](const fs::path& s) { overwrite(s / "sparse/0/images.bin", kFirstCameraId, std::uint32_t{42}); },
        {"images.bin", "42"}},

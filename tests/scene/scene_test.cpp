@@ -361,6 +361,18 @@ TEST_F(LoadScene, ACameraAbsurdlyFarFromTheOthersIsRefused) {
   EXPECT_TRUE(refuses({"sparse/0/images.bin: image 03.png: expected a camera centre at most", "remove the image"}));
 }
 
+TEST_F(LoadScene, LeavesOutImagesWithoutAUsablePose) {
+  ColmapModel model = line_model(5);
+  write_images(model);
+  model.images[1].translation[1] = std::nan("");
+  write(model);
+  const Scene scene = load();
+  EXPECT_EQ(scene.train.size(), 4u);
+  ASSERT_EQ(scene.warnings.size(), 1u);
+  EXPECT_NE(scene.warnings[0].find("images.bin: image 103 (03.png): expected a translation"), std::string::npos);
+  EXPECT_NE(scene.warnings[0].find("leave out 1 of 5 images (first: 03.png)"), std::string::npos) << scene.warnings[0];
+}
+
 TEST_F(LoadScene, ReadsPastRigsAndFrames) {
   write_scene(2);
   write_bytes(folder_ / "sparse/0/rigs.bin", "of COLMAP 3.12 and later");

@@ -435,6 +435,33 @@ TEST_F(Transforms, LeavesOutMissingPhotographs) {
       << scene.warnings[0];
 }
 
+TEST_F(Transforms, LeavesOutFramesWithNumbersThatAreNotFinite) {
+  Json json = line(4);
+  json["frames"][1]["transform_matrix"][2][3] = "?1";
+  json["frames"][2]["fl_x"] = "?2";
+  json["totp"] = "?1";
+  json["note"] = "NaN, \\\"Infinity";
+  json["train_filenames"] = {"images/00.png", "images/01.png", "images/02.png", "images/03.png"};
+  std::string text = json.dump(1);
+  const auto replace_all = [&](const std::string& from, const std::string& to) {
+    for (std::size_t at = 0; (at = text.find(from)) != std::string::npos;) text.replace(at, from.size(), to);
+  };
+  replace_all("\"?1\"", "NaN");
+  replace_all("\"?2\"", "-Infinity");
+  write_bytes(folder_ / "transforms.json", text);
+  const Scene scene = load();
+  ASSERT_EQ(scene.train.size(), 2u);
+  EXPECT_EQ(scene.train[1].name, "images/03.png");
+  ASSERT_EQ(scene.warnings.size(), 1u);
+  for (const char* part : {"frame 1 (./images/01.png): expected transform_matrix to be finite, found NaN",
+                           "leave out 2 of 4 images (first: images/01.png)"}) {
+    EXPECT_NE(scene.warnings[0].find(part), std::string::npos) << scene.warnings[0];
+  }
+  replace_all("50.0", "Infinity");  // fl_x of the file
+  write_bytes(folder_ / "transforms.json", text);
+  EXPECT_TRUE(SceneFolder::refuses({"frame 0 (./images/00.png): expected fl_x to be finite, found Infinity"}));
+}
+
 TEST_F(Transforms, AColmapModelComesFirst) {
   write(line(1));
   ColmapModel model;
@@ -498,8 +525,10 @@ TEST_F(Transforms, RefusesBadInputWithFileAndFrame) {
   const std::string text = good.dump();
   write_bytes(folder_ / "transforms.json", text.substr(0, text.size() / 2));
   EXPECT_TRUE(SceneFolder::refuses({"transforms.json: not valid JSON: parse error at line 1, column "}));
-  write_bytes(folder_ / "transforms.json", "{\n \"frames\": [NaN]}");
+  write_bytes(folder_ / "transforms.json", "{\n \"frames\": [NoN]}");
   EXPECT_TRUE(SceneFolder::refuses({"transforms.json", "line 2, column 13", "[N'"}));
+  write_bytes(folder_ / "transforms.json", "{\n \"frames\": [NaN]}");
+  EXPECT_TRUE(SceneFolder::refuses({"transforms.json: frame 0: expected an object, found \"NaN\""}));
   write_bytes(folder_ / "transforms.json", std::string(99, '['));
   EXPECT_TRUE(SceneFolder::refuses({"transforms.json", "not valid JSON"}));
   write_bytes(folder_ / "transforms.json", std::string(99, '[') + std::string(99, ']'));

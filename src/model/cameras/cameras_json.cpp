@@ -271,6 +271,7 @@ CameraFile read_transforms_cameras(const std::string& text, const fs::path& path
                 "): has no size (w, h), and no photograph; name a size with --width and --height");
   };
   read_transforms(text, path, sizes_of, frames);
+  if (!frames.model.left_out.empty()) input_error(frames.model.left_out.front().reason);
   CameraFile result;
   for (const ColmapImage& image : frames.model.images) {
     const std::string& place = frames.camera_places.at(image.camera_id);

@@ -59,11 +59,17 @@ struct ColmapPoint {
   std::vector<std::uint32_t> image_ids{};  // of its track, if tracks are read: images in which COLMAP saw it
 };
 
+/// An image that a model names, but whose pose or camera cannot be used.
+struct LeftOutImage {
+  std::string name, reason;
+};
+
 /// 2D observations are skipped when reading, tracks unless they are asked for; both are written empty.
 struct ColmapModel {
   std::map<std::uint32_t, ColmapCamera> cameras;
   std::vector<ColmapImage> images;
   std::vector<ColmapPoint> points;
+  std::vector<LeftOutImage> left_out{};  // not in `images`
 };
 
 /// Name as COLMAP writes it ("SIMPLE_RADIAL"), and its parameters in order ("f, cx, cy, k").
@@ -95,8 +101,9 @@ std::optional<ColmapFormat> colmap_format(const std::filesystem::path& folder);
 std::uint64_t count_colmap_images(const std::filesystem::path& folder);
 
 /// Reads cameras, images and points3D from one folder in its colmap_format(). Other files, such as the rigs and frames
-/// of newer versions of COLMAP, are ignored.
-/// @throws InputError with file, record or line, what was expected and what was found
+/// of newer versions of COLMAP, are ignored. Images are left out if their pose or their camera is impossible, such as
+/// NaN.
+/// @throws InputError if that leaves none, or with file, record or line, what was expected and what was found
 ColmapModel read_colmap_model(const std::filesystem::path& folder, bool tracks = false);
 
 /// The same from open files.

@@ -253,6 +253,7 @@ void expect_different(const std::vector<Record>& records, Key Record::*key, cons
   if (twice != keys.end()) input_error(file.name(), ": two ", what, " ", *twice, "; the file is damaged");
 }
 
+// Throws an InputError that says why no camera can have these values.
 void check_camera(const ColmapCamera& camera, const std::string& file) {
   const std::string place = detail::concat(file, ": camera ", camera.id);
   if (camera.width < 1 || camera.height < 1 || camera.width > kMaxImageSide || camera.height > kMaxImageSide) {
@@ -264,6 +265,7 @@ void check_camera(const ColmapCamera& camera, const std::string& file) {
     input_error(place, " (", camera_model_name(camera.model), "): expected finite parameters ",
                 camera_model_params(camera.model), ", found ", value, "; reconstruct the scene again");
   }
+  camera_of(camera, place);
 }
 
 // Outputs are named after images too, so a name must not point outside a folder.
@@ -273,8 +275,12 @@ bool points_outside(std::string name) {
   return path.is_absolute() || std::find(path.begin(), path.end(), "..") != path.end();
 }
 
-void check_image(const ColmapImage& image, const ColmapModel& model, const std::string& file) {
-  const std::string place = detail::concat(file, ": image ", image.id, " (", image.name, ")");
+std::string place_of(const ColmapImage& image, const std::string& file) {
+  return detail::concat(file, ": image ", image.id, " (", image.name, ")");
+}
+
+void check_pose(const ColmapImage& image, const std::string& file) {
+  const std::string place = place_of(image, file);
   constexpr const char* kRemedy = "; remove the image from the model or reconstruct the scene again";
   double squared_length = 0;
   for (const double value : image.quat) squared_length += value * value;
@@ -287,15 +293,30 @@ void check_image(const ColmapImage& image, const ColmapModel& model, const std::
     input_error(place, ": expected a translation of at most ", kMaxCoordinate, ", found the component ", value,
                 kRemedy);
   }
+}
+
+void check_name(const ColmapImage& image, const std::string& file) {
+  const std::string place = place_of(image, file);
   if (image.name.empty()) input_error(place, ": expected the name of an image file, found an empty name");
   if (points_outside(image.name) || detail::has_control_characters(image.name)) {
     input_error(place, ": expected a path inside the image folder, without \"..\" and control characters; rename the ",
                 "image in the model");
   }
-  if (model.cameras.count(image.camera_id) == 0) {
-    input_error(place, ": camera ", image.camera_id,
-                " is not in the cameras file; the files belong to different models");
+}
+
+// What is wrong with the records that `check` refuses, by ID.
+template <class Record, class Check>
+std::map<std::uint32_t, std::string> faults_of(const std::vector<Record>& records, const FileReader& file,
+                                               const Check& check) {
+  std::map<std::uint32_t, std::string> faults;
+  for (const Record& record : records) {
+    try {
+      check(record, file.name());
+    } catch (const InputError& error) {
+      faults[record.id] = error.what();
+    }
   }
+  return faults;
 }
 
 void check_point(const ColmapPoint& point, const std::string& file) {
@@ -326,14 +347,29 @@ ColmapModel read_colmap_model(const ColmapFiles& files, ColmapFormat format, boo
   ColmapModel model;
   const std::vector<ColmapCamera> cameras = read_records<ColmapCamera>(files.cameras, format);
   expect_different(cameras, &ColmapCamera::id, "cameras have the ID", files.cameras);
+  const auto camera_faults = faults_of(cameras, files.cameras, check_camera);
   for (const ColmapCamera& camera : cameras) {
-    check_camera(camera, files.cameras.name());
-    model.cameras.emplace(camera.id, camera);
+    if (camera_faults.count(camera.id) == 0) model.cameras.emplace(camera.id, camera);
   }
-  model.images = read_records<ColmapImage>(files.images, format);
-  for (const ColmapImage& image : model.images) check_image(image, model, files.images.name());
-  expect_different(model.images, &ColmapImage::id, "images have the ID", files.images);
-  expect_different(model.images, &ColmapImage::name, "images have the name", files.images);
+  const std::vector<ColmapImage> images = read_records<ColmapImage>(files.images, format);
+  for (const ColmapImage& image : images) check_name(image, files.images.name());
+  expect_different(images, &ColmapImage::id, "images have the ID", files.images);
+  expect_different(images, &ColmapImage::name, "images have the name", files.images);
+  const auto pose_faults = faults_of(images, files.images, check_pose);
+  for (const ColmapImage& image : images) {
+    const auto pose_fault = pose_faults.find(image.id), camera_fault = camera_faults.find(image.camera_id);
+    if (pose_fault != pose_faults.end()) {
+      model.left_out.push_back({image.name, pose_fault->second});
+    } else if (camera_fault != camera_faults.end()) {
+      model.left_out.push_back({image.name, camera_fault->second});
+    } else if (model.cameras.count(image.camera_id) == 0) {
+      input_error(place_of(image, files.images.name()), ": camera ", image.camera_id,
+                  " is not in the cameras file; the files belong to different models");
+    } else {
+      model.images.push_back(image);
+    }
+  }
+  if (model.images.empty() && !model.left_out.empty()) input_error(model.left_out.front().reason);
   model.points = read_records<ColmapPoint>(files.points, format, tracks);
   const std::string point_file = files.points.name();
   for (const ColmapPoint& point : model.points) check_point(point, point_file);

@@ -115,7 +115,17 @@ class FrameReader {
     for (const ColmapImage& image : model.model.images) names_.insert(image.name);
   }
 
+  /// Frames with NaN or an infinity are left out.
   void read_frame(const Json& frame, std::size_t index) {
+    try {
+      add_frame(frame, index);
+    } catch (const NotFiniteError& error) {
+      model_.model.left_out.push_back({name_of_path(frame.at("file_path").get<std::string>()), error.what()});
+    }
+  }
+
+ private:
+  void add_frame(const Json& frame, std::size_t index) {
     std::string place = detail::concat(file_.string(), ": frame ", index);
     if (!frame.is_object()) input_error(place, ": expected an object, found ", json_excerpt(frame));
     const std::string file_path = JsonValues(frame, frame, place).text("file_path");
@@ -140,7 +150,6 @@ class FrameReader {
     model_.model.images.push_back({id, quaternion_from_rotation(pose.rotation), pose.translation, camera_id, name});
   }
 
- private:
   using CameraKey = std::tuple<CameraModel, std::uint64_t, std::uint64_t, std::vector<double>>;
 
   static CameraKey key_of(const ColmapCamera& camera) {
@@ -199,6 +208,41 @@ class FrameReader {
   std::set<std::string> names_;
 };
 
+constexpr std::array kNotFinite{"NaN", "Infinity", "-Infinity"};  // as Python writes them, although JSON has none
+
+bool is_not_finite(const Json& json) {
+  return json.is_string() &&
+         std::find(kNotFinite.begin(), kNotFinite.end(), json.get<std::string>()) != kNotFinite.end();
+}
+
+/// The text with quotes around numbers that are not finite.
+std::string with_quotes(std::string_view text) {
+  std::string quoted;
+  bool is_inside = false;  // a string
+  for (std::size_t at = 0; at < text.size(); ++at) {
+    const auto* const word = std::find_if(kNotFinite.begin(), kNotFinite.end(), [&](std::string_view name) {
+      return !is_inside && text.substr(at, name.size()) == name;
+    });
+    if (word != kNotFinite.end()) {
+      quoted += detail::concat('"', *word, '"');
+      at += std::string_view(*word).size() - 1;
+      continue;
+    }
+    quoted += text[at];
+    if (is_inside && text[at] == '\\' && at + 1 < text.size()) {
+      quoted += text[++at];
+    } else if (text[at] == '"') {
+      is_inside = !is_inside;
+    }
+  }
+  return quoted;
+}
+
+[[noreturn]] void fail_not_finite(const std::string& place, const char* key, const Json& found) {
+  throw NotFiniteError(detail::one_line(detail::concat(place, ": expected ", key, " to be finite, found ",
+                                                       found.get<std::string>(), "; remove the frame or correct it")));
+}
+
 }  // namespace
 
 const Json* JsonValues::find(const char* key, bool (Json::*is_expected)() const noexcept, const char* expected) const {
@@ -206,6 +250,7 @@ const Json* JsonValues::find(const char* key, bool (Json::*is_expected)() const 
     const auto found = json->find(key);
     if (found == json->end() || found->is_null()) continue;
     if (((*found).*is_expected)()) return &*found;
+    if (is_expected == &Json::is_number && is_not_finite(*found)) fail_not_finite(place_, key, *found);
     input_error(place_, ": expected ", key, " to be ", expected, ", found ", json_excerpt(*found));
   }
   return nullptr;
@@ -252,6 +297,7 @@ OpenGlMatrix JsonValues::matrix(const char* key) const {
   std::vector<double> numbers;
   bool is_matrix = true;
   const auto take = [&](const Json& value) {
+    if (is_not_finite(value)) fail_not_finite(place_, key, value);
     is_matrix = is_matrix && value.is_number();
     if (is_matrix) numbers.push_back(value.get<double>());
   };
@@ -291,9 +337,12 @@ TransformsFiles find_transforms(const fs::path& source) {
 void read_transforms(std::string_view text, const fs::path& file, const PhotographSizesFn& sizes_of,
                      TransformsModel& model) {
   const std::string place = file.string();
-  const Json json = parse_json(text, /*ignore_comments=*/true);
+  Json json = parse_json(text, /*ignore_comments=*/true);
   if (json.is_discarded()) {
-    input_error(place, ": not valid JSON: ", json_damage(text), "; correct it or export the scene again");
+    const std::string quoted = with_quotes(text);
+    json = parse_json(quoted, /*ignore_comments=*/true);
+    if (json.is_discarded())
+      input_error(place, ": not valid JSON: ", json_damage(quoted), "; correct it or export the scene again");
   }
   if (!json.is_object()) {
     input_error(place, ": expected a JSON object with \"frames\", found ", json_excerpt(json),
@@ -306,6 +355,7 @@ void read_transforms(std::string_view text, const fs::path& file, const Photogra
   }
   FrameReader reader(json, file, sizes_of, model);
   for (std::size_t i = 0; i < frames->size(); ++i) reader.read_frame((*frames)[i], i);
+  if (model.model.images.empty()) input_error(model.model.left_out.front().reason);
   add_names(json, "train_filenames", place, model.listed_for_training);
   add_names(json, "test_filenames", place, model.listed_as_test);
   add_names(json, "val_filenames", place, model.listed_as_validation);
