@@ -46,7 +46,7 @@ struct SceneOptions {
   bool empty_background = false;  // see View::empty
   std::string lenses = "undistort";  // or "native": keep distorted lenses; "auto": where undistorting shows too little
   bool load_images = true;           // false: cameras and points only
-  bool seed_points = false;          // add_points_of_photographs()
+  bool seed_points = false;          // training needs points: add_points_of_photographs() finds some if there are none
   double host_memory_gb = -1;        // for decoded images, 10^9 bytes; -1: 80 % of the available memory
   int n_readers = 2;                 // trainings and evaluations that prefetch images at the same time
   std::optional<CoordinateFrame> frame;  // of a training to resume; empty: choose_frame()

@@ -41,12 +41,15 @@ std::map<std::uint32_t, std::vector<std::int32_t>> visible_points(const ColmapMo
 SceneModel read_colmap_scene(const SceneOptions& options) {
   const SparseModelFolder found = find_model_folder(options.source_path);
   SceneModel scene;
-  scene.model = read_colmap_model(found.folder, options.tracks);
-  scene.points = points_of(scene.model);
+  const bool is_binary = colmap_format(found.folder) == ColmapFormat::kBinary;
+  const fs::path ply = found.folder / "points3D.ply";  // as some programs write it instead
+  const bool uses_ply = is_file(ply) && !is_file(found.folder / (is_binary ? "points3D.bin" : "points3D.txt"));
+  scene.model = read_colmap_model(found.folder, options.tracks, /*needs_points=*/options.seed_points && !uses_ply);
+  scene.points = uses_ply ? read_point_ply(ply) : points_of(scene.model);
+  if (uses_ply) scene.points_description = "points3D.ply";
   scene.visible_points = visible_points(scene.model);
   scene.model.points = {};
   const std::string folder = found.folder.lexically_relative(options.source_path).string();
-  const bool is_binary = colmap_format(found.folder) == ColmapFormat::kBinary;
   scene.file = (found.folder / (is_binary ? "images.bin" : "images.txt")).string();
   scene.description = (folder.empty() ? found.folder.string() : folder) + (is_binary ? ", binary" : ", text");
   scene.notes = found.notes;

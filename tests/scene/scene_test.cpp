@@ -7,6 +7,7 @@
 #include <cstdio>
 
 #include "core/check.h"
+#include "core/files/folders.h"
 #include "scene/colmap/colmap.h"
 #include "scene/images/image.h"
 #include "scene/photograph.h"
@@ -371,6 +372,30 @@ TEST_F(LoadScene, LeavesOutImagesWithoutAUsablePose) {
   ASSERT_EQ(scene.warnings.size(), 1u);
   EXPECT_NE(scene.warnings[0].find("images.bin: image 103 (03.png): expected a translation"), std::string::npos);
   EXPECT_NE(scene.warnings[0].find("leave out 1 of 5 images (first: 03.png)"), std::string::npos) << scene.warnings[0];
+}
+
+TEST_F(LoadScene, ReadsPointsFromAPlyBesideTheModel) {
+  const PointCloud points{{0, 1, 2, 3, 4, 5}, {10, 20, 30, 40, 50, 60}};
+  const ColmapModel model = line_model(3);
+  write_images(model);
+  for (const auto format : {ColmapFormat::kBinary, ColmapFormat::kText}) {
+    remove_tree(folder_ / "sparse");
+    write_colmap_model(folder_ / "sparse/0", model, format);
+    write_point_ply(folder_ / "sparse/0/points3D.ply", points);
+    EXPECT_EQ(load().points.size(), 1) << "COLMAP's own points come first";
+    const std::string file = format == ColmapFormat::kBinary ? "points3D.bin" : "points3D.txt";
+    fs::remove(folder_ / "sparse/0" / file);
+    options_.seed_points = true;
+    const Scene scene = load();
+    EXPECT_EQ(scene.points.positions, points.positions);
+    EXPECT_EQ(scene.points.colors, points.colors);
+    EXPECT_TRUE(says(scene, "2: points3D.ply"));
+    fs::remove(folder_ / "sparse/0/points3D.ply");
+    EXPECT_TRUE(refuses({"sparse/0/" + file + ": file not found", "--init_ply"}));
+    options_.seed_points = false;  // as with --init_ply
+    EXPECT_EQ(load().points.size(), 0);
+    EXPECT_EQ(load().train.size(), 3u);
+  }
 }
 
 TEST_F(LoadScene, ReadsPastRigsAndFrames) {

@@ -103,8 +103,9 @@ std::uint64_t count_colmap_images(const std::filesystem::path& folder);
 /// Reads cameras, images and points3D from one folder in its colmap_format(). Other files, such as the rigs and frames
 /// of newer versions of COLMAP, are ignored. Images are left out if their pose or their camera is impossible, such as
 /// NaN.
-/// @throws InputError if that leaves none, or with file, record or line, what was expected and what was found
-ColmapModel read_colmap_model(const std::filesystem::path& folder, bool tracks = false);
+/// Without `needs_points`, the file of points may be missing. @throws InputError if no image is left, or with file,
+/// record or line, what was expected and what was found
+ColmapModel read_colmap_model(const std::filesystem::path& folder, bool tracks = false, bool needs_points = true);
 
 /// The same from open files.
 struct ColmapFiles {
