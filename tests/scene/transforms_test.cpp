@@ -373,6 +373,37 @@ TEST_F(Transforms, PhotographsAreTurnedIfTheCameraIsUpright) {
   }
 }
 
+TEST_F(Transforms, PathsMayHaveTheSeparatorsOfWindows) {
+  Json json = line(3);
+  const fs::path scene = folder_ / "scene";
+  fs::create_directories(scene);
+  write_image(scene / "masks of it/00.png", flat(kWidth, kHeight, 1, 0));
+  *std::prev(json["frames"].end()) = frame(2, "C:\\Users\\me\\images\\02.png");  // found by its name
+  fs::create_directories(scene / "images");
+  fs::rename(folder_ / "images/02.png", scene / "images/02.png");
+  fs::rename(folder_ / "images", folder_ / "rgb");
+  json["frames"][0]["file_path"] = ".\\..\\rgb\\00.png";
+  json["frames"][1]["file_path"] = "..\\rgb/01";
+  json["frames"][0]["mask_path"] = ".\\masks of it\\00.png";
+  json["ply_file_path"] = "pc\\points.ply";
+  json["test_filenames"] = {"..\\rgb\\01"};
+  write_point_ply(scene / "pc/points.ply", {{0, 1, 2}, {10, 20, 30}});
+  write_bytes(scene / "transforms.json", json.dump());
+  options_.source_path = scene.string();
+  options_.eval = true;
+  const Scene found = load();
+  ASSERT_EQ(found.train.size(), 1u) << "the first photograph is masked out";
+  EXPECT_EQ(found.train[0].image->read()->pixels[0], 12);
+  ASSERT_EQ(found.test.size(), 1u);
+  EXPECT_EQ(found.test[0].image->read()->pixels[0], 11);
+  EXPECT_EQ(found.points.size(), 1);
+  ASSERT_EQ(found.warnings.size(), 1u);
+  EXPECT_NE(found.warnings[0].find("masks leave no pixel of 1 of 3"), std::string::npos) << found.warnings[0];
+  json["ply_file_path"] = "..\\..\\private.ply";
+  write_bytes(scene / "transforms.json", json.dump());
+  EXPECT_TRUE(SceneFolder::refuses({"ply_file_path", "expected a file in the scene folder"}));
+}
+
 TEST_F(Transforms, PathsLeadNoFurtherThanTheFolderThatTheSceneIsIn) {
   Json json = line(2);
   const fs::path scene = folder_ / "all/scene";

@@ -87,10 +87,15 @@ ColmapCamera camera_of_frame(const JsonValues& values, ImageSize size) {
   return camera;
 }
 
-std::string name_of_path(std::string path) {
+// Windows separates folders by '\\'.
+fs::path path_of(std::string path) {
   std::replace(path.begin(), path.end(), '\\', '/');
+  return path;
+}
+
+std::string name_of_path(const std::string& path) {
   fs::path name;
-  for (const fs::path& part : fs::path(path).relative_path().lexically_normal()) {
+  for (const fs::path& part : path_of(path).relative_path().lexically_normal()) {
     if (part != ".." && part != "." && !part.empty()) name /= part;
   }
   return name.generic_string() + (name.empty() || has_image_extension(name) ? "" : ".png");
@@ -141,9 +146,10 @@ class FrameReader {
     const JsonValues own(frame, frame, place), values(frame, json_, place);
     const Pose pose = pose_from_opengl(own.matrix("transform_matrix"), place + ": transform_matrix");
     // Relative to the folder of the file, with the extension that the name has.
-    const fs::path path = file_.parent_path() / file_path;
+    const fs::path path = file_.parent_path() / path_of(file_path);
     model_.files[name] = has_image_extension(path) ? path : fs::path(path.string() + ".png");
-    if (const std::string mask = own.text("mask_path"); !mask.empty()) model_.masks[name] = file_.parent_path() / mask;
+    if (const std::string mask = own.text("mask_path"); !mask.empty())
+      model_.masks[name] = file_.parent_path() / path_of(mask);
     const std::optional<ImageSize> size = camera_size(values, name);
     const std::uint32_t camera_id = size ? id_of(camera_of_frame(values, *size), place) : 0;
     const auto id = static_cast<std::uint32_t>(model_.model.images.size() + 1);
@@ -360,7 +366,7 @@ void read_transforms(std::string_view text, const fs::path& file, const Photogra
   add_names(json, "test_filenames", place, model.listed_as_test);
   add_names(json, "val_filenames", place, model.listed_as_validation);
   const std::string points = JsonValues(json, json, place).text("ply_file_path");
-  if (!points.empty() && model.points.empty()) model.points = file.parent_path() / points;
+  if (!points.empty() && model.points.empty()) model.points = file.parent_path() / path_of(points);
 }
 
 }  // namespace b3dgs
