@@ -175,7 +175,7 @@ void evaluate_file(LoadedModel& model, const EvalOptions& options, const torch::
   if (options.save_images) {
     require_writable(images / "views.json", "allow writing there, or evaluate a copy of the file");
   }
-  model.config.eval = true;  // every 8th view is a test view, as in a training with --eval
+  model.config.eval = true;  // the test views are those of a training with --eval
   add_scene(model, status);
   const OwnFiles own_files(images);
   std::vector<View> views = split == "test" ? model.scene.test : model.scene.train;
@@ -185,7 +185,8 @@ void evaluate_file(LoadedModel& model, const EvalOptions& options, const torch::
   }
   std::cout << model.file.string() << ": " << format_count(model.splats.size()) << " Gaussians\n";
   if (options.split == "auto") {
-    std::cout << "a file does not say which views it was trained on: evaluating all; --split test for every 8th\n";
+    std::cout
+        << "a file does not say which views it was trained on: evaluating all; --split test for the held-out ones\n";
   }
   SplitEvaluator{{model, device}, options.save_images, lpips, status}.run(views, split, {}, images);
 }

@@ -25,7 +25,7 @@ void for_each_option(TrainConfig& c, const std::function<void(const TrainOption&
   field(Option{"resolution", 'r', {"data_factor"}}.common(), c.resolution, AtLeast{-1},
         "1, 2, 4, 8: divide size; >= 32: width, px; -1: width at most 1600 px");
   field(Option{"eval"}.common(), c.eval, Any{},
-        "hold out views for testing: those that transforms files list, or every 8th by name");
+        "hold out test views: those in test.txt or transforms files, or every 8th by name");
   field(Option{"init_ply"}, c.init_ply, Any{},
         "start from this PLY (Gaussians or points) or SPZ instead of the scene's points");
   field(Option{"depths", 'd'}.may_be_empty(), c.depths, Any{},

@@ -6,6 +6,7 @@
 #include "core/check.h"
 #include "core/files/file_reader.h"
 #include "core/files/own_files.h"
+#include "core/text.h"
 #include "scene/images/image.h"
 #include "scene/transforms/transforms.h"
 
@@ -38,6 +39,50 @@ std::map<std::uint32_t, std::vector<std::int32_t>> visible_points(const ColmapMo
   return points;
 }
 
+// `where` says what names are compared with.
+void check_list(const std::string& list, const char* where, const std::set<std::string>& listed, SceneModel& scene) {
+  std::set<std::string> unknown = listed;
+  for (const ColmapImage& image : scene.model.images) unknown.erase(image.name);
+  for (const LeftOutImage& image : scene.model.left_out) unknown.erase(image.name);
+  if (unknown.empty()) return;
+  const std::string first = unknown.begin()->substr(0, 100);
+  if (unknown.size() == listed.size()) {
+    input_error(list, ": expected names as in ", where, ", found none in its ", listed.size(), " (first: ", first,
+                "); correct or remove the list");
+  }
+  scene.warnings.push_back(detail::concat(list, ": ", unknown.size(), " of ", listed.size(),
+                                          " names are unknown (the first: ", first, "); expected names as in ", where));
+}
+
+// The original program and its successors hold out the views that a test.txt beside the model lists, one in each line.
+void read_test_list(const fs::path& model_folder, const SceneOptions& options, SceneModel& scene) {
+  const fs::path source = options.source_path;
+  for (const fs::path& folder : {model_folder, source / "sparse", source}) {
+    const fs::path path = folder / "test.txt";
+    if (!is_file(path)) continue;
+    std::map<std::string, std::string> names;  // of images, also by their names without extension
+    const auto add = [&](const std::string& name) {
+      names[name] = name;
+      names.emplace(fs::path(name).replace_extension().string(), name);
+    };
+    for (const ColmapImage& image : scene.model.images) add(image.name);
+    for (const LeftOutImage& image : scene.model.left_out) add(image.name);
+    FileReader file(path);
+    std::set<std::string> listed;
+    for (std::string_view line; file.read_line(line);) {
+      const std::string_view word = TextFields(line).rest();
+      if (word.empty() || word[0] == '#') continue;
+      const auto known = names.find(std::string(word));
+      listed.insert(known != names.end() ? known->second : std::string(word));
+    }
+    if (listed.empty()) return;
+    scene.split = path.lexically_relative(source).string();
+    scene.held_out = listed;
+    if (options.eval) check_list(path.string(), "the model", listed, scene);
+    return;
+  }
+}
+
 SceneModel read_colmap_scene(const SceneOptions& options) {
   const SparseModelFolder found = find_model_folder(options.source_path);
   SceneModel scene;
@@ -53,6 +98,7 @@ SceneModel read_colmap_scene(const SceneOptions& options) {
   scene.file = (found.folder / (is_binary ? "images.bin" : "images.txt")).string();
   scene.description = (folder.empty() ? found.folder.string() : folder) + (is_binary ? ", binary" : ", text");
   scene.notes = found.notes;
+  read_test_list(found.folder, options, scene);
   for (const auto& [id, camera] : scene.model.cameras) {
     scene.camera_places[id] = detail::concat(found.folder.string(), ": camera ", id);
   }
@@ -83,21 +129,6 @@ void check_reach(const fs::path& file, const fs::path& source, const std::string
               file.lexically_normal().string(), "; move or link it there, and change the path");
 }
 
-void check_list(const char* key, const std::set<std::string>& listed, const std::string& file, SceneModel& scene) {
-  std::set<std::string> unknown = listed;
-  for (const ColmapImage& image : scene.model.images) unknown.erase(image.name);
-  for (const LeftOutImage& image : scene.model.left_out) unknown.erase(image.name);
-  if (unknown.empty()) return;
-  const std::string first = unknown.begin()->substr(0, 100);
-  if (unknown.size() == listed.size()) {
-    input_error(file, ": ", key, ": expected names as in file_path of \"frames\", found none in its ", listed.size(),
-                " (first: ", first, "); correct or remove the list");
-  }
-  scene.warnings.push_back(detail::concat(file, ": ", key, ": ", unknown.size(), " of ", listed.size(),
-                                          " names are not in \"frames\" (the first: ", first,
-                                          "); expected names as in file_path"));
-}
-
 template <class Is>
 void leave_out(const Is& is, const char* note, SceneModel& scene) {
   std::vector<ColmapImage>& images = scene.model.images;
@@ -110,10 +141,11 @@ void leave_out(const Is& is, const char* note, SceneModel& scene) {
 // Where a list says what to train on, views in none of the lists are left out. One of the others says what to hold out;
 // with --eval, views that only the list for validation names are left out of training too.
 void apply_lists(const TransformsModel& transforms, const std::string& file, bool eval, SceneModel& scene) {
+  constexpr const char* kFilePath = "file_path of \"frames\"";
   const std::set<std::string>&training = transforms.listed_for_training, &test = transforms.listed_as_test,
         &validation = transforms.listed_as_validation, &held_out = test.empty() ? validation : test;
   if (!training.empty()) {
-    check_list("train_filenames", training, file, scene);
+    check_list(file + ": train_filenames", kFilePath, training, scene);
     leave_out([&](const auto& name) { return training.count(name) + test.count(name) + validation.count(name) == 0; },
               "left out, in neither train_filenames, val_filenames nor test_filenames", scene);
   }
@@ -122,7 +154,7 @@ void apply_lists(const TransformsModel& transforms, const std::string& file, boo
   scene.split = detail::concat(key, " of ", fs::path(file).filename().string());
   scene.held_out = held_out;
   if (!eval) return;
-  check_list(key, held_out, file, scene);
+  check_list(detail::concat(file, ": ", key), kFilePath, held_out, scene);
   leave_out([&](const auto& name) { return validation.count(name) > 0 && held_out.count(name) == 0; },
             "only in val_filenames, so neither trained on nor tested", scene);
 }

@@ -136,6 +136,37 @@ TEST_F(LoadScene, HoldsOutEveryEighthBySortedName) {
   EXPECT_TRUE(says(scene, "3 views, every 8th"));
 }
 
+TEST_F(LoadScene, HoldsOutWhatATestListNames) {
+  write_scene(9);
+  const auto names = [](const std::vector<View>& views) {
+    std::string text;
+    for (const View& view : views) text += view.name + " ";
+    return text;
+  };
+  for (const char* file : {"test.txt", "sparse/test.txt", "sparse/0/test.txt"}) {  // each comes before the last
+    const std::string digit = std::to_string(fs::path(file).string().size() % 5);
+    write_bytes(folder_ / file, "\xef\xbb\xbf 0" + digit + ".png \r\n\n# a comment\n08\n");
+    options_.eval = false;
+    EXPECT_EQ(load().train.size(), 9u);
+    EXPECT_TRUE(says(load(), std::string("none; --eval holds out the views of ") + file));
+    options_.eval = true;
+    const Scene scene = load();
+    EXPECT_EQ(names(scene.test), "0" + digit + ".png 08.png ");
+    EXPECT_EQ(scene.train.size(), 7u);
+    EXPECT_TRUE(scene.warnings.empty());
+    EXPECT_TRUE(says(scene, std::string("2 views, the views of ") + file));
+  }
+  write_bytes(folder_ / "sparse/0/test.txt", "gone.png\n03.png\n");
+  const Scene scene = load();
+  EXPECT_EQ(names(scene.test), "03.png ");
+  ASSERT_EQ(scene.warnings.size(), 1u);
+  EXPECT_NE(scene.warnings[0].find("test.txt: 1 of 2 names are unknown (the first: gone.png)"), std::string::npos);
+  write_bytes(folder_ / "sparse/0/test.txt", "gone.png\n");
+  EXPECT_TRUE(refuses({"sparse/0/test.txt: expected names as in the model, found none in its 1 (first: gone.png)"}));
+  write_bytes(folder_ / "sparse/0/test.txt", "\n");
+  EXPECT_TRUE(says(load(), "every 8th by name"));
+}
+
 TEST_F(LoadScene, RejectsToHoldOutTheOnlyImage) {
   write_scene(1);
   EXPECT_EQ(load().extent, 1);  // one camera: no distances
