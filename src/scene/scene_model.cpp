@@ -6,6 +6,7 @@
 #include "core/check.h"
 #include "core/files/file_reader.h"
 #include "core/files/own_files.h"
+#include "core/files/unicode_names.h"
 #include "core/text.h"
 #include "scene/images/image.h"
 #include "scene/transforms/transforms.h"
@@ -62,8 +63,8 @@ void read_test_list(const fs::path& model_folder, const SceneOptions& options, S
     if (!is_file(path)) continue;
     std::map<std::string, std::string> names;  // of images, also by their names without extension
     const auto add = [&](const std::string& name) {
-      names[name] = name;
-      names.emplace(fs::path(name).replace_extension().string(), name);
+      names[composed_name(name)] = name;
+      names.emplace(composed_name(fs::path(name).replace_extension().string()), name);
     };
     for (const ColmapImage& image : scene.model.images) add(image.name);
     for (const LeftOutImage& image : scene.model.left_out) add(image.name);
@@ -72,7 +73,7 @@ void read_test_list(const fs::path& model_folder, const SceneOptions& options, S
     for (std::string_view line; file.read_line(line);) {
       const std::string_view word = TextFields(line).rest();
       if (word.empty() || word[0] == '#') continue;
-      const auto known = names.find(std::string(word));
+      const auto known = names.find(composed_name(std::string(word)));
       listed.insert(known != names.end() ? known->second : std::string(word));
     }
     if (listed.empty()) return;

@@ -3,6 +3,7 @@
 #include <limits>
 
 #include "core/check.h"
+#include "core/files/unicode_names.h"
 #include "core/text.h"
 #include "scene/cameras/camera_lens.h"
 #include "scene/scene_model.h"
@@ -125,7 +126,10 @@ Texts notes_on(const Scene& scene, const SceneOrigin& origin) {
     if (std::abs(aspect / expected - 1) > kMaxAspectDeviation + step && !source.is_on_side)
       other_aspect.push_back(file);
     if (source.orientation != 1) turned.push_back(file);
-    if (origin.image_folder.find(source.name).empty()) other_name.push_back(source.name + " as " + file);
+    if (!origin.image_folder.find(source.name).empty()) continue;
+    const std::string name = std::filesystem::path(source.name).filename().string();
+    const bool is_other_form = name != file && composed_name(name) == composed_name(file);  // both look the same
+    other_name.push_back(source.name + " as " + (is_other_form ? "the same in another Unicode form" : file));
   }
   if (!other_name.empty()) notes.push_back("found under another name: " + join(other_name));
   if (is_capped) {

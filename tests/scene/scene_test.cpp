@@ -265,6 +265,40 @@ TEST_F(LoadScene, FindsImagesUnderTheNamesThatToolsGiveThem) {
   EXPECT_TRUE(says(scene, "found under another name: cam1/flat.png as flat.png, shot.JPG as shot.png"));
 }
 
+TEST_F(LoadScene, FindsNamesInAnotherUnicodeForm) {
+  const std::string decomposed = "Bu\xcc\x88ro", composed = "B\xc3\xbcro";  // with and without a combining mark
+  ColmapModel model = line_model(3);
+  for (const bool is_model_composed : {false, true}) {
+    const std::string &named = is_model_composed ? composed : decomposed,
+                      &other = is_model_composed ? decomposed : composed;
+    remove_tree(folder_ / "images");
+    remove_tree(folder_ / "masks");
+    for (int i = 0; i < 3; ++i) {
+      const std::string end = "/" + named + std::to_string(i) + ".png";
+      model.images[i].name = named + end;
+      write_image(folder_ / "images" / other / (other + std::to_string(i) + ".png"), flat(kWidth, kHeight, 3, 70 + i));
+    }
+    Image8 mask = flat(kWidth, kHeight, 1, 255);
+    mask.pixels[0] = 0;
+    write_image(folder_ / "masks" / other / (other + "1.png"), mask);
+    write(model);
+    write_bytes(folder_ / "sparse/0/test.txt", other + "/" + other + "2\n");
+    options_.eval = true;
+    const Scene scene = load();
+    ASSERT_EQ(scene.train.size(), 2u);
+    EXPECT_EQ(scene.train[1].image->read()->pixels[0], 71);
+    EXPECT_NE(scene.train[1].valid, nullptr);
+    ASSERT_EQ(scene.test.size(), 1u);
+    EXPECT_EQ(scene.test[0].image->read()->pixels[0], 72);
+    EXPECT_TRUE(scene.warnings.empty());
+    EXPECT_TRUE(says(scene, "0.png as the same in another Unicode form"));
+  }
+  model.images[0].name = "caf\xe9.png";  // Latin-1
+  write_image(folder_ / "images" / "CAF\xe9.jpg", flat(kWidth, kHeight, 3, 9));
+  write(model);
+  EXPECT_EQ(load().train.size() + load().test.size(), 3u) << "bytes that are not UTF-8 are compared as they are";
+}
+
 TEST_F(LoadScene, DoesNotUseAnImageOfAnotherSubfolder) {
   ColmapModel model = line_model(2);
   model.images[0].name = "left/a.png";

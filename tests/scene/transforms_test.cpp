@@ -373,6 +373,24 @@ TEST_F(Transforms, PhotographsAreTurnedIfTheCameraIsUpright) {
   }
 }
 
+TEST_F(Transforms, PathsMayHaveAnotherUnicodeForm) {
+  const std::string decomposed = "Bu\xcc\x88ro", composed = "B\xc3\xbcro";
+  Json json = line(1);
+  json["frames"][0]["file_path"] = "rgb/" + decomposed + ".png";
+  json["frames"][0]["mask_path"] = decomposed + "/m.png";
+  json["ply_file_path"] = decomposed + ".ply";
+  write(json);
+  write_photograph("rgb/" + composed + ".png", 7);
+  Image8 mask = flat(kWidth, kHeight, 1, 255);
+  mask.pixels[0] = 0;
+  write_image(folder_ / composed / "m.png", mask);
+  write_point_ply(folder_ / (composed + ".ply"), {{0, 1, 2}, {10, 20, 30}});
+  const Scene scene = load();
+  EXPECT_EQ(scene.train[0].image->read()->pixels[0], 17);
+  EXPECT_NE(scene.train[0].valid, nullptr);
+  EXPECT_EQ(scene.points.size(), 1);
+}
+
 TEST_F(Transforms, PathsMayHaveTheSeparatorsOfWindows) {
   Json json = line(3);
   const fs::path scene = folder_ / "scene";

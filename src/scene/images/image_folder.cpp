@@ -6,6 +6,7 @@
 #include <cstdint>
 
 #include "core/check.h"
+#include "core/files/unicode_names.h"
 #include "core/text.h"
 
 namespace b3dgs {
@@ -17,7 +18,7 @@ constexpr std::array<const char*, 10> kExtensions{".jpg",  ".jpeg", ".png", ".bm
                                                   ".tiff", ".webp", ".ppm", ".pgm", ".pnm"};
 
 std::string key_of(const fs::path& relative) {
-  return lower_case(fs::path(relative).replace_extension().generic_string());
+  return lower_case(composed_name(fs::path(relative).replace_extension().generic_string()));
 }
 
 bool is_folder(const fs::path& path) {
@@ -176,7 +177,7 @@ fs::path find_mask(const fs::path& folder, const std::string& image, const std::
   for (const std::string& candidate : names_in_folder(image, images)) {
     const std::string stem = fs::path(candidate).replace_extension().generic_string();
     for (const std::string& mask : {candidate + ".png", stem + ".png", stem + ".mask.png", candidate}) {
-      if (is_file(folder / mask)) return folder / mask;
+      if (const fs::path file = find_in_any_form(folder, mask); !file.empty()) return file;
     }
   }
   return {};

@@ -46,8 +46,8 @@ class ImageFolder {
  private:
   using Index = std::unordered_map<std::string, std::filesystem::path>;  // empty path: several files have the key
 
-  /// A file with the same name but another extension or case, or the same last part where either the name or the file
-  /// has no sub-folder; empty if there is none, or more than one.
+  /// A file with the same name but another extension, case or Unicode form, or the same last part where either the name
+  /// or the file has no sub-folder; empty if there is none, or more than one.
   std::filesystem::path find_similar(const std::string& name) const;
 
   std::filesystem::path source_, folder_;
@@ -55,7 +55,7 @@ class ImageFolder {
   int divisor_ = 1;
   std::string note_;
   std::vector<std::filesystem::path> files_;
-  Index by_path_, by_name_;  // keys in lower case, without extension
+  Index by_path_, by_name_;  // keys in lower case, with composed letters, without extension
 };
 
 /// The folder of masks, by which black is left out of training: `masks` inside `source`, or else inside the current

@@ -4,6 +4,7 @@
 #include <tuple>
 
 #include "core/check.h"
+#include "core/files/unicode_names.h"
 #include "core/vec.h"
 #include "scene/images/image_folder.h"
 #include "scene/transforms/transforms.h"
@@ -93,6 +94,12 @@ fs::path path_of(std::string path) {
   return path;
 }
 
+// The file at a path that is relative to the file of the scene.
+fs::path file_at(const fs::path& scene_file, const fs::path& path) {
+  const fs::path file = find_in_any_form(scene_file.parent_path(), path.string());
+  return file.empty() ? scene_file.parent_path() / path : file;
+}
+
 std::string name_of_path(const std::string& path) {
   fs::path name;
   for (const fs::path& part : path_of(path).relative_path().lexically_normal()) {
@@ -145,11 +152,10 @@ class FrameReader {
     }
     const JsonValues own(frame, frame, place), values(frame, json_, place);
     const Pose pose = pose_from_opengl(own.matrix("transform_matrix"), place + ": transform_matrix");
-    // Relative to the folder of the file, with the extension that the name has.
-    const fs::path path = file_.parent_path() / path_of(file_path);
-    model_.files[name] = has_image_extension(path) ? path : fs::path(path.string() + ".png");
+    const fs::path path = path_of(file_path);  // gets the extension that the name has
+    model_.files[name] = file_at(file_, has_image_extension(path) ? path : fs::path(path.string() + ".png"));
     if (const std::string mask = own.text("mask_path"); !mask.empty())
-      model_.masks[name] = file_.parent_path() / path_of(mask);
+      model_.masks[name] = file_at(file_, path_of(mask));
     const std::optional<ImageSize> size = camera_size(values, name);
     const std::uint32_t camera_id = size ? id_of(camera_of_frame(values, *size), place) : 0;
     const auto id = static_cast<std::uint32_t>(model_.model.images.size() + 1);
@@ -366,7 +372,7 @@ void read_transforms(std::string_view text, const fs::path& file, const Photogra
   add_names(json, "test_filenames", place, model.listed_as_test);
   add_names(json, "val_filenames", place, model.listed_as_validation);
   const std::string points = JsonValues(json, json, place).text("ply_file_path");
-  if (!points.empty() && model.points.empty()) model.points = file.parent_path() / path_of(points);
+  if (!points.empty() && model.points.empty()) model.points = file_at(file, path_of(points));
 }
 
 }  // namespace b3dgs

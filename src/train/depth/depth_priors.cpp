@@ -5,6 +5,7 @@
 #include <mutex>
 
 #include "core/check.h"
+#include "core/files/unicode_names.h"
 #include "core/parallel.h"
 #include "core/text.h"
 #include "raster/torch/tensors.h"
@@ -99,7 +100,11 @@ std::optional<DepthAlignment> align_view(const View& view, const Depth16& map, c
 std::vector<fs::path> depth_map_files(const std::string& folder, const Scene& scene) {
   const fs::path root = find_folder(folder, scene);
   std::vector<fs::path> files;
-  for (const View& view : scene.train) files.push_back(root / fs::path(view.name).replace_extension(".png"));
+  for (const View& view : scene.train) {
+    const std::string name = fs::path(view.name).replace_extension(".png").string();
+    const fs::path file = find_in_any_form(root, name);
+    files.push_back(file.empty() ? root / name : file);
+  }
   return files;
 }
 
