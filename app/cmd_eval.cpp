@@ -183,6 +183,10 @@ void evaluate_file(LoadedModel& model, const EvalOptions& options, const torch::
     views.insert(views.end(), model.scene.test.begin(), model.scene.test.end());
     std::sort(views.begin(), views.end(), [](const View& a, const View& b) { return a.name < b.name; });
   }
+  if (views.empty()) {
+    input_error(model.config.source_path, ": expected at least one view of --split ", split, ", found none of ",
+                model.scene.train.size() + model.scene.test.size(), "; evaluate all with --split all");
+  }
   std::cout << model.file.string() << ": " << format_count(model.splats.size()) << " Gaussians\n";
   if (options.split == "auto") {
     std::cout

@@ -244,6 +244,7 @@ void add_scene(LoadedModel& model, StatusLine& status, bool with_photographs) {
   SceneOptions options = scene_options(model.config);
   options.load_images = with_photographs;
   options.seed_points = false;  // the model's Gaussians take the place of points
+  options.needs_training_views = false;
   model.scene = open_scene(options, status);
   if (!model.is_file()) {
     std::string trained = model.folder.read_config().source_path;

@@ -194,19 +194,22 @@ Scene load_scene(const SceneOptions& options, const ProgressFn& progress) {
     if (images) part.back().image = std::make_shared<ViewImage>(sources[i], images);
     if (options.tracks) part.back().points = std::move(model.visible_points[sources[i].image_id]);
   }
-  if (scene.train.empty() && masked_out.size() + scene.test.size() == sources.size() && !masked_out.empty()) {
+  const bool is_unusable = scene.train.empty() && (options.needs_training_views || scene.test.empty());
+  if (is_unusable && masked_out.size() + scene.test.size() == sources.size() && !masked_out.empty()) {
     input_error(sources.front().mask_file, ": masks leave no pixel of any training photograph; black is left out, ",
                 "and --invert_masks leaves out white instead");
   }
-  if (scene.train.empty()) {
+  if (is_unusable) {
     input_error(options.source_path, ": --eval holds out ",
                 model.split.empty() ? detail::concat("every ", kTestEvery, "th image") : "the views of " + model.split,
-                ", which leaves none of ", scene.test.size(), " to train on; remove --eval");
+                ", which leaves none of ", scene.test.size(),
+                " to train on; remove --eval, or give b3dgs compare --no_eval");
   }
-  scene.extent = scene_extent(scene.train, model.points.positions);
-  const std::string far_cameras = describe_far_cameras(scene.train, model.points.positions);
+  const std::vector<View>& views = scene.train.empty() ? scene.test : scene.train;
+  scene.extent = scene_extent(views, model.points.positions);
+  const std::string far_cameras = describe_far_cameras(views, model.points.positions);
   if (!far_cameras.empty()) scene.warnings.push_back(far_cameras);
-  change_frame_of_views(options.frame ? *options.frame : choose_frame(cameras_of(scene.train), model.points.positions),
+  change_frame_of_views(options.frame ? *options.frame : choose_frame(cameras_of(views), model.points.positions),
                         scene);
   scene.points = in_frame(scene.frame, model.points);
   const bool has_points = scene.points.size() > 0, is_resumed = options.frame.has_value();

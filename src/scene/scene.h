@@ -39,11 +39,12 @@ struct SceneOptions {
   std::string images = "images";  // folder of the images inside source_path
   int resolution = -1;            // 1, 2, 4, 8 divide; -1 limits the width to 1600 px; 32 or more: target width in px
   bool eval = false;              // hold out the views that the scene names, or every 8th by sorted name
-  bool white_background = false;  // what RGBA images are composited on
-  bool tracks = false;            // read which view sees which points
-  std::string masks;              // find_mask_folder(); "": masks/ inside source_path, if there is one; "none"
-  bool invert_masks = false;      // white is left out instead of black
-  bool empty_background = false;  // see View::empty
+  bool needs_training_views = true;  // an error if `eval` leaves no view to train on
+  bool white_background = false;     // what RGBA images are composited on
+  bool tracks = false;               // read which view sees which points
+  std::string masks;                 // find_mask_folder(); "": masks/ inside source_path, if there is one; "none"
+  bool invert_masks = false;         // white is left out instead of black
+  bool empty_background = false;     // see View::empty
   std::string lenses = "undistort";  // or "native": keep distorted lenses; "auto": where undistorting shows too little
   bool load_images = true;           // false: cameras and points only
   bool seed_points = false;          // training needs points: add_points_of_photographs() finds some if there are none

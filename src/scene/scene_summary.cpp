@@ -100,7 +100,7 @@ std::string describe_memory(const Scene& scene, const SceneOrigin& origin) {
   for (const std::vector<View>* views : {&scene.train, &scene.test}) {
     for (const View& view : *views) bytes += view.image->n_bytes();
   }
-  const std::int64_t limit = scene.train.front().image->memory()->limit();
+  const std::int64_t limit = (scene.train.empty() ? scene.test : scene.train).front().image->memory()->limit();
   const bool is_limited = limit < std::numeric_limits<std::int64_t>::max();
   return format_bytes(bytes) + " of images" +
          (is_limited ? ", at most " + format_bytes(limit) + " in memory (--host_memory_gb)" : "");

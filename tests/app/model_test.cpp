@@ -143,6 +143,26 @@ TEST_F(TrainedModel, AFolderOfAnotherProgramSaysHowItsGaussiansAreUsed) {
   EXPECT_NE(info.out.find("Gaussians"), std::string::npos) << info.out;
 }
 
+TEST_F(TrainedModel, AFileOfGaussiansCanBeMeasuredOnOnePhotograph) {
+  for (const auto& photograph : fs::directory_iterator(path("scene/images"))) {
+    if (photograph.path().stem() != "00000") fs::remove(photograph);
+  }
+  const std::string ply = path("model/point_cloud/iteration_3/point_cloud.ply");
+  const auto evaluate = [&](const std::string& split) {
+    return run_b3dgs({"eval", ply, "-s", path("scene"), "--split", split, "--device", "cpu", "--quiet"});
+  };
+  for (const char* split : {"auto", "all", "test"}) {
+    const Outcome outcome = evaluate(split);
+    EXPECT_EQ(outcome.exit_code, 0) << outcome.err;
+    EXPECT_NE(outcome.out.find("mean of 1 "), std::string::npos) << outcome.out;
+  }
+  const Outcome none = evaluate("train");
+  EXPECT_EQ(none.exit_code, 2);
+  EXPECT_NE(none.err.find("expected at least one view of --split train, found none of 1; evaluate all"),
+            std::string::npos)
+      << none.err;
+}
+
 TEST_F(TrainedModel, TheDeviceIsThatOfTheMachineThatRenders) {
   change_config("device", "cuda");
   const LoadedModel model = load_model(options_, status_);

@@ -174,6 +174,16 @@ TEST_F(LoadScene, RejectsToHoldOutTheOnlyImage) {
   EXPECT_TRUE(refuses({"--eval", "leaves none"}));
 }
 
+TEST_F(LoadScene, HoldsOutTheOnlyImageForAnEvaluation) {
+  write_scene(1);
+  options_.eval = true;
+  options_.needs_training_views = false;
+  const Scene scene = load();
+  EXPECT_TRUE(scene.train.empty());
+  ASSERT_EQ(scene.test.size(), 1u);
+  EXPECT_EQ(scene.test[0].image->read()->pixels[0], 100);
+}
+
 TEST_F(LoadScene, ScalesIntrinsicsPerAxisToTheImageOnDisk) {
   write(line_model(1));
   write_images(line_model(1), "images", 20, 10);
