@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <nlohmann/json.hpp>
+#include <regex>
 
 #include "scene/colmap/colmap.h"
 #include "support/files.h"
@@ -66,9 +67,10 @@ TEST_F(NamesThatAreNotUtf8, GiveTheResultsOfPlainNames) {
   const fs::path ply = "point_cloud/iteration_20/point_cloud.ply";
   EXPECT_EQ(read_bytes(folder_ / "plain_model" / ply), read_bytes(folder_ / "bytes_model" / ply));
   for (const std::string split : {"train", "test", "all"}) {
-    const std::string plain = evaluate("plain", split);
+    const std::regex name("0000.\\.png");  // the table has ? for a byte that is not UTF-8
+    const std::string plain = std::regex_replace(evaluate("plain", split), name, "NAME");
     EXPECT_NE(plain.find("mean of"), std::string::npos) << plain;
-    EXPECT_EQ(evaluate("bytes", split), plain);
+    EXPECT_EQ(std::regex_replace(evaluate("bytes", split), name, "NAME"), plain);
   }
   const auto results = [&](const char* name, const char* file) {
     return nlohmann::json::parse(read_bytes(folder_ / name / file))["ours_20"];

@@ -89,7 +89,8 @@ TEST(CompareConfig, FewPhotographsLimitEachConfigurationByItsMaxEpochs) {
   std::vector<int> iterations;
   for (const Configuration& entry : entries) iterations.push_back(entry.config.iterations);
   EXPECT_EQ(iterations, (std::vector<int>{3528, 3528, 3528, 24000, 3528, 24000}));
-  EXPECT_EQ(entries[0].config.opacity_reset_interval, 353);
+  EXPECT_EQ(entries[0].config.opacity_reset_interval, 350);
+  EXPECT_EQ(350 % entries[0].config.densification_interval, 0) << "resets follow a round of growth";
   EXPECT_EQ(entries[0].config.densify_until_iter, 16000) << "given for all";
   EXPECT_EQ(entries[4].config.opacity_reset_interval, 2400) << "its own option";
   EXPECT_EQ(parse_configurations("a:naive,b:naive", resolve_options(given).config, given)[0].config.iterations, 24000)
