@@ -128,24 +128,25 @@ torch::Tensor lens_pixels(const CameraView& view, const torch::Tensor& points) {
   return torch::stack({view.fx * u + double{view.cx}, view.fy * v + double{view.cy}}, 1);
 }
 
-/// The nearest points that the lens is linearised at, without graph, and which [N] differ from the points.
+/// The nearest points that the lens is linearised at, and which [N] differ from the points.
 std::pair<torch::Tensor, torch::Tensor> limited_points(const CameraView& view, const torch::Tensor& points) {
   const torch::Tensor x = column(points, 0), y = column(points, 1), z = column(points, 2);
   const torch::Tensor t = points.norm(2, 1);
+  constexpr double kLeastSquare = 1e-60;  // so that the gradient is finite on the axis, where nothing is limited
   if (view.lens.kind == LensKind::kEquirectangular) {
-    const torch::Tensor h = (x * x + z * z).sqrt(), latitude = torch::atan2(y, h);
+    const torch::Tensor h = (x * x + z * z).clamp_min(kLeastSquare).sqrt(), latitude = torch::atan2(y, h);
     const torch::Tensor scale = t * std::cos(kMaxLatitude) / h;
-    return {torch::stack({scale * x, t * latitude.sign() * std::sin(kMaxLatitude), scale * z}, 1).detach(),
+    return {torch::stack({scale * x, t * latitude.sign() * std::sin(kMaxLatitude), scale * z}, 1),
             latitude.abs() > kMaxLatitude};
   }
   const double limit = double{view.lens.max_angle};
-  const torch::Tensor rho = (x * x + y * y).sqrt(), is_limited = angles_to_axis(points) > limit;
+  const torch::Tensor rho = (x * x + y * y).clamp_min(kLeastSquare).sqrt(), is_limited = angles_to_axis(points) > limit;
   if (view.lens.kind == LensKind::kFisheye) {
     const torch::Tensor scale = t * std::sin(limit) / rho;
-    return {torch::stack({scale * x, scale * y, t * std::cos(limit)}, 1).detach(), is_limited};
+    return {torch::stack({scale * x, scale * y, t * std::cos(limit)}, 1), is_limited};
   }
   const torch::Tensor scale = z * std::tan(limit) / rho;
-  return {torch::stack({scale * x, scale * y, z}, 1).detach(), is_limited};
+  return {torch::stack({scale * x, scale * y, z}, 1), is_limited};
 }
 
 /// Projected centres [N, 2] and Jacobians [N, 2, 3] of points [N, 3].

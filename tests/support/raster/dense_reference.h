@@ -6,9 +6,9 @@
 // What it computes, per pixel with centre p = (column + 0.5, row + 0.5):
 //   camera frame    c = R mean + t, +x right, +y down, +z forward; seen if c.z >= near plane (equality is seen)
 //   lens            of other lenses than the pinhole, by its formula (raster/view_lens.h): J and the centre are those
-//                   of the nearest point within the lens's limit, without gradient through that choice; fisheyes
-//                   beyond 80 degrees and panoramas have |c| in place of c.z, and shrink Gaussians whose largest
-//                   standard deviation is above half of it, without gradient through the factor
+//                   of the nearest point within the lens's limit; fisheyes beyond 80 degrees and panoramas have |c| in
+//                   place of c.z, and shrink Gaussians whose largest standard deviation is above half of it, without
+//                   gradient through the factor
 //   order           by c.z, equal depths by index
 //   covariance      Q S S Q^T with Q of the normalised quaternion (w x y z) and S = diag(exp(log_scales))
 //   projection      J R cov R^T J^T + 0.3 px^2 on the diagonal; J is evaluated at the centre, with x/z and y/z clamped
