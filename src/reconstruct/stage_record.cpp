@@ -6,6 +6,7 @@
 #include "core/check.h"
 #include "core/files/atomic_file.h"
 #include "core/files/json_file.h"
+#include "core/json_text.h"
 
 namespace b3dgs {
 namespace {
