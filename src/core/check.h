@@ -72,13 +72,14 @@ inline Character first_character(std::string_view text) {
   return is_valid ? Character{code, bytes, true} : c;
 }
 
-/// Whether it can control a terminal (C0, C1, also as a single byte), break a line, or change the order of others.
+/// Returns whether a character can control a terminal (C0, C1), break a line, or change the order of other characters.
 inline bool is_control(const Character& c) {
-  const auto is_in = [&](char32_t first, char32_t last) { return c.code >= first && c.code <= last; };
+  const auto is_in = [&](char32_t first, char32_t last) { return c.is_utf8 && c.code >= first && c.code <= last; };
   return is_in(0, 0x1F) || is_in(0x7F, 0x9F) || is_in(0x2028, 0x202E) || is_in(0x2066, 0x2069);
 }
 
-/// For names from files, which are printed. Names that are not UTF-8 are allowed.
+/// Checks a name that a file gives. Bytes that are not UTF-8, as in Latin-1 or Shift-JIS, are not control characters,
+/// because one_line() never prints them.
 inline bool has_control_characters(std::string_view text) {
   for (std::size_t at = 0; at < text.size();) {
     const Character c = first_character(text.substr(at));

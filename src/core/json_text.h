@@ -2,7 +2,6 @@
 // excerpts for error messages.
 #pragma once
 
-#include <algorithm>
 #include <charconv>
 #include <cstddef>
 #include <cstdint>
@@ -28,36 +27,18 @@ inline constexpr int kMaxJsonDepth = 64;
 /// Starts an escape, and is followed by two hexadecimal digits. Names of photographs have no control characters.
 inline constexpr char kByteEscape = '\x1a';
 
-/// Returns the length of the UTF-8 character at the start of `text`, or 0 if there is none.
-inline std::size_t utf8_length(std::string_view text) {
-  const auto byte = [text](std::size_t i) { return i < text.size() ? static_cast<unsigned char>(text[i]) : 0U; };
-  const unsigned first = byte(0);
-  if (first < 0x80) return text.empty() ? 0 : 1;
-  if (first < 0xC2 || first > 0xF4) return 0;
-  const std::size_t length = first < 0xE0 ? 2 : first < 0xF0 ? 3 : 4;
-  // Longer forms of shorter characters, surrogates, and values above 10FFFF are not valid.
-  const unsigned least = first == 0xE0 ? 0xA0 : first == 0xF0 ? 0x90 : 0x80;
-  const unsigned most = first == 0xED ? 0x9F : first == 0xF4 ? 0x8F : 0xBF;
-  if (byte(1) < least || byte(1) > most) return 0;
-  for (std::size_t i = 2; i < length; ++i) {
-    if ((byte(i) & 0xC0) != 0x80) return 0;
-  }
-  return length;
-}
-
 /// Returns UTF-8 from which unescape_bytes() restores `bytes`. Valid UTF-8 without kByteEscape stays as it is.
 inline std::string escape_bytes(std::string_view bytes) {
   std::string text;
   while (!bytes.empty()) {
-    const std::size_t length = bytes[0] == kByteEscape ? 0 : utf8_length(bytes);
-    if (length == 0) {
+    const detail::Character c = detail::first_character(bytes);
+    if (!c.is_utf8 || bytes[0] == kByteEscape) {
       constexpr const char* kDigits = "0123456789abcdef";
-      const auto byte = static_cast<unsigned char>(bytes[0]);
-      text += {kByteEscape, kDigits[byte >> 4], kDigits[byte & 15]};
+      text += {kByteEscape, kDigits[c.code >> 4], kDigits[c.code & 15]};
     } else {
-      text += bytes.substr(0, length);
+      text += bytes.substr(0, c.bytes);
     }
-    bytes.remove_prefix(std::max<std::size_t>(length, 1));
+    bytes.remove_prefix(c.bytes);
   }
   return text;
 }
