@@ -98,7 +98,7 @@ TEST(TrainLogReader, SkipsMissingFieldsAndDamagedLines) {
   EXPECT_FALSE(switches_kernel(history.events["kernel_check"][0]));
   ASSERT_EQ(history.events["load_statistics"].size(), 1u);
   EXPECT_TRUE(history.events["load_statistics"][0]["tile_lists"].is_null());
-  EXPECT_TRUE(history.events["load_statistics"][0]["views"].is_null()) << "earlier versions named one view";
+  EXPECT_TRUE(history.events["load_statistics"][0]["views"].is_null());
   EXPECT_TRUE(read_train_log("/nonexistent/train.jsonl").points.empty());
 }
 

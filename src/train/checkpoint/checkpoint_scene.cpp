@@ -58,6 +58,11 @@ std::uint32_t points_crc(const Scene& scene) {
   return add_crc(add_crc(0, scene.points.positions.data(), n * sizeof(float)), scene.points.colors.data(), n);
 }
 
+std::string describe_view(const Json& view) {
+  return detail::concat(view.at("name").get<std::string>(), ", ", view.at("width").get<int>(), " x ",
+                        view.at("height").get<int>(), " px");
+}
+
 // "; 2 are missing (00002.png, ...)"; empty if there are no names.
 std::string count_and_first(const std::vector<std::string>& names, const char* what) {
   if (names.empty()) return "";
@@ -127,10 +132,7 @@ void check_scene(const Json& header, const Scene& scene, const std::string& plac
               ": the scene is in another frame; load it with SceneOptions::frame = checkpoint_frame()");
   try {
     const Json &saved = header.at("scene"), &before = saved.at("train_views");
-    Json after = describe_views(scene);
-    // Earlier versions replaced bytes of names that are not UTF-8.
-    const Json replaced = Json::parse(after.dump(-1, ' ', false, Json::error_handler_t::replace));
-    if (before == replaced) after = replaced;
+    const Json after = describe_views(scene);
     const std::string difference = describe_difference(before, after, scene);
     if (before.size() != after.size()) {
       input_error(place, ": trained on ", before.size(), " views, but the scene has ", after.size(), difference,
@@ -139,8 +141,8 @@ void check_scene(const Json& header, const Scene& scene, const std::string& plac
     if (!difference.empty()) input_error(place, ": trained on other views of the scene", difference, remedy);
     for (std::size_t i = 0; i < before.size(); ++i) {
       if (before[i] != after[i]) {
-        input_error(place, ": training view ", i, " was ", dump_json(before[i]), ", but in the scene it is ",
-                    dump_json(after[i]), remedy);
+        input_error(place, ": expected training view ", i, " to be ", describe_view(before[i]), ", found ",
+                    describe_view(after[i]), remedy);
       }
     }
     // Missing in checkpoints of early versions.
