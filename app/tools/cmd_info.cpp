@@ -88,6 +88,7 @@ void describe_points(const std::string& path) {
   const WorldPoints points = read_point_ply(path);
   std::printf("%s: points; median (1st to 99th percentile)\n", path.c_str());
   print_row("points", "%s", format_count(points.size()).c_str());
+  if (!points.left_out.empty()) print_text("warning: " + points.left_out);
   if (points.size() > 0) print_bounds(points.positions);
 }
 

@@ -182,6 +182,7 @@ Scene load_scene(const SceneOptions& options, const ProgressFn& progress) {
   scene.options = options;
   scene.warnings = model.warnings;
   if (!mask_warning.empty()) scene.warnings.push_back(mask_warning);
+  if (!model.points.left_out.empty()) scene.warnings.push_back(model.points.left_out);
   std::vector<std::string> masked_out;
   for (std::size_t i = 0; i < sources.size(); ++i) {
     if (sources[i].is_masked_out) {

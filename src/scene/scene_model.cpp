@@ -18,6 +18,7 @@ namespace fs = std::filesystem;
 
 WorldPoints points_of(const ColmapModel& model) {
   WorldPoints points;
+  points.left_out = model.left_out_points;
   points.positions.reserve(3 * model.points.size());
   points.colors.reserve(3 * model.points.size());
   for (const ColmapPoint& point : model.points) {

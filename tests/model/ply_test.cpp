@@ -475,6 +475,22 @@ TEST(PointPly, ScalesColoursByTypeAndDefaultsToMidGrey) {
   EXPECT_TRUE(fails_with<InputError>({"c.ply", "no property z"}, [&] { read_point_ply(folder / "c.ply"); }));
 }
 
+TEST(PointPly, LeavesOutPointsThatAreNotFinite) {
+  const TempDir folder;
+  const std::string header =
+      "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n"
+      "property uchar red\nproperty uchar green\nproperty uchar blue\nend_header\n";
+  write_bytes(folder / "a.ply", header + "1 2 3 10 20 30\n4 nan 6 40 50 60\n7 8 9 70 80 90\n");
+  const WorldPoints points = read_point_ply(folder / "a.ply");
+  EXPECT_EQ(points.positions, (std::vector<double>{1, 2, 3, 7, 8, 9}));
+  EXPECT_EQ(points.colors, (std::vector<std::uint8_t>{10, 20, 30, 70, 80, 90}));
+  EXPECT_EQ(points.left_out,
+            (folder / "a.ply").string() +
+                ": row 1 (counted from 0): expected a finite y, found nan; 1 of 3 points are left out");
+  write_bytes(folder / "b.ply", header + "1 2 inf 1 1 1\n4 nan 6 1 1 1\nnan 8 9 1 1 1\n");
+  EXPECT_TRUE(fails_with<InputError>({"b.ply: row 0", "finite z", "inf"}, [&] { read_point_ply(folder / "b.ply"); }));
+}
+
 TEST(PointPly, RejectsListsLongerThanTheFile) {
   const TempDir folder;
   const std::string begin = "element vertex 1\nproperty list ", end =

@@ -245,14 +245,25 @@ TEST_F(DamagedModel, RejectsDuplicateIdsAndNames) {
   EXPECT_TRUE(refuses({file("cameras.bin"), "two cameras have the ID 3"}));
 }
 
-TEST_F(DamagedModel, NamesThePointThatIsNotFinite) {
-  ColmapModel model = sample_model();
-  model.points[1].position[2] = INFINITY;
-  write(model);
-  EXPECT_TRUE(refuses({file("points3D.bin"), "point 9007199254740993", "inf"}));
-  model.points[1].position[2] = 1e300;  // finite in the file, not in memory
-  write(model);
-  EXPECT_TRUE(refuses({"point 9007199254740993", "1e+300"}));
+TEST_F(DamagedModel, LeavesOutPointsThatAreNotFinite) {
+  for (const auto format : {ColmapFormat::kText, ColmapFormat::kBinary}) {
+    for (const auto& [value, text] :
+         {std::pair<double, const char*>{NAN, "nan"}, {INFINITY, "inf"}, {1e300, "1e+300"}}) {
+      ColmapModel model = sample_model();
+      model.points[0].position[2] = value;
+      write(model, format);
+      const ColmapModel read = read_colmap_model(folder_.path());
+      ASSERT_EQ(read.points.size(), 1u);
+      EXPECT_EQ(read.points[0].id, 9007199254740993u);
+      EXPECT_EQ(read.left_out_points, file(format == ColmapFormat::kText ? "points3D.txt" : "points3D.bin") +
+                                          ": point 0: expected coordinates of at most 1e+12, found " + text +
+                                          "; 1 of 2 points are left out");
+      model.points[1].position[0] = value;
+      write(model, format);
+      EXPECT_TRUE(refuses({"point 0", text, "reconstruct the scene again"})) << "all of them";
+      fs::remove(folder_ / "cameras.txt");  // else both formats are there
+    }
+  }
 }
 
 TEST_F(DamagedModel, NamesTheLineOfAWrongNumber) {

@@ -70,6 +70,7 @@ struct ColmapModel {
   std::vector<ColmapImage> images;
   std::vector<ColmapPoint> points;
   std::vector<LeftOutImage> left_out{};  // not in `images`
+  std::string left_out_points{};         // a warning about points whose positions cannot be used, or ""
 };
 
 /// Name as COLMAP writes it ("SIMPLE_RADIAL"), and its parameters in order ("f, cx, cy, k").
@@ -102,14 +103,15 @@ std::uint64_t count_colmap_images(const std::filesystem::path& folder);
 
 /// Reads cameras, images and points3D from one folder in its colmap_format(). Other files, such as the rigs and frames
 /// of newer versions of COLMAP, are ignored. Images are left out if their pose or their camera is impossible, such as
-/// NaN.
-/// Without `needs_points`, the file of points may be missing. @throws InputError if no image is left, or with file,
-/// record or line, what was expected and what was found
+/// NaN, and points if their position is. If there is no file of points in this format, one in the other format is read.
+/// Without `needs_points`, it may be missing. @throws InputError if no image or no point is left, or with file, record
+/// or line, what was expected and what was found
 ColmapModel read_colmap_model(const std::filesystem::path& folder, bool tracks = false, bool needs_points = true);
 
 /// The same from open files.
 struct ColmapFiles {
   FileReader &cameras, &images, &points;
+  std::optional<ColmapFormat> point_format{};  // if it differs from that of the others
 };
 ColmapModel read_colmap_model(const ColmapFiles& files, ColmapFormat format, bool tracks = false);
 

@@ -319,12 +319,21 @@ std::map<std::uint32_t, std::string> faults_of(const std::vector<Record>& record
   return faults;
 }
 
-void check_point(const ColmapPoint& point, const std::string& file) {
-  for (const double value : point.position) {
-    if (std::abs(value) <= kMaxCoordinate) continue;
-    input_error(file, ": point ", point.id, ": expected coordinates of at most ", kMaxCoordinate, ", found ", value,
-                "; remove the point or reconstruct the scene again");
-  }
+// Removes points without a usable position. Returns a warning, "" if there are none.
+std::string leave_out_points(std::vector<ColmapPoint>& points, const std::string& file) {
+  const auto is_unusable = [](double value) { return !(std::abs(value) <= kMaxCoordinate); };
+  const auto is_bad = [&](const ColmapPoint& point) {
+    return std::any_of(point.position.begin(), point.position.end(), is_unusable);
+  };
+  const auto first = std::find_if(points.begin(), points.end(), is_bad);
+  if (first == points.end()) return "";
+  const double found = *std::find_if(first->position.begin(), first->position.end(), is_unusable);
+  const std::string fault = detail::concat(file, ": point ", first->id, ": expected coordinates of at most ",
+                                           kMaxCoordinate, ", found ", found);
+  const std::size_t n = points.size();
+  points.erase(std::remove_if(first, points.end(), is_bad), points.end());
+  if (points.empty()) input_error(fault, "; reconstruct the scene again");
+  return detail::concat(fault, "; ", n - points.size(), " of ", n, " points are left out");
 }
 
 }  // namespace
@@ -370,9 +379,8 @@ ColmapModel read_colmap_model(const ColmapFiles& files, ColmapFormat format, boo
     }
   }
   if (model.images.empty() && !model.left_out.empty()) input_error(model.left_out.front().reason);
-  model.points = read_records<ColmapPoint>(files.points, format, tracks);
-  const std::string point_file = files.points.name();
-  for (const ColmapPoint& point : model.points) check_point(point, point_file);
+  model.points = read_records<ColmapPoint>(files.points, files.point_format.value_or(format), tracks);
+  model.left_out_points = leave_out_points(model.points, files.points.name());
   expect_different(model.points, &ColmapPoint::id, "points have the ID", files.points);
   return model;
 }

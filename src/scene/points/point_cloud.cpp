@@ -92,22 +92,34 @@ WorldPoints read_point_ply(FileReader& file) {
   WorldPoints points;
   points.positions.resize(vertices.count * 3);
   points.colors.assign(vertices.count * 3, 128);
+  std::size_t n = 0;  // values of points that are kept
   reader.read_vertices(columns, [&](std::uint64_t first, std::uint64_t n_rows, const double* values) {
-    for (std::uint64_t row = first; row < first + n_rows; ++row) {
-      for (std::size_t k = 0; k < columns.size(); ++k, ++values) {
-        if (!std::isfinite(static_cast<float>(*values))) {
-          input_error(reader.name(), ": row ", row, " (counted from 0): expected a finite ", columns[k], ", found ",
-                      *values, "; remove this point or export the file again");
-        }
+    for (std::uint64_t row = first; row < first + n_rows; ++row, values += columns.size()) {
+      const double* const end = values + columns.size();
+      const double* const bad =
+          std::find_if_not(values, end, [](double value) { return std::isfinite(static_cast<float>(value)); });
+      if (bad != end) {
+        if (!points.left_out.empty()) continue;
+        points.left_out = detail::concat(reader.name(), ": row ", row, " (counted from 0): expected a finite ",
+                                         columns[static_cast<std::size_t>(bad - values)], ", found ", *bad);
+        continue;
+      }
+      for (std::size_t k = 0; k < columns.size(); ++k) {
         if (k < 3) {
-          points.positions[3 * row + k] = *values;
+          points.positions[n + k] = values[k];
         } else {
-          const double color = std::clamp(*values * to_8_bits, 0.0, 255.0);
-          points.colors[3 * row + k - 3] = static_cast<std::uint8_t>(std::lround(color));
+          const double color = std::clamp(values[k] * to_8_bits, 0.0, 255.0);
+          points.colors[n + k - 3] = static_cast<std::uint8_t>(std::lround(color));
         }
       }
+      n += 3;
     }
   });
+  if (points.left_out.empty()) return points;
+  if (n == 0) input_error(points.left_out, "; export the file again");
+  points.left_out += detail::concat("; ", vertices.count - n / 3, " of ", vertices.count, " points are left out");
+  points.positions.resize(n);
+  points.colors.resize(n);
   return points;
 }
 

@@ -20,6 +20,7 @@ template <class Real>
 struct Points {
   std::vector<Real> positions;       // [N, 3]
   std::vector<std::uint8_t> colors;  // [N, 3] RGB
+  std::string left_out{};            // a warning about points of the file that cannot be used, or ""
 
   std::int64_t size() const { return static_cast<std::int64_t>(positions.size() / 3); }
 };
@@ -35,7 +36,8 @@ void write_point_ply(const std::filesystem::path& path, const PointCloud& points
 
 /// Reads x, y, z and colours by name, in any order and of any scalar type, from binary (both byte orders) or ASCII
 /// files. Colours of type float and double range from 0 to 1, 16-bit colours are reduced to 8 bits, and points without
-/// colours become mid-grey. @throws InputError, also for values that are not finite
+/// colours become mid-grey. Points with values that are not finite are left out (Points::left_out).
+/// @throws InputError, also if no point is left
 WorldPoints read_point_ply(const std::filesystem::path& path);
 WorldPoints read_point_ply(FileReader& file);
 

@@ -64,7 +64,7 @@ GaussianTensors to_tensors(const SplatCloud& cloud, int sh_degree, torch::Device
 
 SplatCloud initial_splats(const TrainConfig& config, const Scene& scene) {
   PointCloud points;
-  std::string place = scene.source_path + ": the COLMAP model";
+  std::string place = scene.source_path + ": the COLMAP model", left_out;
   if (config.init_ply.empty()) {
     points = scene.points;
   } else if (holds_splats(config.init_ply)) {
@@ -73,7 +73,9 @@ SplatCloud initial_splats(const TrainConfig& config, const Scene& scene) {
     change_frame(scene.frame, cloud);
     return cloud;
   } else {
-    points = in_frame(scene.frame, read_point_ply(config.init_ply));
+    const WorldPoints read = read_point_ply(config.init_ply);
+    points = in_frame(scene.frame, read);
+    left_out = read.left_out;
     place = config.init_ply;
   }
   if (points.size() == 0) {
@@ -84,6 +86,7 @@ SplatCloud initial_splats(const TrainConfig& config, const Scene& scene) {
   }
   SplatCloud cloud = splats_from_points(points, 0, config.init_opacity, config.init_scale);
   cloud.frame = scene.frame;
+  if (!left_out.empty()) cloud.notes.push_back(left_out);
   return cloud;
 }
 
