@@ -20,15 +20,15 @@
 
 namespace b3dgs {
 
-/// A number is NaN or infinite.
-class NotFiniteError : public InputError {
+/// A number is NaN or infinite, or a matrix cannot be the pose of a camera.
+class UnusableValue : public InputError {
  public:
   using InputError::InputError;
 };
 
 /// Values of a JSON object, such as a frame, or else of another one, such as the whole file; nothing, false or "" if
 /// neither has the key. @throws InputError, beginning with `place`, for wrong types and impossible values;
-/// NotFiniteError for numbers that are NaN or infinite
+/// UnusableValue for numbers that are NaN or infinite
 class JsonValues {
  public:
   using Json = nlohmann::ordered_json;
@@ -87,8 +87,8 @@ using PhotographSizesFn = std::function<PhotographSizes(const std::string& image
 
 /// Adds the frames of the text of a file. `sizes_of` is called for frames without w and h. Keys that are not known are
 /// ignored; poses are taken as written, whatever applied_transform says. @throws InputError with file, frame, expected
-/// and found, also for camera models that photographs cannot be undistorted from. Frames with NaN or an infinity are
-/// left out, unless all are
+/// and found, also for camera models that photographs cannot be undistorted from. Frames with
+/// an UnusableValue are left out, unless all are
 void read_transforms(std::string_view text, const std::filesystem::path& file, const PhotographSizesFn& sizes_of,
                      TransformsModel& model);
 

@@ -127,11 +127,11 @@ class FrameReader {
     for (const ColmapImage& image : model.model.images) names_.insert(image.name);
   }
 
-  /// Frames with NaN or an infinity are left out.
+  /// Leaves out the frame if it has an UnusableValue.
   void read_frame(const Json& frame, std::size_t index) {
     try {
       add_frame(frame, index);
-    } catch (const NotFiniteError& error) {
+    } catch (const UnusableValue& error) {
       model_.model.left_out.push_back({name_of_path(frame.at("file_path").get<std::string>()), error.what()});
     }
   }
@@ -151,7 +151,7 @@ class FrameReader {
       input_error(place, ": the photograph ", name, " is in two frames; remove one of them");
     }
     const JsonValues own(frame, frame, place), values(frame, json_, place);
-    const Pose pose = pose_from_opengl(own.matrix("transform_matrix"), place + ": transform_matrix");
+    const Pose pose = pose_of(own);
     const fs::path path = path_of(file_path);  // gets the extension that the name has
     model_.files[name] = file_at(file_, has_image_extension(path) ? path : fs::path(path.string() + ".png"));
     if (const std::string mask = own.text("mask_path"); !mask.empty())
@@ -160,6 +160,15 @@ class FrameReader {
     const std::uint32_t camera_id = size ? id_of(camera_of_frame(values, *size), place) : 0;
     const auto id = static_cast<std::uint32_t>(model_.model.images.size() + 1);
     model_.model.images.push_back({id, quaternion_from_rotation(pose.rotation), pose.translation, camera_id, name});
+  }
+
+  static Pose pose_of(const JsonValues& frame) {
+    const OpenGlMatrix matrix = frame.matrix("transform_matrix");
+    try {
+      return pose_from_opengl(matrix, frame.place() + ": transform_matrix");
+    } catch (const InputError& error) {
+      throw UnusableValue(error.what());
+    }
   }
 
   using CameraKey = std::tuple<CameraModel, std::uint64_t, std::uint64_t, std::vector<double>>;
@@ -251,8 +260,8 @@ std::string with_quotes(std::string_view text) {
 }
 
 [[noreturn]] void fail_not_finite(const std::string& place, const char* key, const Json& found) {
-  throw NotFiniteError(detail::one_line(detail::concat(place, ": expected ", key, " to be finite, found ",
-                                                       found.get<std::string>(), "; remove the frame or correct it")));
+  throw UnusableValue(detail::one_line(detail::concat(place, ": expected ", key, " to be finite, found ",
+                                                      found.get<std::string>(), "; remove the frame or correct it")));
 }
 
 }  // namespace
