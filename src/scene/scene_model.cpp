@@ -89,11 +89,17 @@ SceneModel read_colmap_scene(const SceneOptions& options) {
   const SparseModelFolder found = find_model_folder(options.source_path);
   SceneModel scene;
   const bool is_binary = colmap_format(found.folder) == ColmapFormat::kBinary;
-  const fs::path ply = found.folder / "points3D.ply";  // as some programs write it instead
-  const bool uses_ply = is_file(ply) && !is_file(found.folder / (is_binary ? "points3D.bin" : "points3D.txt"));
+  const std::string own = is_binary ? "points3D.bin" : "points3D.txt", ply = "points3D.ply";
+  std::string points = own;
+  for (const std::string& name : {own, std::string(is_binary ? "points3D.txt" : "points3D.bin"), ply}) {
+    if (!is_file(found.folder / name)) continue;
+    points = name;
+    break;
+  }
+  const bool uses_ply = points == ply;
   scene.model = read_colmap_model(found.folder, options.tracks, /*needs_points=*/options.seed_points && !uses_ply);
-  scene.points = uses_ply ? read_point_ply(ply) : points_of(scene.model);
-  if (uses_ply) scene.points_description = "points3D.ply";
+  scene.points = uses_ply ? read_point_ply(found.folder / ply) : points_of(scene.model);
+  if (points != own) scene.points_description = points;
   scene.visible_points = visible_points(scene.model);
   scene.model.points = {};
   const std::string folder = found.folder.lexically_relative(options.source_path).string();

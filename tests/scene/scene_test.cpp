@@ -449,6 +449,37 @@ TEST_F(LoadScene, LeavesOutImagesWithoutAUsablePose) {
   EXPECT_NE(scene.warnings[0].find("leave out 1 of 5 images (first: 03.png)"), std::string::npos) << scene.warnings[0];
 }
 
+TEST_F(LoadScene, WarnsOfPointsThatAreNotFinite) {
+  ColmapModel model = line_model(3);
+  write_images(model);
+  ASSERT_EQ(model.points.size(), 1u);
+  model.points.push_back({77, {0, std::nan(""), 0}, {1, 2, 3}, 0});
+  write(model);
+  const Scene scene = load();
+  EXPECT_EQ(scene.points.size(), 1);
+  ASSERT_EQ(scene.warnings.size(), 1u);
+  EXPECT_NE(scene.warnings[0].find("points3D.bin: point 77: expected"), std::string::npos) << scene.warnings[0];
+  EXPECT_NE(scene.warnings[0].find("1 of 2 points are left out"), std::string::npos) << scene.warnings[0];
+}
+
+TEST_F(LoadScene, ReadsPointsInTheOtherFormat) {
+  const ColmapModel model = line_model(3);
+  write_images(model);
+  options_.seed_points = true;
+  for (const auto& [format, other, own_file, other_file] :
+       {std::tuple{ColmapFormat::kBinary, ColmapFormat::kText, "points3D.bin", "points3D.txt"},
+        {ColmapFormat::kText, ColmapFormat::kBinary, "points3D.txt", "points3D.bin"}}) {
+    remove_tree(folder_ / "sparse");
+    write_colmap_model(folder_ / "other", model, other);
+    write_colmap_model(folder_ / "sparse/0", model, format);
+    fs::remove(folder_ / "sparse/0" / own_file);
+    fs::rename(folder_ / "other" / other_file, folder_ / "sparse/0" / other_file);
+    const Scene scene = load();
+    EXPECT_EQ(scene.points.size(), 1) << other_file;
+    EXPECT_TRUE(says(scene, std::string("1: ") + other_file));
+  }
+}
+
 TEST_F(LoadScene, ReadsPointsFromAPlyBesideTheModel) {
   const PointCloud points{{0, 1, 2, 3, 4, 5}, {10, 20, 30, 40, 50, 60}};
   const ColmapModel model = line_model(3);

@@ -391,12 +391,14 @@ ColmapModel read_colmap_model(const fs::path& folder, bool tracks, bool needs_po
     input_error(folder.string(),
                 ": no COLMAP model found (expected cameras, images and points3D, as .bin or .txt files)");
   }
-  const fs::path points_file = file_of(folder, "points3D", *format);
-  const bool has_points = fs::exists(points_file);
+  const ColmapFormat other_format = *format == ColmapFormat::kBinary ? ColmapFormat::kText : ColmapFormat::kBinary;
+  const fs::path points_file = file_of(folder, "points3D", *format),
+                 other_points_file = file_of(folder, "points3D", other_format);
+  const bool has_points = fs::exists(points_file), has_other_points = !has_points && fs::exists(other_points_file);
   for (const char* stem : {"cameras", "images", "points3D"}) {
     const fs::path file = file_of(folder, stem, *format);
     const bool is_points = file == points_file;
-    if (is_points ? has_points || !needs_points : fs::exists(file)) continue;
+    if (is_points ? has_points || has_other_points || !needs_points : fs::exists(file)) continue;
     input_error(file.string(), ": file not found; a COLMAP model has the files cameras, images and points3D, all ",
                 file.extension().string(),
                 is_points ? "; restore it, put a points3D.ply there, or pass points with --init_ply" : "");
@@ -404,6 +406,10 @@ ColmapModel read_colmap_model(const fs::path& folder, bool tracks, bool needs_po
   FileReader cameras(file_of(folder, "cameras", *format)), images(file_of(folder, "images", *format));
   const std::string no_points(*format == ColmapFormat::kBinary ? sizeof(std::uint64_t) : 0, '\0');  // their count
   FileReader empty(points_file.string(), no_points);
+  if (has_other_points) {
+    FileReader points(other_points_file);
+    return read_colmap_model({cameras, images, points, other_format}, *format, tracks);
+  }
   if (!has_points) return read_colmap_model({cameras, images, empty}, *format, tracks);
   FileReader points(points_file);
   return read_colmap_model({cameras, images, points}, *format, tracks);
