@@ -139,6 +139,18 @@ TEST_F(DamagedModel, ReadsWhatOtherProgramsWriteForNan) {
   write(sample_model(), ColmapFormat::kText);
   replace("cameras.txt", "7 PINHOLE 64 48 -nan(ind) nan 32 24\n3 PINHOLE 640 480 50 50 32 24\n");
   EXPECT_TRUE(leaves_out(kSecond, {file("cameras.txt"), "camera 7", "nan"}));
+  replace("cameras.txt", "7 PINHOLE 64 48 50 -1.#IND 32 24\n3 PINHOLE 640 480 50 50 32 24\n");
+  EXPECT_TRUE(leaves_out(kSecond, {file("cameras.txt"), "camera 7", "nan"}));
+  replace("cameras.txt", "7 PINHOLE 64 48 50 50 32 24\n");
+  replace("images.txt", "1 1 0 0 0 0 1.#QNAN 1 7 a.png\n1.5 2e1 -1 -1.#IND00 1.#INF 17\n2 1 0 0 0 0 0 1 7 b.png\n\n");
+  EXPECT_TRUE(leaves_out("a.png", {file("images.txt"), "image 1", "translation", "nan"}));
+  for (const char* nan : {"1.#QNAN", "-1.#IND", "-1.#IND000", "-nan(ind)", "1.#INF", "NaN"}) {
+    replace("points3D.txt", std::string("1 0 0 ") + nan + " 1 2 3 0\n2 0 0 1 1 2 3 0\n");
+    const ColmapModel model = read_colmap_model(folder_.path());
+    ASSERT_EQ(model.points.size(), 1u) << nan;
+    EXPECT_EQ(model.points[0].id, 2u);
+    EXPECT_NE(model.left_out_points.find("point 1: "), std::string::npos) << model.left_out_points;
+  }
 }
 
 TEST_F(DamagedModel, LeavesOutImagesOfACameraWithoutPixels) {

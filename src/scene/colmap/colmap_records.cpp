@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
+#include <limits>
 #include <type_traits>
 
 #include "core/check.h"
@@ -110,14 +111,21 @@ struct BinaryReader {
   }
 };
 
+// Returns whether the word is NaN or an infinity as older programs on Windows write them: 1.#QNAN, -1.#IND, 1.#INF.
+bool is_windows_nan(std::string_view word) {
+  if (!word.empty() && (word[0] == '-' || word[0] == '+')) word.remove_prefix(1);
+  return word.substr(0, 3) == "1.#";
+}
+
 // An image's second line holds x, y and the ID of a 3D point for each 2D point. Without this check, a file that lacks
 // the second lines would silently lose every other image. If the names of images are numbers too, the count tells: a
 // first line has 10 words.
 void check_points_2d_line(const FileReader& file, std::string_view line, const ColmapImage& image) {
   const auto is_number = [](std::string_view word) {
-    if (word.find_first_not_of("0123456789+-.eE") == std::string_view::npos) return true;
+    if (word.find_first_not_of("0123456789+-.eE") == std::string_view::npos || is_windows_nan(word)) return true;
     word.remove_prefix(word[0] == '-' || word[0] == '+' ? 1 : 0);
-    return word.substr(0, 3) == "nan" || word.substr(0, 3) == "inf";
+    const std::string start = lower_case(std::string(word.substr(0, 3)));
+    return start == "nan" || start == "inf";
   };
   std::size_t n_words = 0;
   std::string found;
@@ -140,6 +148,14 @@ struct TextReader {
 
   template <class T>
   void number(T& value, const char* what) {
+    if constexpr (std::is_floating_point_v<T>) {
+      TextFields rest = fields;
+      if (is_windows_nan(rest.word())) {
+        value = std::numeric_limits<T>::quiet_NaN();
+        fields = rest;
+        return;
+      }
+    }
     value = fields.number<T>(what, [this] { return file.place(); });
   }
   void model(ColmapCamera& camera) { camera.model = camera_model_from_name(std::string(fields.word()), file.place()); }
