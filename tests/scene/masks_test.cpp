@@ -15,6 +15,7 @@ namespace b3dgs {
 namespace {
 
 namespace fs = std::filesystem;
+using test::fails_with;
 using test::flat;
 using test::kHeight;
 using test::kWidth;
@@ -139,6 +140,20 @@ TEST_F(Masks, OfOtherSizesAreResizedAndEqualOnesShareMemory) {
   EXPECT_TRUE(refuses({"b.png", "aspect ratio", "40 x 30 px", "40 x 40 px"}));
   test::write_bytes(folder_ / "masks/b.png", "no image");
   EXPECT_TRUE(refuses({"masks/b.png", "cannot be decoded"}));
+}
+
+TEST_F(Masks, MayDifferByAPixelFromRounding) {
+  const fs::path file = folder_ / "mask.png";
+  for (const ImageSize size : {ImageSize{40, 30}, {80, 60}, {20, 15}}) {
+    write_image(file, with_black_columns(0, size.width / 4, size.width, size.height));
+    const Image8 mask = read_mask(file, {40, 31}, /*invert=*/false, 1);
+    EXPECT_EQ(mask.size(), (ImageSize{40, 31}));
+    for (const int y : {0, 30}) {
+      EXPECT_EQ(*mask.at(9, y), 0) << size.width;
+      EXPECT_EQ(*mask.at(10, y), 255) << size.width;
+    }
+    EXPECT_TRUE(fails_with<InputError>({"aspect ratio"}, [&] { read_mask(file, {40, 33}, false, 1); })) << size.width;
+  }
 }
 
 TEST_F(Masks, AskedForAndNotFoundIsAnError) {

@@ -50,7 +50,7 @@ ImageSize training_size(ImageSize size, int resolution);
 /// @throws InputError unless `resolution` is -1, 1, 2, 4, 8 or at least kMinWidth: -r 3 is probably meant as a divisor
 void check_resolution(int resolution);
 
-/// Whether the sizes have one aspect ratio, up to the rounding of one side by less than a pixel of `size`.
+/// Returns whether the sizes have one aspect ratio, up to the rounding of one side by a pixel of the smaller image.
 bool has_same_aspect(ImageSize other, ImageSize size);
 /// Whether they have it only if the sides of `other` are swapped.
 bool is_turned(ImageSize other, ImageSize size);

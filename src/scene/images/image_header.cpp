@@ -282,7 +282,7 @@ ImageSize training_size(ImageSize size, int resolution) {
 
 bool has_same_aspect(ImageSize other, ImageSize size) {
   const std::int64_t across = std::int64_t{other.width} * size.height, down = std::int64_t{other.height} * size.width;
-  return std::abs(across - down) < std::max(size.width, size.height);
+  return std::abs(across - down) <= std::max({size.width, size.height, other.width, other.height});
 }
 
 bool is_turned(ImageSize other, ImageSize size) {
