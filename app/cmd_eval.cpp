@@ -7,7 +7,7 @@
 
 #include "app/model.h"
 #include "app/tools/commands.h"
-#include "config/former_options.h"
+#include "config/original_options.h"
 #include "core/check.h"
 #include "core/files/atomic_file.h"
 #include "core/files/own_files.h"
@@ -206,11 +206,11 @@ int run_eval(const std::vector<std::string>& words) {
   EvalOptions options;
   line.add(model_options, "Model", {"model_path"});
   line.add(options, "Evaluation");
-  add_former_model_options(line);
+  add_original_model_options(line);
   if (!line.parse(words)) return 0;
 
   StatusLine status = StatusLine::for_stderr(model_options.quiet);
-  for (const std::string& former : describe_former_model_options(line.given())) status.warn(former);
+  for (const std::string& text : describe_original_model_options(line.given())) status.warn(text);
   const torch::Device device = choose_device(model_options.device);
   std::optional<LpipsNetwork> lpips;  // before the photographs: loading them takes longer
   if (!options.lpips.empty()) lpips.emplace(options.lpips, device);

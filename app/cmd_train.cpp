@@ -18,7 +18,7 @@
 #include "app/train_setup.h"
 #include "app/view/view_options.h"
 #include "app/view/watched_training.h"
-#include "config/former_options.h"
+#include "config/original_options.h"
 #include "config/option_layers.h"
 #include "config/presets.h"
 #include "config/train_options.h"
@@ -266,7 +266,7 @@ int run_train(const std::vector<std::string>& words) {
   TrainCommandOptions options;
   line.add(options, "Run");
   line.add(resolve_options().config, "Training", {"source_path"});  // defaults for the help; given_options() has values
-  add_former_options(line);
+  add_original_train_options(line);
   line.set_notes(presets_help());
   if (!line.parse(join_view_place(words))) return 0;
   std::signal(SIGPIPE, SIG_IGN);

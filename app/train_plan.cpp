@@ -8,7 +8,7 @@
 #include "app/train_setup.h"
 #include "compare/comparison.h"
 #include "config/batch_steps.h"
-#include "config/former_options.h"
+#include "config/original_options.h"
 #include "config/train_options.h"
 #include "core/check.h"
 #include "core/files/own_files.h"
@@ -70,10 +70,6 @@ fs::path find_checkpoint(TrainConfig& config, const TrainCommandOptions& options
   return "";
 }
 
-void warn_of_former(const nlohmann::ordered_json& options, const std::string& place, StatusLine& status) {
-  for (const std::string& line : describe_former_options(options)) status.warn(place + line);
-}
-
 /// @throws InputError if a rank would render nothing
 void check_batch(int batch, int n_ranks) {
   if (batch >= n_ranks) return;
@@ -113,13 +109,12 @@ void check_inputs_are_elsewhere(const ModelFolder& folder, const TrainPlan& plan
 
 }  // namespace
 
-TrainConfig config_of_checkpoint(const fs::path& checkpoint, StatusLine& status) {
+TrainConfig config_of_checkpoint(const fs::path& checkpoint) {
   const nlohmann::ordered_json header = read_checkpoint_header(checkpoint);
   TrainConfig config;
   if (!header.contains("config"))
     input_error("not a training checkpoint: ", checkpoint.string(), " (expected a config in its header)");
-  stored_config_from_json(config, header["config"], checkpoint.string());
-  warn_of_former(header["config"], checkpoint.string() + ": ", status);
+  config_from_json(config, header["config"], checkpoint.string());
   config.device = TrainConfig{}.device;  // depends on the machine, not on the training
   const fs::path folder = fs::absolute(checkpoint).lexically_normal().parent_path();
   if (folder.filename() == "checkpoints") config.model_path = folder.parent_path().string();
@@ -136,8 +131,7 @@ TrainPlan make_plan(const CommandLine& line, StatusLine& status, const TrainComm
                 "other replaces it");
   }
   const GivenOptions given = given_options(line, options.config);
-  warn_of_former(line.given(), "", status);
-  if (!options.config.empty()) warn_of_former(read_json_file(options.config), options.config + ": ", status);
+  for (const std::string& text : describe_original_train_options(line.given())) status.warn(text);
   const auto apply_given_at_resume = [&] {
     for (const std::string& text : apply_at_resume(config, given)) status.warn(text);
     plan.layers.reset();
@@ -147,7 +141,7 @@ TrainPlan make_plan(const CommandLine& line, StatusLine& status, const TrainComm
   if (!options.resume.empty()) plan.checkpoint = find_checkpoint(config, options, status);
   if (!plan.checkpoint.empty()) {
     const std::string named_folder = config.model_path;
-    config = config_of_checkpoint(plan.checkpoint, status);
+    config = config_of_checkpoint(plan.checkpoint);
     apply_given_at_resume();
     if (!named_folder.empty()) config.model_path = named_folder;
   } else if (options.resume == "auto" && config.source_path.empty()) {

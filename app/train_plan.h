@@ -55,7 +55,7 @@ struct TrainPlan {
 
 /// The config stored in a checkpoint, with the folder that now contains the checkpoint as model folder. @throws
 /// InputError
-TrainConfig config_of_checkpoint(const std::filesystem::path& checkpoint, StatusLine& status);
+TrainConfig config_of_checkpoint(const std::filesystem::path& checkpoint);
 
 /// The options of the training but for what depends on its scene: from the command line, the config file, and the
 /// checkpoint or model folder to resume. Without --batch, a step has a view for each rank; it cannot have fewer.

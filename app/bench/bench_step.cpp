@@ -9,7 +9,6 @@
 #include "app/tools/commands.h"
 #include "app/train_plan.h"
 #include "app/train_setup.h"
-#include "config/former_options.h"
 #include "config/option_layers.h"
 #include "config/train_options.h"
 #include "core/check.h"
@@ -85,7 +84,7 @@ TrainConfig make_config(const CommandLine& line, const BenchStepOptions& options
   if (options.checkpoint.empty()) {
     config = resolve_options(given).config;
   } else {
-    config = config_of_checkpoint(options.checkpoint, status);
+    config = config_of_checkpoint(options.checkpoint);
     for (const std::string& text : apply_at_resume(config, given)) status.warn(text);
   }
   if (config.source_path.empty()) input_error("missing argument: SOURCE_PATH; usage: b3dgs bench step SOURCE_PATH");
@@ -143,7 +142,6 @@ int run_bench_step(const std::vector<std::string>& words) {
   if (!line.parse(words)) return 0;
   BenchFile file(options.json);
   StatusLine status = StatusLine::for_stderr(false);
-  for (const std::string& former : describe_former_options(line.given())) status.warn(former);
   const TrainConfig config = make_config(line, options, status);
   set_compute_threads(config.threads);
 

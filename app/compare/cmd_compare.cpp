@@ -9,7 +9,7 @@
 #include "app/tools/commands.h"
 #include "app/train_setup.h"
 #include "compare/comparison.h"
-#include "config/former_options.h"
+#include "config/original_options.h"
 #include "config/option_layers.h"
 #include "config/train_options.h"
 #include "core/check.h"
@@ -99,10 +99,6 @@ ComparisonPlan make_plan(const CommandLine& line, const CompareOptions& options)
   const std::string root = output_folder(line);
   ComparisonPlan plan;
   if (options.resume) plan = read_plan(root);
-  if (plan.is_of_earlier_version) {
-    input_error(root, ": this comparison was begun by an earlier version of b3dgs, whose defaults differ; finish it ",
-                "with that version, or compare anew in another folder (-m); b3dgs report shows what it holds");
-  }
   const TrainConfig planned = plan.base;
   GivenOptions& given = plan.given;
   given.update(given_options(line, options.config));
@@ -256,14 +252,12 @@ int run_compare(const std::vector<std::string>& words) {
   CompareOptions options;
   line.add(options, "Comparison");
   line.add(default_config(), "Training", {"source_path"});
-  add_former_options(line);
+  add_original_train_options(line);
   line.set_help("model_path", "output folder (default output/SCENE-compare)");
   if (!line.parse(words)) return 0;
 
   StatusLine status = StatusLine::for_stderr(options.quiet);
-  for (const auto& formers : {describe_former_options(line.given()), describe_former_parts(joined(options.configs))}) {
-    for (const std::string& former : formers) status.warn(former);
-  }
+  for (const std::string& text : describe_original_train_options(line.given())) status.warn(text);
   ComparisonPlan plan = make_plan(line, options);
   const torch::Device device = choose_device(plan.base.device);
   plan.base.device = device_name(device);

@@ -12,7 +12,7 @@
 #include "app/render/camera_choice.h"
 #include "app/render/video_writer.h"
 #include "app/tools/commands.h"
-#include "config/former_options.h"
+#include "config/original_options.h"
 #include "core/check.h"
 #include "core/files/own_files.h"
 #include "core/options/command_line.h"
@@ -228,11 +228,11 @@ int run_render(const std::vector<std::string>& words) {
   line.add(model_options, "Model", {"model_path"});
   line.add(camera_options, "Cameras");
   line.add(options, "Images");
-  add_former_model_options(line);
+  add_original_model_options(line);
   if (!line.parse(words)) return 0;
 
   StatusLine status = StatusLine::for_stderr(model_options.quiet);
-  for (const std::string& former : describe_former_model_options(line.given())) status.warn(former);
+  for (const std::string& text : describe_original_model_options(line.given())) status.warn(text);
   const torch::Device device = choose_device(model_options.device);
   check_options(line, model_options, options);
   check_camera_options(line, camera_options);

@@ -5,7 +5,6 @@
 #include <type_traits>
 #include <utility>
 
-#include "config/former_options.h"
 #include "config/train_options.h"
 #include "core/check.h"
 #include "core/options/command_line.h"
@@ -21,7 +20,7 @@ constexpr const char* kShared[] = {"source_path", "model_path",       "images", 
                                    "masks",       "invert_masks",     "mask_mode",      "host_memory_gb"};
 
 /// Options closest to the original 3DGS trainer. Its loss, optimizer and projection cannot be selected.
-constexpr const char *kNaiveKernels = "naive-kernels", *kFormerNaiveKernels = "original";
+constexpr const char* kNaiveKernels = "naive-kernels";
 
 /// An entry that stands for the two configurations of the Balanced 3DGS paper.
 constexpr const char *kPaper = "paper", *kPaperEntries[] = {kNaiveKernels, "published:naive-kernels+kernel=published"};
@@ -117,16 +116,6 @@ void check_kernel(const std::string& name) {
               meant.empty() ? "" : "; did you mean " + meant + "?");
 }
 
-/// The part with present names.
-std::string present_part(const std::string& part) {
-  if (part == kFormerNaiveKernels) return kNaiveKernels;
-  const std::size_t equals = part.find('=');
-  const bool is_kernel = equals == std::string::npos;
-  const std::string option = is_kernel ? "kernel" : part.substr(0, equals);
-  const char* const now = present_name(option, is_kernel ? part : part.substr(equals + 1));
-  return now == nullptr ? part : is_kernel ? now : option + "=" + now;
-}
-
 /// An entry's name, which may be its text, and the text of its parts. Only a colon before the first + or = separates a
 /// name; later ones belong to values.
 std::pair<std::string, std::string> split_name(const std::string& entry) {
@@ -175,7 +164,7 @@ Configuration parse_entry(const std::string& entry, const TrainConfig& base, con
   std::vector<std::string> words;
   GivenOptions all = given;
   try {
-    for (const std::string& part : split(parts, '+')) add_part(present_part(part), words);
+    for (const std::string& part : split(parts, '+')) add_part(part, words);
     CommandLine line("train", "");
     line.add(TrainConfig{}, "Training");
     line.parse(words);
@@ -210,17 +199,6 @@ std::vector<Configuration> parse_configurations(const std::string& text, const T
     input_error("--configs ", text, ": a comparison needs at least two configurations; use b3dgs train for one");
   }
   return configurations;
-}
-
-std::vector<std::string> describe_former_parts(const std::string& text) {
-  std::vector<std::string> lines;
-  for (const std::string& entry : entries_of(text)) {
-    for (const std::string& part : split(split_name(entry).second, '+')) {
-      const std::string now = present_part(part);
-      if (now != part) lines.push_back(detail::concat("--configs ", entry, ": ", part, " is now ", now));
-    }
-  }
-  return lines;
 }
 
 Configuration repeat_baseline(const std::vector<Configuration>& configurations) {

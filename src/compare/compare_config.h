@@ -40,8 +40,6 @@ struct ConfigurationHistory : Configuration {
 std::vector<Configuration> parse_configurations(const std::string& text, const TrainConfig& base,
                                                 const GivenOptions& given, const Photographs& photographs = {});
 
-/// A line for each part of `--configs` that has a former name: "--configs original: original is now naive-kernels".
-std::vector<std::string> describe_former_parts(const std::string& text);
 
 /// The first configuration under another name; training it again measures the run-to-run variation.
 /// @throws InputError if that name is taken

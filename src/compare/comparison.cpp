@@ -4,7 +4,6 @@
 
 #include "compare/compare_summary.h"
 #include "compare/compare_verdict.h"
-#include "config/former_options.h"
 #include "config/option_layers.h"
 #include "config/train_options.h"
 #include "core/check.h"
@@ -108,14 +107,11 @@ ComparisonPlan read_plan(const fs::path& root) {
     plan.seeds = own.at("seeds").get<std::vector<std::int64_t>>();
     plan.chunk = std::max(1, own.at("chunk").get<int>());
     plan.reading_s = own.at("reading_s").get<double>();
-    // Files of earlier versions lack some keys; their trainings had no --max_epochs.
-    plan.has_repetition = own.value("noise", false);
-    stored_config_from_json(plan.base, own.at("config"), path.string());
-    plan.is_of_earlier_version = has_removed_options(own.at("config")) || !own.at("config").contains("lenses");
-    plan.given = own.contains("given") ? present_options(own.at("given")) : config_to_json(plan.base);
-    if (!own.contains("photographs")) plan.given.emplace("max_epochs", 0);
-    plan.photographs = own.value("photographs", std::size_t{0});
-    plan.photographs.overlap = own.value("overlap", plan.photographs.overlap);
+    plan.has_repetition = own.at("noise").get<bool>();
+    config_from_json(plan.base, own.at("config"), path.string());
+    plan.given = own.at("given");
+    plan.photographs = own.at("photographs").get<std::size_t>();
+    plan.photographs.overlap = own.at("overlap").get<double>();
   } catch (const nlohmann::json::exception& error) {
     input_error(path.string(), ": not a file of b3dgs compare, or damaged (",
                 first_line(error.what()).substr(std::string(error.what()).find("] ") + 2),

@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <utility>
 
-#include "config/former_options.h"
 #include "config/train_options.h"
 #include "core/check.h"
 #include "core/text.h"
@@ -32,53 +31,12 @@ double apply_scaled(TrainConfig& config, const GivenOptions& values) {
   return factor;
 }
 
-/// Black and white are -w now, a learned background cannot be had.
-nlohmann::ordered_json without_background(nlohmann::ordered_json options, const std::string& place) {
-  if (!options.is_object()) return options;  // config_from_json() refuses it
-  const auto own = options.find("background");
-  if (own != options.end()) {
-    if (*own == "learned" || *own == "sky") {
-      input_error(place.empty() ? "" : place + ": ", "background ", *own, ": learned backgrounds are no longer ",
-                  "supported; to use the Gaussians of such a model without it, name its PLY and the scene");
-    }
-    if (*own == "white") options["white_background"] = true;
-  }
-  options.erase("background");
-  options.erase("background_lr");
-  return options;
-}
-
-/// Without the former limit on Gaussians: the file also holds the max_gaussians that it set.
-nlohmann::ordered_json without_pixels_per_gaussian(nlohmann::ordered_json options) {
-  if (!options.contains("pixels_per_gaussian")) return options;
-  options.erase("pixels_per_gaussian");
-  options.emplace("feature_rest_divisor", 20);  // it could not be chosen
-  return options;
-}
-
 }  // namespace
-
-bool has_removed_options(const nlohmann::ordered_json& options) {
-  return present_options(options).size() != options.size() || options.contains("pixels_per_gaussian") ||
-         options.contains("background");
-}
-
-void stored_config_from_json(TrainConfig& config, const nlohmann::ordered_json& options, const std::string& place) {
-  nlohmann::ordered_json known = present_options(without_pixels_per_gaussian(without_background(options, place)));
-  // Splits of earlier versions, which were worse.
-  if (known.contains("split") && (known["split"] == "cover" || known["split"] == "samples"))
-    known["split"] = "preserve";
-  if (known.is_object()) known.emplace("lenses", "undistort");  // what earlier versions did
-  config_from_json(config, known, place);
-}
 
 GivenOptions given_options(const CommandLine& line, const std::string& config_file) {
   GivenOptions given = GivenOptions::object();
-  nlohmann::ordered_json file = config_file.empty() ? nlohmann::ordered_json::object() : read_json_file(config_file);
-  file = present_options(without_background(std::move(file), config_file));
-  // A whole config.json: its limit is max_gaussians.
-  if (file.contains("max_gaussians") && file["max_gaussians"] != 0) file = without_pixels_per_gaussian(std::move(file));
-  const GivenOptions words = present_options(line.given());
+  const nlohmann::ordered_json file = config_file.empty() ? nlohmann::ordered_json::object() : read_json_file(config_file);
+  const GivenOptions words = line.given();
   TrainConfig checked;
   if (!config_file.empty()) config_from_json(checked, file, config_file);
   visit_fields(checked, [&](const Option& option, const auto& value, const auto&, const char*) {

@@ -50,14 +50,6 @@ std::vector<std::string> apply_at_resume(TrainConfig& config, const GivenOptions
 /// them is what the user, or the scene, has changed.
 TrainConfig preset_options(const TrainConfig& config);
 
-/// Whether these options, from a file that a training wrote, include one that has since been removed.
-bool has_removed_options(const nlohmann::ordered_json& options);
-
-/// config_from_json() for the options of a model's config.json or a checkpoint, also of an earlier version. Removed
-/// options are ignored: the file also holds the values that they set (max_gaussians for pixels_per_gaussian). Options
-/// that it does not have keep their values, but for `lenses`.
-void stored_config_from_json(TrainConfig& config, const nlohmann::ordered_json& options, const std::string& place);
-
 /// "label       a 1, b 2", broken at commas into lines, the label and the space below it being 12 columns wide. None
 /// for no parts.
 std::vector<std::string> wrapped_list(const std::string& label, const std::vector<std::string>& parts,

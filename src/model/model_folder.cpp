@@ -138,7 +138,7 @@ TrainConfig ModelFolder::read_config() const {
   const Json json = read_json(path);
   if (json.is_discarded()) input_error(path.string(), ": not valid JSON; the file is damaged");
   TrainConfig config;
-  stored_config_from_json(config, json, path.string());
+  config_from_json(config, json, path.string());
   return config;
 }
 

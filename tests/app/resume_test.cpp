@@ -194,24 +194,6 @@ TEST_F(Resume, AutoNeedsNoSceneAndDetectsDamagedCheckpoints) {
   EXPECT_EQ(a.ply_iterations(), (std::vector<int>{5}));
 }
 
-TEST_F(Resume, OfAnEarlierVersionKeepsItsRatesAndIgnoresOptionsThatAreGone) {
-  expect_success(train({"-s", scene(), "-m", a.root(), "--iterations", "4"}));
-  CheckpointFile file = read_checkpoint_file(a.checkpoint(4));
-  file.header["config"]["pixels_per_gaussian"] = 45;
-  file.header["config"]["huber"] = 0.03;
-  file.header["config"].erase("feature_rest_divisor");
-  const auto sums = std::find_if(file.tensors.begin(), file.tensors.end(),
-                                 [](const auto& named) { return named.first == "statistics.error_sum"; });
-  ASSERT_NE(sums, file.tensors.end());
-  file.tensors.insert(sums, {"statistics.abs_grad_sum", sums->second.clone()});
-  write_checkpoint_file(a.checkpoint(4), file);
-  const Outcome outcome = train({"-m", a.root(), "--resume", "auto", "--iterations", "6"});
-  expect_success(outcome);
-  EXPECT_NE(outcome.err.find("--huber 0.03 has no effect"), std::string::npos) << outcome.err;
-  EXPECT_EQ(a.checkpoint_iterations().back(), 6);
-  EXPECT_EQ(a.read_config().feature_rest_divisor, 20) << "not that of the preset";
-}
-
 TEST_F(Resume, AutoWithNothingToResumeAndNoSceneIsOneLine) {
   const Outcome outcome = train({"--resume", "auto", "-m", temp / "none"});
   expect_refused(outcome, {"nothing to resume: ", temp / "none", "b3dgs train SOURCE_PATH"});

@@ -58,26 +58,8 @@ TEST(CompareConfig, PaperStandsForTheTwoConfigurationsOfThePaper) {
   EXPECT_EQ(names_and_kernels(parse("paper", TrainConfig{})), pair);
   EXPECT_EQ(names_and_kernels(parse("adaptive,paper,sub-tile", TrainConfig{})),
             "adaptive: adaptive ellipse\n" + pair + "sub-tile: sub-tile ellipse\n");
-  EXPECT_TRUE(describe_former_parts("adaptive,paper").empty());
   EXPECT_TRUE(test::fails_with<InputError>({"naive-kernels occurs twice"},
                                            [] { parse("naive-kernels,paper", TrainConfig{}); }));
-}
-
-TEST(CompareConfig, FormerNamesStandForThePresentOnes) {
-  const std::string text = "original,b:paper+culling=square,c:preset=original+strategy=balanced";
-  const auto entries = parse_configurations(text, TrainConfig{}, {});
-  EXPECT_EQ(entries[0].name, "original") << "the name that the user gave is kept";
-  EXPECT_EQ(entries[0].config.culling, "square");
-  EXPECT_EQ(entries[1].config.kernel, kPublishedKernel);
-  EXPECT_EQ(entries[2].config.preset + " " + entries[2].config.strategy, "inria budget");
-  EXPECT_EQ(describe_former_parts(text),
-            (std::vector<std::string>{"--configs original: original is now naive-kernels",
-                                      "--configs b:paper+culling=square: paper is now published",
-                                      "--configs c:preset=original+strategy=balanced: preset=original is now "
-                                      "preset=inria",
-                                      "--configs c:preset=original+strategy=balanced: strategy=balanced is now "
-                                      "strategy=budget"}));
-  EXPECT_TRUE(describe_former_parts("naive-kernels,paper:kernel=published+preset=inria").empty());
 }
 
 TEST(CompareConfig, FewPhotographsLimitEachConfigurationByItsMaxEpochs) {

@@ -6,7 +6,7 @@
 #include <algorithm>
 #include <set>
 
-#include "config/former_options.h"
+#include "config/original_options.h"
 #include "config/presets.h"
 #include "config/train_options.h"
 #include "core/files/atomic_file.h"
@@ -47,50 +47,24 @@ int nearest_step(double steps) {
   return std::max(1, steps - below >= 0.5 ? below + 1 : below);
 }
 
-TEST(GivenOptions, OfAConfigJsonMayBeOfAnEarlierVersion) {
-  const test::TempDir temp;
-  const std::string path = (temp / "config.json").string();
-  write_file(path, R"({"max_gaussians": 70, "pixels_per_gaussian": 45})");
-  const GivenOptions options = given({}, path);
-  EXPECT_EQ(options.size(), 2u);
-  EXPECT_EQ(options.at("max_gaussians"), 70);
-  EXPECT_EQ(options.at("feature_rest_divisor"), 20) << "as it was";
-  write_file(path, R"({"max_gaussians": 0, "pixels_per_gaussian": 45})");
-  EXPECT_TRUE(test::fails_with<InputError>({path, "pixels_per_gaussian"}, [&] { given({}, path); }));
-  write_file(path, R"({"pixels_per_gaussian": 45})");
-  EXPECT_TRUE(test::fails_with<InputError>({path, "pixels_per_gaussian"}, [&] { given({}, path); }));
-  write_file(path, R"({"background": "white", "background_lr": 0.03})");
-  EXPECT_EQ(given({}, path), (GivenOptions{{"white_background", true}}));
-  write_file(path, R"({"background": "auto", "seed": 3})");
-  EXPECT_EQ(given({}, path), (GivenOptions{{"seed", 3}}));
-  write_file(path, R"({"rank_splats": 2000000, "seed": 3})");
-  EXPECT_EQ(given({}, path), (GivenOptions{{"seed", 3}}));
-  write_file(path, R"({"background": "sky"})");
-  EXPECT_TRUE(test::fails_with<InputError>({path, "sky", "no longer supported"}, [&] { given({}, path); }));
-}
-
-TEST(FormerOptions, AreAcceptedAndSayThatTheyHaveNoEffect) {
+TEST(OriginalOptions, AreAcceptedAndSayThatTheyHaveNoEffect) {
   CommandLine line("train", "");
   line.add(TrainConfig{}, "Training");
-  add_former_options(line);
-  ASSERT_TRUE(line.parse({"--huber", "0.03", "--skip_share=0", "--skip_from_iter", "7", "--debug", "--port", "6010",
-                          "--optimizer_type", "default", "--parents", "top", "--seed", "3"}));
-  const std::vector<std::string> lines = describe_former_options(line.given());
-  ASSERT_EQ(lines.size(), 4u);
-  EXPECT_EQ(lines[0], "--debug has no effect: only the original 3DGS code has it");
-  EXPECT_EQ(lines[1], "--port 6010 has no effect: the page of a training is at --view PORT");
-  EXPECT_EQ(lines[2], "--huber 0.03 has no effect: the loss is L1 and D-SSIM");
-  EXPECT_EQ(lines[3].rfind("--parents top has no effect: ", 0), 0u) << lines[3];
+  add_original_train_options(line);
+  ASSERT_TRUE(line.parse({"--debug", "--port", "6010", "--optimizer_type", "default", "--seed", "3"}));
+  EXPECT_EQ(describe_original_train_options(line.given()),
+            (Words{"--debug has no effect: only the original 3DGS code has it",
+                   "--port 6010 has no effect: the page of a training is at --view PORT"}));
   EXPECT_EQ(given_options(line, ""), (GivenOptions{{"seed", 3}}));
-  EXPECT_EQ(line.help_all().find("huber"), std::string::npos) << "not listed";
+  EXPECT_EQ(line.help_all().find("debug_from"), std::string::npos) << "not listed";
 }
 
-TEST(FormerOptions, OfRenderAndMetricsAreAcceptedToo) {
+TEST(OriginalOptions, OfRenderAndMetricsAreAcceptedToo) {
   CommandLine line("render", "");
-  add_former_model_options(line);
+  add_original_model_options(line);
   ASSERT_TRUE(line.parse({"--eval", "--skip_test", "-i", "images", "--data_device", "cpu", "--debug"}));
   EXPECT_EQ(
-      describe_former_model_options(line.given()),
+      describe_original_model_options(line.given()),
       (Words{"--skip_test has no effect: choose views with render --path test|train and eval --split test|train",
              "--eval has no effect: the training's setting is used",
              "--images images has no effect: the training's setting is used",
@@ -98,62 +72,13 @@ TEST(FormerOptions, OfRenderAndMetricsAreAcceptedToo) {
              "--debug has no effect: only the original 3DGS code has it"}));
 }
 
-TEST(FormerOptions, OfAFileAreLeftOut) {
-  const nlohmann::ordered_json stored{{"growth", 0.05}, {"abs_grad_threshold", 0.0006}, {"seed", 3}, {"huber", 0.0}};
-  EXPECT_EQ(present_options(stored), (nlohmann::ordered_json{{"seed", 3}}));
-  const std::vector<std::string> lines = describe_former_options(stored);
-  ASSERT_EQ(lines.size(), 1u) << "the others have the values that they always have now";
-  EXPECT_EQ(lines[0], "--abs_grad_threshold 0.0006 has no effect: every Gaussian with an error may be split");
-  EXPECT_TRUE(describe_former_options({{"prune_interval", 600}}).empty()) << "as a preset had it";
-  EXPECT_TRUE(describe_former_options({{"checkpoint_interval", 0}}).empty());
-  EXPECT_EQ(describe_former_options({{"checkpoint_interval", 500}}),
-            std::vector<std::string>{"--checkpoint_interval 500 has no effect: --checkpoint_minutes and "
-                                     "--checkpoint_iterations say when to write checkpoints"});
-  EXPECT_EQ(describe_former_options({{"prune_interval", "600"}}),
-            std::vector<std::string>{"--prune_interval 600 has no effect: removals by --prune_weight follow "
-                                     "--opacity_reset_interval"})
-      << "of a command line";
+TEST(GivenOptions, MustBeAnObject) {
   const test::TempDir temp;
   const std::string path = (temp / "config.json").string();
-  write_file(path, stored.dump());
-  EXPECT_EQ(given({}, path), (GivenOptions{{"seed", 3}}));
-  TrainConfig config;
-  stored_config_from_json(config, {{"split", "cover"}, {"opacity_decay", 0.9}}, "config.json");
-  EXPECT_EQ(config.split, "preserve") << "the former splits are gone";
-  EXPECT_EQ(config.lenses, "undistort") << "as before lenses could be chosen";
-  stored_config_from_json(config, {{"lenses", "native"}}, "config.json");
-  EXPECT_EQ(config.lenses, "native");
-}
-
-TEST(FormerOptions, FormerNamesOfValuesAreReadAndNamed) {
-  CommandLine line("train", "");
-  line.add(TrainConfig{}, "Training");
-  ASSERT_TRUE(line.parse({"--strategy", "balanced", "--preset", "original", "--kernel", "paper"}));
-  EXPECT_EQ(given_options(line, ""),
-            (GivenOptions{{"preset", "inria"}, {"strategy", "budget"}, {"kernel", "published"}}));
-  EXPECT_EQ(describe_former_options(line.given()),
-            (Words{"--strategy balanced is now --strategy budget", "--preset original is now --preset inria",
-                   "--kernel paper is now --kernel published"}));
-  EXPECT_TRUE(describe_former_options({{"strategy", "budget"}, {"kernel", "published"}}).empty());
-  const nlohmann::ordered_json stored{{"strategy", "balanced"}, {"preset", "original"}, {"kernel", "paper"}};
-  TrainConfig config;
-  stored_config_from_json(config, stored, "config.json");
-  EXPECT_EQ(config.strategy + config.preset + config.kernel, "budgetinriapublished");
-  EXPECT_FALSE(has_removed_options(stored)) << "so that a comparison can be resumed";
-}
-
-TEST(FormerOptions, AreLookedForOnlyInObjects) {
-  const test::TempDir temp;
-  const std::string path = (temp / "config.json").string();
-  TrainConfig config;
-  for (const char* text : {"[1]", "3", "\"huber\"", "null"}) {
+  for (const char* text : {"[1]", "3", "\"seed\"", "null"}) {
     write_file(path, text);
     EXPECT_TRUE(test::fails_with<InputError>({"not a JSON object", path}, [&] { given({}, path); })) << text;
-    EXPECT_TRUE(test::fails_with<InputError>({"not a JSON object"}, [&] {
-      stored_config_from_json(config, nlohmann::ordered_json::parse(text), path);
-    })) << text;
   }
-  EXPECT_TRUE(test::fails_with<InputError>({"split"}, [&] { stored_config_from_json(config, {{"split", 3}}, path); }));
 }
 
 TEST(Presets, HaveARowForEveryName) {

@@ -109,27 +109,27 @@ Json ratios_to_json(const ViewRatios& ratios) {
 CheckpointHeader parse_checkpoint_header(const Json& json, const std::string& place) {
   CheckpointHeader header;
   try {
-    stored_config_from_json(header.config, json.at("config"), place);
+    config_from_json(header.config, json.at("config"), place);
     header.iteration = json_integer<int>(json.at("iteration"), "iteration", place, 0);
     header.n_gaussians = json_integer<std::int64_t>(json.at("n_gaussians"), "n_gaussians", place, 1, kMaxGaussians);
     header.sh_degree = json_integer<int>(json.at("sh_degree"), "sh_degree", place, 0, header.config.sh_degree);
     header.adam_steps = json_integer<std::int64_t>(json.at("adam_steps"), "adam_steps", place, 0, header.iteration);
     header.loss_average = finite_number(json.at("loss_average"), "loss_average", place);
-    // Missing in checkpoints of earlier versions, as is what follows.
     const auto take_integer = [&](const char* key, auto& value, auto min, auto max) {
       using Integer = std::decay_t<decltype(value)>;
-      if (json.contains(key)) value = json_integer<Integer>(json.at(key), key, place, Integer{min}, Integer{max});
+      value = json_integer<Integer>(json.at(key), key, place, Integer{min}, Integer{max});
     };
     constexpr std::int64_t kAny = std::numeric_limits<std::int64_t>::max();
-    if (json.contains("elapsed_s")) header.elapsed_s = finite_number(json.at("elapsed_s"), "elapsed_s", place);
+    header.elapsed_s = finite_number(json.at("elapsed_s"), "elapsed_s", place);
     if (header.elapsed_s < 0) input_error(place, ": elapsed_s must be at least 0, found ", header.elapsed_s);
-    header.training_id = json.value("training_id", std::string());
+    header.training_id = json.at("training_id").get<std::string>();
     take_integer("step_iterations", header.step_iterations, 1, std::clamp(header.iteration, 1, kMaxBatch));
-    if (json.value("is_density_pending", false)) header.n_density_pending = header.step_iterations;
     take_integer("n_density_pending", header.n_density_pending, 0, header.step_iterations);
     take_integer("n_removed", header.n_removed, 0, kAny);
     take_integer("held_at", header.held_at, 0, kAny);
-    take_integer("appearance_steps", header.appearance_steps, 0, header.iteration);
+    if (json.contains("appearance_steps")) {
+      take_integer("appearance_steps", header.appearance_steps, 0, header.iteration);
+    }
     if (const auto it = json.find("appearance_last_steps"); it != json.end()) {
       if (!it->is_array()) input_error(place, ": appearance_last_steps must be a list, found ", json_excerpt(*it));
       for (const Json& step : *it) {

@@ -168,16 +168,13 @@ Json checkpoint_header(const TrainConfig& config, const TrainState& state, const
               {"loss_average", state.loss_average},
               {"elapsed_s", state.elapsed_s},
               {"training_id", state.training_id},
-              {"is_density_pending", state.n_density_pending > 0},
+              {"step_iterations", state.step_iterations},
+              {"n_density_pending", state.n_density_pending},
               {"n_removed", state.n_removed},
               {"held_at", state.held_at},
               {"kernel_selection", state.kernel_selection},
               {"config", config_to_json(config)},
               {"scene", fingerprint}};
-  if (state.step_iterations != 1) header["step_iterations"] = state.step_iterations;
-  if (state.n_density_pending > 0 && state.n_density_pending < state.step_iterations) {
-    header["n_density_pending"] = state.n_density_pending;
-  }
   // Of several ranks, each has its own.
   if (!state.n_of_all_ranks && !state.view_ratios.is_empty()) header["view_ratios"] = ratios_to_json(state.view_ratios);
   if (state.appearance.is_defined()) header["appearance_steps"] = state.appearance.steps;
@@ -219,10 +216,6 @@ Checkpoint read_checkpoint(const std::filesystem::path& path, const Scene& scene
   // Which columns of statistics a checkpoint holds depends on the strategy.
   state.statistics =
       make_density_strategy(checkpoint.config, scene.extent)->make_statistics(/*n_gaussians=*/0, torch::kCPU);
-  // Of strategy budget, in checkpoints of earlier versions.
-  file.tensors.erase(std::remove_if(file.tensors.begin(), file.tensors.end(),
-                                    [](const auto& named) { return named.first == "statistics.abs_grad_sum"; }),
-                     file.tensors.end());
   take_tensors(file.tensors, state, place);
   if (state.appearance.grids.defined() && state.appearance.last_steps.size() != scene.train.size()) {
     input_error(place, ": appearance_last_steps has ", state.appearance.last_steps.size(), " values, expected ",
@@ -239,8 +232,8 @@ namespace {
 
 /// Whether --checkpoint_iterations of the training that wrote it names an iteration of the checkpoint's last step.
 bool was_requested(const Json& header) {
-  const int last = header.at("iteration"), n = header.value("step_iterations", 1);
-  const auto requested = header.at("config").value("checkpoint_iterations", std::vector<int>());
+  const int last = header.at("iteration"), n = header.at("step_iterations");
+  const auto requested = header.at("config").at("checkpoint_iterations").get<std::vector<int>>();
   return std::any_of(requested.begin(), requested.end(), [&](int own) { return last - n < own && own <= last; });
 }
 

@@ -107,7 +107,6 @@ CoordinateFrame checkpoint_frame(const Json& header, const std::string& place) {
   CoordinateFrame frame;
   try {
     const Json& scene = header.at("scene");
-    if (scene.find("frame") == scene.end()) return frame;
     scene.at("frame").at("origin").get_to(frame.origin);
     scene.at("frame").at("unit").get_to(frame.unit);
   } catch (const nlohmann::json::exception& error) {
@@ -145,8 +144,7 @@ void check_scene(const Json& header, const Scene& scene, const std::string& plac
                     describe_view(after[i]), remedy);
       }
     }
-    // Missing in checkpoints of early versions.
-    const Json cameras = saved.value("camera_crc32s", Json::array()), now = camera_crcs(scene);
+    const Json &cameras = saved.at("camera_crc32s"), now = camera_crcs(scene);
     std::vector<std::string> moved;
     for (std::size_t i = 0; i < std::min(cameras.size(), now.size()); ++i) {
       if (cameras[i] != now[i]) moved.push_back(scene.train[i].name);

@@ -280,15 +280,6 @@ TEST_F(ChangedCheckpoints, NestedTooDeeplyAreRefused) {
   }));
 }
 
-TEST_F(CheckpointFiles, OfEarlyVersionsHaveNoElapsedTime) {
-  CheckpointFile file = read_checkpoint_file(path);
-  file.header.erase("elapsed_s");
-  write_checkpoint_file(folder / "old.b3dgs", file);
-  const Checkpoint read = read_checkpoint(folder / "old.b3dgs", scene, torch::kCPU);
-  EXPECT_EQ(read.state.elapsed_s, 0);
-  EXPECT_EQ(read.state.iteration, 42);
-}
-
 TEST_F(CheckpointFiles, HaveAHeaderThatCanBeReadAlone) {
   const auto header = read_checkpoint_header(path);
   EXPECT_EQ(header["iteration"], 42);

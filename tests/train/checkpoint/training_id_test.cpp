@@ -123,25 +123,6 @@ TEST_F(TrainingId, ResumingTheNewestCheckpointSetsOnlyLaterLogLinesAside) {
   EXPECT_EQ(std::distance(fs::directory_iterator(aside), fs::directory_iterator()), 1);
 }
 
-TEST_F(TrainingId, WithoutOneACheckpointBelongsToItsFolder) {
-  train(config(), scene, a.root());
-  for (const int iteration : {8, 20}) {
-    CheckpointFile file = read_checkpoint_file(a.checkpoint(iteration));
-    for (const char* key : {"training_id", "is_density_pending", "n_removed"}) file.header.erase(key);
-    file.header["scene"].erase("photographs");
-    file.header["config"].erase("checkpoint_minutes");
-    file.header["config"]["pixels_per_gaussian"] = 45;  // an option that is gone
-    write_checkpoint_file(a.checkpoint(iteration), file);
-  }
-  fs::remove(a.root() / "training.json");
-  fs::copy_file(a.checkpoint(8), temp / "copy.b3dgs");
-  EXPECT_TRUE(test::fails_with<InputError>({"another training"}, [&] { resume(temp / "copy.b3dgs", a.root()); }));
-  const std::string ply = read_bytes(a.ply(20));
-  resume(a.checkpoint(8), a.root());
-  EXPECT_TRUE(test::same(read_bytes(a.ply(20)), ply));
-  EXPECT_FALSE(a.training_id().empty());
-}
-
 TEST(FolderLock, RefusesASecondTrainingAndNamesTheFirst) {
   const test::TempDir temp;
   const fs::path folder = temp / "model";
