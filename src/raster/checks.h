@@ -1,4 +1,4 @@
-// Checks and errors that the CPU and the CUDA rasterizer share.
+// Checks and errors shared by the CPU and the CUDA rasterizer.
 #pragma once
 
 #include <cstdint>
@@ -11,8 +11,8 @@
 
 namespace b3dgs {
 
-/// Largest number of elements that 32-bit indices can address, leaving one value for an end. Also the limit of the
-/// (tile, splat) pairs of a view: at 57 bytes each (view_memory.h), more would need over 120 GB of GPU memory.
+/// Largest number of elements that 32-bit indices can address, with one value left for an end. This also limits the
+/// (tile, splat) pairs of a view. At 57 bytes each (view_memory.h), more would need over 120 GB of GPU memory.
 inline constexpr std::int64_t kIndexMax = std::numeric_limits<std::int32_t>::max() - 1;
 
 inline void check_image_size(const CameraView& view) {
@@ -29,7 +29,7 @@ inline void check_render_args(const GaussianArrays& gaussians, const CameraView&
   B3DGS_CHECK(settings.near_plane > 0, "near plane is ", settings.near_plane, ", expected above 0");
 }
 
-/// For splats whose Gaussians are elsewhere.
+/// Checks the arguments for splats that were projected elsewhere.
 inline void check_splat_args(std::int64_t n_splats, const CameraView& view, const RenderSettings& settings) {
   check_image_size(view);
   const std::int64_t n_most = kIndexMax / splats_per_gaussian(view.lens);
@@ -37,26 +37,26 @@ inline void check_splat_args(std::int64_t n_splats, const CameraView& view, cons
   B3DGS_CHECK(!settings.camera_gradient, "the gradient with respect to the camera needs the Gaussians, not splats");
 }
 
-/// A Gaussian whose parameters, projection or colour are not finite or beyond the limits in constants.h. Training
-/// removes that Gaussian and continues.
+/// Thrown if the parameters, projection or colour of a Gaussian are not finite or exceed the limits in constants.h.
+/// Training removes that Gaussian and continues.
 class InvalidGaussianError : public NumericError {
  public:
   InvalidGaussianError(std::int64_t row, const std::string& message) : NumericError(message), row_(row) {}
 
-  /// Row of the Gaussian in the parameter arrays.
+  /// Returns the index of the Gaussian in the parameter arrays.
   std::int64_t row() const { return row_; }
 
  private:
   std::int64_t row_;
 };
 
-/// The Gaussian, or row of splats, that touches the most tiles of a view.
+/// The Gaussian (or row of splats) that touches the most tiles of a view.
 struct WidestGaussian {
   std::int64_t index = 0;
   std::int64_t n_tiles = 0;
 };
 
-/// Error message for a view with too many pairs. `what` is what `widest` has the index of.
+/// Returns the error message for a view with too many pairs. `what` names the thing that `widest` is an index of.
 inline std::string too_many_pairs(std::int64_t n_pairs, const WidestGaussian& widest, std::int64_t n_tiles,
                                   const char* what = "Gaussian") {
   return "the view needs " + format_count(n_pairs) + " (tile, Gaussian) pairs, more than " + format_count(kIndexMax) +

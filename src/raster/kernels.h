@@ -1,9 +1,9 @@
-// The table of blending kernels. Plain C++: the command line, the kernel selector and their tests need no CUDA.
+// The table of blending kernels. Plain C++, so the command line, the kernel selector and their tests do not need CUDA.
 //
-// Kernels come in two families. A family has one shape of tiles and one backward kernel, so a view can be blended again
+// Kernels come in two families. A family has one tile shape and one backward kernel, so a view can be blended again
 // with another kernel of its family, but not with one of the other family.
 //
-// To add a forward kernel of ours: one row here, blend_forward_ID() in a source of cpu/forward, and
+// To add a forward kernel of ours, add one row here, blend_forward_ID() in a source of cpu/forward, and
 // launch_forward_ID() in one of cuda/forward.
 #pragma once
 
@@ -27,7 +27,7 @@
       "paper: a lane per Gaussian, tasks of 4 pixels from an atomic counter (its balanced kernel)")         \
   ROW(kSharedMemory, shared_memory, "shared-memory", false, "paper: as naive, with colours and depths staged too")
 
-/// Ours.
+/// Our own kernels.
 #define B3DGS_OWN_KERNELS(ROW)                                                                           \
   ROW(kSubTile, sub_tile, "sub-tile", false, "a thread per pixel, splats staged and culled by 8 x 4 px") \
   ROW(kSegmented, segmented, "segmented", true,                                                          \
@@ -44,7 +44,7 @@ struct TileShape {
 
 enum class KernelFamily { kPaper, kOwn };
 
-/// The tiles that the kernels of a family blend. The paper's are its patches, a thread block of 128 pixels.
+/// The tiles of each family. The paper's are its patches, a thread block of 128 pixels.
 inline constexpr TileShape kPaperTile{16, 8}, kOwnTile{16, 16};
 constexpr TileShape tile_of(KernelFamily family) {
   return family == KernelFamily::kPaper ? kPaperTile : kOwnTile;
@@ -76,7 +76,7 @@ inline constexpr std::array kForwardKernels{
 #undef B3DGS_ROW
 };
 
-/// Used where nothing is timed: in evaluation and in deterministic training.
+/// Used where kernels are not timed: in evaluation and in deterministic training.
 inline constexpr ForwardKernel kStandardKernel = ForwardKernel::kSubTile;
 
 constexpr KernelFamily family_of(ForwardKernel kernel) {
@@ -87,7 +87,7 @@ constexpr std::string_view kernel_name(ForwardKernel kernel) {
   return kForwardKernels[static_cast<std::size_t>(kernel)].name;
 }
 
-/// Returns the kernel of this name, if there is one.
+/// Returns the kernel with this name, or nullopt.
 constexpr std::optional<ForwardKernel> find_kernel(std::string_view name) {
   for (const KernelRow& row : kForwardKernels) {
     if (row.name == name) return row.kernel;
@@ -95,14 +95,14 @@ constexpr std::optional<ForwardKernel> find_kernel(std::string_view name) {
   return std::nullopt;
 }
 
-/// The same. @throws LogicError if there is none: names from users are checked before
+/// The same. @throws LogicError if there is none, because names from users are checked before
 inline ForwardKernel kernel_named(std::string_view name) {
   const std::optional<ForwardKernel> kernel = find_kernel(name);
   B3DGS_CHECK(kernel.has_value(), "unknown kernel: ", name);
   return *kernel;
 }
 
-/// Whether it names a balanced kernel; false for a name that no kernel has.
+/// Returns whether this is the name of a balanced kernel. False if there is no such kernel.
 constexpr bool is_balanced_kernel(std::string_view name) {
   const std::optional<ForwardKernel> kernel = find_kernel(name);
   return kernel && kForwardKernels[static_cast<std::size_t>(*kernel)].is_balanced;

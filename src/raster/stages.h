@@ -1,6 +1,6 @@
 // Stages of a training step, and the interface that is notified when one begins. The rasterizer reports its own five,
-// from projection to backward projection; training reports the others. One list for all of them keeps the order and
-// the names of train.jsonl, of the report and of the benchmark in one place.
+// from projection to backward projection, and training reports the others. A single list defines the order and the
+// names in train.jsonl, in the report and in the benchmark.
 #pragma once
 
 #include <array>
@@ -28,7 +28,7 @@ inline constexpr std::size_t kStageCount = kStageNames.size();
 class StageRecorder {
  public:
   virtual ~StageRecorder() = default;
-  /// Work queued from now on belongs to `stage`; this ends the stage before.
+  /// Work queued from now on belongs to `stage`, which ends the previous stage.
   virtual void begin(Stage stage) = 0;
   /// Work queued from now on belongs to no stage.
   virtual void end() = 0;

@@ -1,4 +1,4 @@
-// The lens of a view, as numbers. math/lens.h says what they mean.
+// The parameters of the lens of a view. math/lens.h uses them.
 #pragma once
 
 #include <cstdint>
@@ -9,11 +9,11 @@ namespace b3dgs {
 
 enum class LensKind : std::int32_t {
   kPinhole,
-  kDistorted,        // a perspective lens with radial, tangential and thin-prism distortion
-  kFov,              // perspective lenses with a radial law of their own
+  kDistorted,        // perspective lens with radial, tangential and thin-prism distortion
+  kFov,              // perspective lenses with their own radial functions
   kDivision,         //
   kEucm,             //
-  kFisheye,          // the equidistant projection with the same distortion
+  kFisheye,          // equidistant projection with the same distortion
   kEquirectangular,  // a panorama of 360 x 180 degrees
 };
 
@@ -29,17 +29,17 @@ struct LensParams {
   LensKind kind = LensKind::kPinhole;
   Real k[kLensCoefficients] = {};
   // Largest angle to the axis (rad) at which the lens is evaluated: 1.15 times that of the image's corners, or less if
-  // the formula ends before. Gaussians farther out are linearised there, or not seen. Not used by pinholes and
+  // the formula ends before. Gaussians farther out are linearised there, or are not visible. Not used by pinholes and
   // panoramas.
   Real max_angle = 0;
 };
 
-// rad: 80 degrees
+// 80 degrees, in rad.
 inline constexpr double kMostForDepthAlongAxis = 80 * kDegree;
 
-/// Whether depth is the distance from the camera's centre rather than along its axis. True where depth along the axis
-/// is hardly meaningful: of a panorama, and of a fisheye with a max_angle above 80 degrees. Other fisheyes blend in the
-/// order of pinholes, which is that of other programs' viewers.
+/// Returns whether depth is the distance from the camera's centre rather than along its axis. This is true where depth
+/// along the axis is hardly meaningful: for a panorama, and for a fisheye with a max_angle above 80 degrees. Other
+/// fisheyes blend in the order of pinholes, which other programs' viewers also use.
 template <class Real>
 B3DGS_HD bool has_radial_depth(const LensParams<Real>& lens) {
   return lens.kind == LensKind::kEquirectangular ||
@@ -48,12 +48,12 @@ B3DGS_HD bool has_radial_depth(const LensParams<Real>& lens) {
 
 using ViewLens = LensParams<float>;
 
-/// How many splats a Gaussian can have: a panorama shows those at its seam twice (math/project_splat.h).
+/// Returns how many splats a Gaussian can have. A panorama shows those at its seam twice (math/project_splat.h).
 B3DGS_HD int splats_per_gaussian(const ViewLens& lens) {
   return lens.kind == LensKind::kEquirectangular ? 2 : 1;
 }
 
-/// Width of a panorama's full turn, px.
+/// Returns the width of a panorama's full turn, px.
 template <class Real>
 B3DGS_HD Real full_turn(Real fx) {
   return static_cast<Real>(2 * kPi) * fx;

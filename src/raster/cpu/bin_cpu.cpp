@@ -1,15 +1,15 @@
-// Binning: from splats to a list of splats for each tile, nearest first.
+// Binning: makes a list of splats for each tile, nearest first.
 //
 //   splats      in the order of the Gaussians
 //     | sort    stable radix sort by depth
 //   splats      nearest first
 //     | find    the tiles that each splat touches, and how many splats touch each tile
 //   tiles       of the first splat, of the second, ...
-//     | place   each splat into the lists of its tiles: a stable counting sort
-//   lists       and for each entry its slot; the slots of a splat follow each other
+//     | place   each splat into the lists of its tiles with a stable counting sort
+//   lists       and the slot of each entry; the slots of a splat are contiguous
 //
-// Every step is split into consecutive chunks, one per thread. From the counts of the chunks before it a chunk knows
-// where it writes, so the lists do not depend on the number of threads.
+// Every step is split into consecutive chunks, one per thread. A chunk knows where to write from the counts of the
+// chunks before it, so the lists do not depend on the number of threads.
 
 #include <algorithm>
 #include <cstring>
@@ -27,9 +27,9 @@ namespace {
 constexpr int kDigitBits = 11;  // three passes sort 32 bits, and a chunk's counters fit into the first-level cache
 constexpr int kDigits = 1 << kDigitBits;
 constexpr std::int64_t kGrain = 8192;   // splats per chunk
-constexpr std::int64_t kPrefetch = 16;  // splats to fetch ahead
+constexpr std::int64_t kPrefetch = 16;  // splats to prefetch
 
-/// Sorts keys by their upper 32 bits. Returns the array that holds the result.
+/// Sorts keys by their upper 32 bits. Returns the array with the result.
 std::uint64_t* sort_by_depth(std::uint64_t* keys, std::uint64_t* swap, std::int64_t n) {
   const Chunks chunks = make_chunks(n, kGrain);
   std::vector<std::int64_t> counts(static_cast<std::size_t>(chunks.count * kDigits));
@@ -74,7 +74,7 @@ BinnedSplats bin(const BinArgs& args, BinBuffers& buffers) {
   });
   keys = sort_by_depth(keys, buffers.keys_swap.resize(n), n);
 
-  // In depth order, what belongs to a splat is scattered in memory, so it is fetched some splats ahead.
+  // In depth order, the data of a splat is scattered in memory, so it is prefetched some splats ahead.
   const auto ahead = [&](std::int64_t depth_index) { return splat_of(keys[std::min(depth_index + kPrefetch, n - 1)]); };
 
   // Find the tiles. Counts are per chunk and tile, and per splat.
@@ -110,7 +110,7 @@ BinnedSplats bin(const BinArgs& args, BinBuffers& buffers) {
     buffers.tiles[static_cast<std::size_t>(chunk)] = std::move(tiles);
   });
 
-  // Counts to offsets: where each chunk writes in each tile's list, and each splat's first slot.
+  // Turn counts into offsets: where each chunk writes in each tile's list, and each splat's first slot.
   std::int64_t* const tile_offsets = buffers.tile_offsets.resize(n_tiles + 1);
   std::int64_t n_pairs = 0;
   for (std::int64_t tile = 0; tile < n_tiles; ++tile) {

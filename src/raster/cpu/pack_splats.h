@@ -1,4 +1,4 @@
-// Splats in the order of their Gaussians, of which each has none, one or, in a panorama, two.
+// Packs splats in the order of their Gaussians. Each Gaussian has none, one or, in a panorama, two.
 #pragma once
 
 #include <algorithm>
@@ -11,18 +11,18 @@
 
 namespace b3dgs::cpu {
 
-/// Splats of consecutive Gaussians, one after the other.
+/// Contiguous splats of consecutive Gaussians.
 struct PackedSplats {
-  Splat* splats = nullptr;  // [n] in memory that has room for all
+  Splat* splats = nullptr;  // [n] in memory large enough for all
   Vec2f* extents = nullptr;
   std::int64_t n = 0, n_second = 0;
-  std::int64_t invalid = -1;  // the first Gaussian that is invalid, behind those that were added
+  std::int64_t invalid = -1;  // the first invalid Gaussian, after those that were added
 
   void add(const ProjectedGaussian& projected) {
     extents[n] = projected.extent;
     splats[n++] = projected.splat;
   }
-  /// Of a panorama: adds the second splat of a Gaussian that crosses the seam.
+  /// Adds the second splat of a Gaussian that crosses the seam of a panorama.
   void add_second(const ProjectArgs& args, const ProjectedGaussian& first) {
     const ProjectedGaussian second = across_the_seam(first, full_turn(args.view.fx), args.settings.culling, args.grid);
     if (second.outcome != Outcome::kSeen) return;
@@ -31,8 +31,9 @@ struct PackedSplats {
   }
 };
 
-/// Calls add_one(i, out) for each Gaussian, which adds its splats, at most n_each, and returns whether it is valid.
-/// Each chunk packs its splats where there is room for all of them; afterwards the chunks are moved together.
+/// Calls add_one(i, out) for each Gaussian. It adds the Gaussian's splats, at most n_each, and returns whether the
+/// Gaussian is valid. Each chunk first packs its splats where all of them would fit. Then the chunks are moved
+/// together.
 template <class AddOne>
 PackedSplats pack_splats(std::int64_t n, std::int64_t n_each, const SplatRowArrays& room, AddOne&& add_one) {
   constexpr std::int64_t kGrain = 1024;  // Gaussians per chunk

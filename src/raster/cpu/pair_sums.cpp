@@ -1,14 +1,14 @@
-// What the pixels of a tile add up to for each splat of its list: the backward blend, which visits the splats back to
-// front, and scoring, front to back. Threads take tiles from an atomic counter; SIMD lanes are pixels. The sums of a
-// (tile, splat) pair are kept in registers and written once, to the pair's slot: nothing is stored per pixel and splat,
-// and no two threads write to the same place.
+// Sums over the pixels of a tile for each splat of its list: the backward blend, which visits the splats back to front,
+// and scoring, front to back. Threads take tiles from an atomic counter, and SIMD lanes are pixels. The sums of a
+// (tile, splat) pair stay in registers and are written once, to the pair's slot. So nothing is stored per pixel and
+// splat, and no two threads write to the same address.
 
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "raster/cpu/pair_sums.cpp"
 #include <hwy/foreach_target.h>
 // Everything below is compiled once per instruction set.
 #include "raster/cpu/forward/lanes-inl.h"
-// After lanes-inl.h, whose SIMD type it computes on.
+// Include after lanes-inl.h, because it computes on that SIMD type.
 #include "raster/math/blend.h"
 
 #include <algorithm>
@@ -23,7 +23,7 @@ namespace b3dgs {
 namespace HWY_NAMESPACE {
 namespace {
 
-/// A tile in the backward blend. Padding has no last splat and no gradient.
+/// A tile in the backward blend. Padding pixels have no last splat and no gradient.
 struct TileGradients : TileLayout {
   HWY_ALIGN float transmittance[kCapacity], behind[kCapacity];  // ReverseState
   HWY_ALIGN float red[kCapacity], green[kCapacity], blue[kCapacity], depth[kCapacity];
@@ -61,14 +61,14 @@ struct TileGradients : TileLayout {
   }
 };
 
-/// SplatGrad, spread over lanes until the last row is done.
+/// A SplatGrad spread over lanes until the last row is done.
 struct SplatGradLanes {
   Lanes log_alpha, mean_x, mean_y, cov_xx, cov_xy, cov_yy;
   Lanes red, green, blue;
   Lanes depth;
 };
 
-/// The gradient of the splat at `position` of the list, summed over `vectors` of `rows`.
+/// Returns the gradient of the splat at `position` of the list, summed over `vectors` of `rows`.
 template <bool kDepth>
 HWY_INLINE SplatGrad backward_onto(TileGradients& tile, const Splat& splat, const Span& rows, const Span& vectors,
                                    std::int32_t position) {
@@ -107,7 +107,7 @@ HWY_INLINE SplatGrad backward_onto(TileGradients& tile, const Splat& splat, cons
           sums.cov_yy.sum(),    sums.red.sum(),    sums.green.sum(),  sums.blue.sum(),   kDepth ? sums.depth.sum() : 0};
 }
 
-/// A tile while it is scored. Padding is finished.
+/// A tile during scoring. Padding pixels count as finished.
 struct TileErrors : TileLayout {
   HWY_ALIGN float transmittance[kCapacity];  // as in PixelState
   HWY_ALIGN float error[kCapacity];
@@ -128,14 +128,14 @@ struct TileErrors : TileLayout {
   }
 };
 
-/// The sum over lanes, in the units of scores.
+/// Returns the sum over lanes, in units of scores.
 HWY_INLINE std::uint64_t units_of(Lanes value) {
   static_assert(std::int64_t{kMaxLanes} * kScoreMax < std::int64_t{1} << 31, "a vector's sum fits into 32 bits");
   const IntVec units = hn::ConvertTo(IntTag(), (value * Lanes(kScoreUnits) + Lanes(0.5f)).v);
   return static_cast<std::uint64_t>(hn::GetLane(hn::SumOfLanes(IntTag(), units)));
 }
 
-/// Steps the pixels of `vectors` of `rows` over one splat, and sums.
+/// Advances the pixels of `vectors` of `rows` by one splat, and returns the sums.
 HWY_INLINE ScoreSums score_rows(TileErrors& tile, const Splat& splat, const Span& rows, const Span& vectors) {
   const auto shape = splat_shape<Lanes>(splat);
   ScoreSums sums{0, 0, 0};
@@ -160,7 +160,7 @@ HWY_INLINE ScoreSums score_rows(TileErrors& tile, const Splat& splat, const Span
 }  // namespace
 
 void run_blend_backward(const BlendBackwardArgs& args, std::int64_t index) {
-  constexpr std::int64_t kPrefetch = 16;  // entries to fetch ahead
+  constexpr std::int64_t kPrefetch = 16;  // entries to prefetch
   TileGradients tile(args, index);
   const std::int64_t first = args.bins.tile_offsets[index], last = args.bins.tile_offsets[index + 1];
   for (std::int64_t i = last - 1; i >= first; --i) {

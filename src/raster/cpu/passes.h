@@ -1,4 +1,4 @@
-// The CPU rasterizer, and its passes in the order in which they run, each a function of its arguments.
+// The CPU rasterizer and its passes, in the order in which they run. Each pass is a function of its arguments.
 #pragma once
 
 #include <sys/mman.h>
@@ -23,11 +23,11 @@ inline constexpr int kMaxTileSide = 32;
 
 std::unique_ptr<RasterizerBackend> make_rasterizer();
 
-/// Memory that only grows and is not initialised: passes write every element before they read it.
+/// Memory that only grows and is not initialised, because passes write every element before they read it.
 template <class T>
 class Buffer {
  public:
-  /// At least n elements with undefined contents. Reallocates, with a quarter to spare, only if n exceeds the capacity.
+  /// Returns n or more elements with undefined contents. Reallocates, 25% larger, only if n exceeds the capacity.
   T* resize(std::int64_t n) {
     if (n > capacity_) {
       const std::int64_t grown = n + n / 4;
@@ -43,8 +43,8 @@ class Buffer {
   struct Free {
     void operator()(T* memory) const { std::free(memory); }
   };
-  /// Large buffers ask for huge pages: passes visit splats and lists out of order, and with pages of 4 KiB most of
-  /// these accesses would miss the TLB, too.
+  /// Uses huge pages for large buffers. Passes visit splats and lists out of order, and with pages of 4 KiB most of
+  /// these accesses would also miss the TLB.
   static void* allocate(std::size_t bytes) {
     constexpr std::size_t kLine = 64, kHugePage = std::size_t{2} << 20;
     const std::size_t alignment = bytes < 2 * kHugePage ? kLine : kHugePage;
@@ -58,7 +58,7 @@ class Buffer {
   std::int64_t capacity_ = 0;
 };
 
-/// Fetches an object that will be read or written soon. Splats and pairs are visited in the order of depths or of
+/// Prefetches an object that will be read or written soon. Passes visit splats and pairs in the order of depths or
 /// tiles, in which they are scattered in memory.
 template <class T>
 void prefetch_object(const T& object) {
@@ -67,21 +67,21 @@ void prefetch_object(const T& object) {
   if (sizeof(T) > alignof(T)) __builtin_prefetch(bytes + sizeof(T) - 1);  // it may end in another cache line
 }
 
-/// Projection: Gaussians to the splats of one view, in the order of the Gaussians.
+/// Projects Gaussians to the splats of one view, in the order of the Gaussians.
 struct ProjectArgs {
   GaussianArrays gaussians{};
   CameraView view{};
   RenderSettings settings{};
   TileGrid grid{};
-  // Out. Splats and extents: [N], or [2 N] for a panorama, whose splats across the seam follow those of their
-  // Gaussians; the first M are written. Radii: [N], 0 if the Gaussian is not seen.
+  // Outputs. Splats and extents are [N], or [2 N] for a panorama, where the splat across the seam follows the first one
+  // of its Gaussian. The first M are written. Radii are [N], and 0 if the Gaussian is not visible.
   SplatRowArrays out{};
-  bool is_drawn = true;  // false: splats across the seam are counted, not written
+  bool is_drawn = true;  // false: splats across the seam are counted but not written
 };
 /// @throws InvalidGaussianError naming the first invalid Gaussian
 SplatCounts project(const ProjectArgs& args);
 
-/// Binning: splats to a list per tile, nearest first; equal depths in the order of the Gaussians.
+/// Binning: makes a list of splats for each tile, nearest first. Equal depths keep the order of the Gaussians.
 struct BinArgs {
   const Splat* splats = nullptr;
   const Vec2f* extents = nullptr;
@@ -89,17 +89,17 @@ struct BinArgs {
   std::int64_t n_splats = 0;            // M
   TileGrid grid{};
   Culling culling = Culling::kEllipse;
-  const char* indexed = "Gaussian";      // what Splat::gaussian is, in errors
+  const char* indexed = "Gaussian";      // what Splat::gaussian is an index of, in errors
   std::int64_t n_pairs_max = kIndexMax;  // (tile, splat) pairs of a view
 };
-/// Buffers of binning, reused from view to view.
+/// Buffers of binning, reused for every view.
 struct BinBuffers {
   Buffer<std::int64_t> tile_offsets, slot_offsets, pair_slots, tile_counts;
-  std::vector<std::vector<std::int32_t>> tiles;  // of the splats of each chunk
+  std::vector<std::vector<std::int32_t>> tiles;  // tiles of the splats of each chunk
   Buffer<std::int32_t> splat_ids;
   Buffer<std::uint64_t> keys, keys_swap;
 };
-/// @throws NumericError naming the widest Gaussian if there are too many pairs, before memory is taken for them
+/// @throws NumericError naming the widest Gaussian if there are too many pairs, before allocating memory for them
 BinnedSplats bin(const BinArgs& args, BinBuffers& buffers);
 
 /// The forward kernels: blend_forward_naive(), ...
@@ -130,26 +130,26 @@ inline void add(ScoreSums& sum, const ScoreSums& part) {
   sum.max_weight = std::max(sum.max_weight, part.max_weight);
 }
 
-/// What the blending passes have summed for each (tile, splat) pair.
+/// Sums of the blending passes for each (tile, splat) pair.
 template <class Sum>
 struct PairSums {
   const Splat* splats = nullptr;               // [M]
   std::int64_t n_splats = 0;                   // M
-  const std::int64_t* slot_offsets = nullptr;  // [M + 1]
+  const std::int64_t* slot_offsets = nullptr;  // [n_pairs] indexed by slot
   const Sum* pairs = nullptr;                  // [n_pairs] by slot
 
-  /// Whether splat m is the second one of its Gaussian, across the seam of a panorama: it follows the first, and so do
-  /// its slots.
+  /// Returns whether splat m is the second one of its Gaussian, across the seam of a panorama. It and its slots follow
+  /// those of the first.
   bool is_second(std::int64_t m) const { return m > 0 && splats[m - 1].gaussian == splats[m].gaussian; }
-  /// The sum of splats [m, end), in the order of their slots.
+  /// Returns the sum of splats [m, end), in the order of their slots.
   Sum sum(std::int64_t m, std::int64_t end) const {
     Sum sum{};
     for (std::int64_t slot = slot_offsets[m]; slot < slot_offsets[end]; ++slot) add(sum, pairs[slot]);
     return sum;
   }
-  /// The sum of the Gaussian whose first splat is m.
+  /// Returns the sum of the Gaussian whose first splat is m.
   Sum of_gaussian(std::int64_t m) const { return sum(m, m + 1 < n_splats && is_second(m + 1) ? m + 2 : m + 1); }
-  /// Calls visit(m, sum) for each Gaussian; m is its first splat.
+  /// Calls visit(m, sum) for each Gaussian, where m is its first splat.
   template <class Visit>
   void visit_gaussians(Visit&& visit) const {
     constexpr std::int64_t kGrain = 1024;
@@ -159,25 +159,25 @@ struct PairSums {
   }
 };
 
-/// What turns the sums of splats into gradients of Gaussians.
+/// Data that turns the sums of splats into gradients of Gaussians.
 struct ProjectBackwardArgs {
   GaussianArrays gaussians{};
   CameraView view{};
   int sh_degree = 0;
   bool antialiasing = false;
 };
-/// Backward projection: gradients with respect to the stored parameters.
+/// Backward projection. Computes gradients with respect to the stored parameters.
 void project_backward(const ProjectBackwardArgs& args, const PairSums<SplatGrad>& sums, const GaussianGradArrays& out);
 
-/// Gradient with respect to the camera's pose. `out`: [kCameraGradients].
+/// Computes the gradient with respect to the camera's pose. `out`: [kCameraGradients].
 void camera_gradient(const ProjectBackwardArgs& args, const PairSums<SplatGrad>& sums, double* out);
-/// The same in two halves, for splats rendered elsewhere: what each of M adds, and the sum, in their order.
-/// `parts`: [M, kCameraGradients].
+/// The same in two halves, for splats rendered elsewhere. camera_parts() computes the contribution of each of M splats,
+/// `parts` [M, kCameraGradients], and sum_camera_parts() adds them in order.
 void camera_parts(const ProjectBackwardArgs& args, const SplatRows& rows, const SplatGradSum* splat_grads,
                   float* parts);
 void sum_camera_parts(const float* parts, std::int64_t n_splats, double* out);
 
-/// Keeps the sums of splats for a later backward projection.
+/// Stores the sums of splats for a later backward projection.
 void keep_splat_records(const PairSums<SplatGrad>& sums, std::int64_t n_gaussians, const SplatRecordArrays& out);
 void keep_splats(const KeepSplatsArgs& args);
 

@@ -1,4 +1,4 @@
-// Projection and backward projection: one Gaussian at a time; threads take chunks of Gaussians.
+// Projection and backward projection, one Gaussian at a time. Threads take chunks of Gaussians.
 
 #include <algorithm>
 #include <array>
@@ -92,7 +92,7 @@ void project_backward(const ProjectBackwardArgs& args, const PairSums<SplatGrad>
     out.means2d[2 * i + 1] = grad.mean2d.y;
   };
 
-  // Rows of Gaussians [begin, end), which are not seen.
+  // Zeroes the gradients of Gaussians [begin, end), which are not visible.
   const auto write_zeros = [&](std::int64_t begin, std::int64_t end) {
     const auto fill = [&](float* array, std::int64_t columns) {
       std::fill(array + columns * begin, array + columns * end, 0.0f);
@@ -120,12 +120,12 @@ void project_backward(const ProjectBackwardArgs& args, const PairSums<SplatGrad>
 
 namespace {
 
-// Gradient with respect to the camera's pose: the splats' parts, summed in double within chunks of a fixed size and
-// then over the chunks in their order, so that the result does not depend on the number of threads.
+// Gradient with respect to the camera's pose. The contributions of the splats are summed in double within chunks of a
+// fixed size and then over the chunks in order, so the result does not depend on the number of threads.
 
 using Part = std::array<float, kCameraGradients>;
 
-/// What a splat adds, given its sums over pixels.
+/// Returns the contribution of a splat, given its sums over pixels.
 Part part_of(const ProjectBackwardArgs& args, const ViewTransform<float>& view, const Splat& splat,
              const SplatGrad& sum) {
   const CameraGrad part = with_lens(args.view.lens, [&](const auto& lens) {
@@ -137,7 +137,7 @@ Part part_of(const ProjectBackwardArgs& args, const ViewTransform<float>& view, 
           part.translation.x, part.translation.y, part.translation.z};
 }
 
-/// Adds the parts of n splats; get_part(m) is that of splat m.
+/// Adds the contributions of n splats. get_part(m) returns that of splat m.
 template <class GetPart>
 void add_parts(std::int64_t n, double* out, GetPart&& get_part) {
   const Chunks chunks = make_chunks(n, kGrain);
@@ -155,7 +155,7 @@ void add_parts(std::int64_t n, double* out, GetPart&& get_part) {
   }
 }
 
-/// Records of Gaussians that the view does not see.
+/// Initialises the entries of Gaussians that are not visible in the view.
 void write_unseen(const SplatRecordArrays& out, std::int64_t n_gaussians) {
   parallel_chunks(n_gaussians, kGrain, [&](std::int64_t begin, std::int64_t end) {
     std::fill(out.record_of_gaussian + begin, out.record_of_gaussian + end, -1);

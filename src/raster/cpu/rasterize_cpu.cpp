@@ -1,4 +1,4 @@
-// Runs the passes in order and owns the memory between them.
+// Runs the CPU passes in order and owns the memory between them.
 
 #include <algorithm>
 #include <array>
@@ -32,8 +32,8 @@ TileGrid checked_grid(const CameraView& view, const TileShape& tile) {
   return make_tile_grid(view.width, view.height, tile);
 }
 
-/// In place of project(): splats that were projected elsewhere, numbered as Gaussians, row by row. Returns M.
-/// Not in project_cpu.cpp, so that the compiler goes on inlining all of projection there.
+/// Replaces project() for splats that were projected elsewhere, and numbers them row by row as if they were Gaussians.
+/// Returns M. Not in project_cpu.cpp, so that the compiler still inlines all of projection there.
 std::int64_t load_rows(const SplatRows& rows, const ProjectArgs& args) {
   const int n_each = splats_per_gaussian(args.view.lens);
   const auto add_row = [&](std::int64_t m, PackedSplats& out) {
@@ -120,7 +120,7 @@ class CpuBackend final : public RasterizerBackend {
     kForwardPasses[static_cast<std::size_t>(kernel)](blend_args());
   }
 
-  /// Scalar code: training calls this only for its statistics.
+  /// Scalar code, because training calls this only for its statistics.
   void count_load(std::int32_t* processed, std::int32_t* contributing) const override {
     state_.check_view("count_load()");
     const TileGrid& grid = state_.grid;
@@ -151,7 +151,7 @@ class CpuBackend final : public RasterizerBackend {
   BinnedSplats bins() const override { return bins_; }
 
  private:
-  /// Returns the arguments of a projection of n Gaussians, without these.
+  /// Returns the arguments of a projection of n Gaussians, without the Gaussians.
   ProjectArgs begin(std::int64_t n, const CameraView& view, const RenderSettings& settings, bool is_drawn) {
     state_.begin_view(view, checked_grid(view, settings.tile_shape()), settings);
     begin_stage(settings.stages, Stage::kProject);
@@ -169,7 +169,7 @@ class CpuBackend final : public RasterizerBackend {
     return cpu::project(args);
   }
 
-  /// From the splats to the images.
+  /// Renders images from the splats.
   void draw(std::int64_t n_splats, const char* indexed, const ImageArrays& out) {
     state_.n_splats = n_splats;
     state_.rendered = out;
@@ -196,7 +196,7 @@ class CpuBackend final : public RasterizerBackend {
     return {gaussians, state_.view, state_.settings.sh_degree, state_.settings.antialiasing};
   }
 
-  /// The backward blend. The stage of the backward projection begins after it.
+  /// Runs the backward blend, then begins the stage of the backward projection.
   PairSums<SplatGrad> blend_backward(const ImageGradArrays& grad) {
     begin_stage(state_.settings.stages, Stage::kBlendBackward);
     SplatGrad* const pairs = pair_grads_.resize(bins_.n_pairs);
@@ -218,7 +218,7 @@ class CpuBackend final : public RasterizerBackend {
     end_stage(state_.settings.stages);
   }
 
-  /// The scores of the pairs, in memory of the gradients.
+  /// Computes the scores of the pairs, in the memory of the gradients.
   PairSums<ScoreSums> score_pairs(const float* error) {
     static_assert(sizeof(ScoreSums) <= sizeof(SplatGrad) && alignof(ScoreSums) <= 64, "fits into a pair's gradient");
     auto* const pairs = reinterpret_cast<ScoreSums*>(pair_grads_.resize(bins_.n_pairs));

@@ -1,15 +1,16 @@
-// Binning: for each tile a list of the splats that touch it, nearest first. A splat's id is its row in ProjectOutputs.
+// Binning: makes a list for each tile of the splats that touch it, nearest first. The id of a splat is its row in
+// ProjectOutputs.
 //
 //   projection        adds each span of tiles that a splat touches in a row to a difference array (tile_spans.cuh)
-//   1. number_lists   one block: a prefix sum of it gives the length of each list, others where each list begins and
-//                     its buckets are numbered; tiles are ordered by length
-//   2. emit_entries   a thread per row of tiles that a splat of its block touches: writes depth and id, a key of 64
-//                     bits, to the next free entry of each tile's list, in any order. If a list is long, each
-//                     block reserves its entries in a list at once
+//   1. number_lists   one block: a prefix sum of this array gives the length of each list. Further prefix sums give
+//                     the start of each list and the numbers of its buckets. Tiles are ordered by length
+//   2. emit_entries   a thread per row of tiles that a splat of its block touches: writes a 64-bit key of depth and
+//                     id to the next free entry of each tile's list, in any order. If a list is long, each block
+//                     reserves all of its entries in a list at once
 //   3. sort_lists     sorts each list (sort_lists.cu)
 //
-// With `with_slots`, find_slots_kernel then looks up the slot of each entry: the first slot of its splat (a scan over
-// Gaussians) plus the number of the splat's tiles in front of this one.
+// With `with_slots`, find_slots_kernel then computes the slot of each entry: the first slot of its splat (a scan over
+// Gaussians) plus the number of the splat's tiles before this one.
 
 #include <thrust/iterator/counting_iterator.h>
 #include <thrust/iterator/transform_iterator.h>
@@ -30,12 +31,12 @@ constexpr int kNumberThreads = 512;
 
 // ---- 1. number_lists
 
-/// Runs of a list after its first.
+/// Returns the number of runs of a list after the first.
 __device__ __forceinline__ std::int32_t n_more_runs(std::int32_t length) {
   return length > 0 ? (length - 1) / kRunEntries : 0;
 }
 
-/// Classes of lengths, a quarter of an octave each: longer lists are in the same or a lower class.
+/// Classes of list lengths, a quarter of an octave each. Longer lists are in the same or a lower class.
 constexpr int kLengthClasses = 128;
 __device__ __forceinline__ int length_class(std::int32_t length) {
   if (length < 4) return kLengthClasses - 1 - length;
@@ -43,7 +44,7 @@ __device__ __forceinline__ int length_class(std::int32_t length) {
   return kLengthClasses - 1 - (4 * octave + (length >> (octave - 2) & 3) - 4);
 }
 
-/// atomicAdd(counters + k, 1), with one atomic for the lanes that have the same k.
+/// Computes atomicAdd(counters + k, 1) with one atomic for all lanes that have the same k.
 __device__ __forceinline__ std::int32_t take_place(std::int32_t* counters, int k) {
   const unsigned active = __activemask(), same = __match_any_sync(active, k);
   const int leader = __ffs(same) - 1;
@@ -52,7 +53,7 @@ __device__ __forceinline__ std::int32_t take_place(std::int32_t* counters, int k
   return __shfl_sync(active, first, leader) + __popc(same & ((1u << lane_id()) - 1));
 }
 
-/// One block, four tiles per thread at a time.
+/// Runs in one block, with four tiles per thread at a time.
 __global__ void __launch_bounds__(kNumberThreads)
     number_lists_kernel(const ListArgs args, ViewCounts* const host_counts) {
   constexpr int kItems = 4;
@@ -62,7 +63,7 @@ __global__ void __launch_bounds__(kNumberThreads)
     typename ScanCounts::TempStorage counts;
     typename ScanPlaces::TempStorage places;
   } memory;
-  __shared__ std::int32_t next_of_class[kLengthClasses];  // first a count of tiles, then where the next tile goes
+  __shared__ std::int32_t next_of_class[kLengthClasses];  // first a count of tiles, then the index of the next tile
   __shared__ std::int32_t longest, n_long_lists;
   __shared__ unsigned long long n_pairs;
   const auto thread = static_cast<std::int32_t>(threadIdx.x);
@@ -73,7 +74,7 @@ __global__ void __launch_bounds__(kNumberThreads)
 
   std::int32_t own_longest = 0, own_long = 0;
   unsigned long long own_pairs = 0;
-  // Of all tiles before this round; length: of the last one.
+  // Totals of all tiles before this round. length_before is the length of the last list.
   std::int32_t length_before = 0, more_runs_before = 0;
   std::uint64_t places_before = 0;
   for (std::int32_t start = 0; start < n_tiles; start += kNumberThreads * kItems) {
@@ -131,7 +132,7 @@ __global__ void __launch_bounds__(kNumberThreads)
   ScanCounts(memory.counts).ExclusiveSum(thread < kLengthClasses ? next_of_class[thread] : 0, place);
   if (thread < kLengthClasses) next_of_class[thread] = place;
   if (thread == 0) args.tile_offsets[n_tiles] = static_cast<std::int64_t>(places_before >> 32);
-  __syncthreads();  // where each class begins, all offsets, and what threads have added up
+  __syncthreads();  // class starts, offsets and the sums of all threads are ready
   if (thread == 0) {
     ViewCounts& out = *host_counts;
     const ViewCounts& projected = *args.projected.counts;
@@ -153,11 +154,11 @@ __global__ void __launch_bounds__(kNumberThreads)
 
 // ---- 2. emit_entries
 
-/// If a list has more entries, each block reserves its own in a list at once, except of tiles without a slot in
-/// BlockCounters.
+/// If a list has more entries, each block reserves its own entries in a list at once. Tiles without an entry in
+/// BlockCounters are an exception.
 constexpr std::int64_t kManyInOneList = 8192;
 
-/// Reserves the entries that the block has counted: each count becomes the index of the first.
+/// Reserves the entries that the block has counted. Each count becomes the index of the first entry.
 __device__ __forceinline__ void reserve_entries(BlockCounters& counters, std::int32_t* next_entries) {
   constexpr int kOfThread = BlockCounters::kSlots / kThreads;  // atomics in flight
   static_assert(BlockCounters::kSlots % kThreads == 0);
@@ -190,18 +191,18 @@ __global__ void __launch_bounds__(kThreads) emit_entries_kernel(const ListArgs a
     keys[threadIdx.x] = EntryKey{__float_as_uint(splat.depth)} << 32 | static_cast<std::uint32_t>(i);
   }
   if (kReservesAtOnce) counters.reset(kThreads);
-  const int n_tasks = share_spans(tasks, rows);  // its barriers: the keys are written, the counters reset
-  // The projection counted the tiles with the same arithmetic and the same bits (tiling.h), so all entries of a list
-  // are written, and none beyond the last.
+  const int n_tasks = share_spans(tasks, rows);  // its barriers also cover the keys and the counters
+  // The projection counted the tiles with the same arithmetic and the same bits (tiling.h), so exactly the entries of
+  // each list are written.
   if constexpr (kReservesAtOnce) {
     visit_spans(tasks, args.grid, n_tasks, [&](int, std::int32_t row, Span span) {
       for (std::int32_t column = span.begin; column < span.end; ++column) {
         if (std::int32_t* const count = counters.take(row * args.grid.columns + column)) atomicAdd(count, 1);
       }
     });
-    __syncthreads();  // all are counted
+    __syncthreads();  // all entries are counted
     reserve_entries(counters, args.next_entries);
-    __syncthreads();  // where the block's entries go is known
+    __syncthreads();  // the positions of the block's entries are known
   }
   visit_spans(tasks, args.grid, n_tasks, [&](int thread, std::int32_t row, Span span) {
     const EntryKey key = keys[thread];
@@ -227,7 +228,7 @@ __global__ void __launch_bounds__(kThreads) emit_entries_kernel(const ListArgs a
 
 // ---- slots
 
-/// A block per tile.
+/// Runs a block per tile.
 __global__ void __launch_bounds__(kThreads) find_slots_kernel(const ListArgs args) {
   const auto tile = static_cast<std::int32_t>(blockIdx.x);
   const std::int32_t tile_row = tile / args.grid.columns, column = tile % args.grid.columns;
@@ -244,7 +245,7 @@ __global__ void __launch_bounds__(kThreads) find_slots_kernel(const ListArgs arg
   }
 }
 
-/// Number of tiles of each row, input of a scan; 0 behind the last.
+/// Returns the number of tiles of each row as the input of a scan, and 0 after the last row.
 struct TilesOfRow {
   ListArgs lists;
   __device__ std::int64_t operator()(std::int64_t i) const {
@@ -259,7 +260,7 @@ struct IsSeen {
   __device__ bool operator()(std::int32_t i) const { return radii[i] > 0; }
 };
 
-/// Runs a CUB algorithm: queries the size of its temporary memory, allocates it, runs.
+/// Runs a CUB algorithm: queries the size of its temporary memory, allocates it, and runs it.
 template <class Call>
 void run_cub(BinBuffers& buffers, const LaunchContext& context, Call&& call) {
   std::size_t bytes = 0;
@@ -274,7 +275,7 @@ void list_seen(const ProjectOutputs& projected, std::int64_t n_rows, BinBuffers&
                const LaunchContext& context) {
   std::int32_t* const seen = buffers.seen.resize(n_rows + 1, context);
   if (n_rows == 0) return;
-  // ViewCounts also has the number; CUB writes it a second time, behind the list.
+  // CUB writes the number after the list. It is not used, because ViewCounts also has it.
   run_cub(buffers, context, [&](void* temporary, std::size_t& bytes) {
     return cub::DeviceSelect::If(temporary, bytes, thrust::counting_iterator<std::int32_t>(0), seen, seen + n_rows,
                                  n_rows, IsSeen{projected.radii}, context.stream);

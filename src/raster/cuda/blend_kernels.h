@@ -14,28 +14,28 @@ namespace b3dgs::cuda {
 B3DGS_OWN_KERNELS(B3DGS_ROW)
 #undef B3DGS_ROW
 
-/// In the order of ForwardKernel, from the first of ours on.
+/// Our kernels, in the order of ForwardKernel.
 inline constexpr std::array kOwnLaunches{
 #define B3DGS_ROW(kernel, id, name, is_balanced, summary) &launch_forward_##id,
     B3DGS_OWN_KERNELS(B3DGS_ROW)
 #undef B3DGS_ROW
 };
 
-/// The backward blend on our lists.
+/// Queues the backward blend on our lists.
 void launch_backward_per_bucket(const BlendBackwardCudaArgs& args, const LaunchContext& context);
 
-/// Whether to sum the parts behind each bucket once: if it pays (docs/lab/kernels.md: on street 1.5 M, not on 0.5 M),
-/// and the sums fit into the memory in which pairs were sorted. Otherwise each bucket sums those behind it, which takes
-/// time that grows with the square of their number, but saves a kernel.
+/// Returns whether to sum the parts behind each bucket once. This requires that it is faster (docs/lab/kernels.md: on
+/// street 1.5 M, not on 0.5 M) and that the sums fit into the memory in which pairs were sorted. Otherwise each bucket
+/// sums those behind it. That saves a kernel, but takes time that grows with the square of the number of buckets.
 inline bool has_many_parts(const ViewCounts& counts) {
   constexpr std::int64_t kSortBytes = 2 * sizeof(EntryKey), kSumBytes = kCudaTilePixels * sizeof(float);
   return counts.longest_list > 32768 && counts.n_buckets * kSumBytes <= counts.n_pairs * kSortBytes;
 }
 
-/// Sets the scratch pointers of `args`; the other arguments must be set.
+/// Sets the scratch pointers of `args`, whose other members must be set.
 inline void take_forward_scratch(BlendForwardCudaArgs& args, ScratchArrays& arrays) {
   if (args.cut.cuts()) {
-    // Each task has a full segment in front of it, since only a list's last segment may be shorter.
+    // Each task has a full segment in front of it, because only the last segment of a list may be shorter.
     const std::int64_t n_tasks_max = args.blend.bins.n_pairs >> args.cut.entries_log2;
     const std::int64_t n = args.cut.segments_before(args.blend.bins.n_pairs), n_pixels = n * kCudaTilePixels;
     Segments& segments = args.segments;

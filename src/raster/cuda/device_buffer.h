@@ -1,5 +1,4 @@
-// Device memory: where it comes from, buffers that only grow, and scratch memory that passes share. None is
-// initialised.
+// Device memory: its allocator, buffers that only grow, and scratch memory shared by passes. None of it is initialised.
 #pragma once
 
 #include <cuda_runtime_api.h>
@@ -11,8 +10,8 @@
 
 namespace b3dgs::cuda {
 
-/// Allocator of device memory. Blocks are aligned to 256 bytes, and their reuse is ordered on the stream on which they
-/// were allocated. Throws OutOfMemoryError.
+/// Allocator of device memory. Blocks are aligned to 256 bytes. Their reuse is ordered on the stream on which they were
+/// allocated. Throws OutOfMemoryError.
 class DeviceMemory {
  public:
   virtual ~DeviceMemory() = default;
@@ -25,12 +24,12 @@ struct LaunchContext {
   cudaStream_t stream = nullptr;
   DeviceMemory* memory = nullptr;
   int n_multiprocessors = 0;
-  // In whose order memory is allocated and freed. If it is another one (SideStream), passes on it neither allocate nor
-  // free until join().
+  // Memory is allocated and freed in the order of this stream. If it differs from `stream` (SideStream), passes on
+  // `stream` neither allocate nor free until join().
   cudaStream_t memory_stream = stream;
 };
 
-/// A context on the current device.
+/// Makes a context on the current device.
 inline LaunchContext make_launch_context(cudaStream_t stream, DeviceMemory& memory) {
   LaunchContext context{stream, &memory, 0, stream};
   int device = 0;
@@ -39,14 +38,14 @@ inline LaunchContext make_launch_context(cudaStream_t stream, DeviceMemory& memo
   return context;
 }
 
-/// A growing array in device memory. Allocates a quarter more than asked if there is enough memory, so that a slowly
-/// growing model does not allocate in every step.
+/// A growing array in device memory. Allocates a quarter more than requested if there is enough memory, so that a
+/// slowly growing model does not allocate in every step.
 template <class T>
 class DeviceBuffer {
  public:
   DeviceBuffer() = default;
   DeviceBuffer(DeviceBuffer&&) = delete;
-  /// At least n elements with undefined contents; reallocates if n exceeds the capacity.
+  /// Returns n or more elements with undefined contents. Reallocates if n exceeds the capacity.
   T* resize(std::int64_t n, const LaunchContext& context) {
     if (n > capacity_) {
       release();
@@ -82,12 +81,12 @@ class DeviceBuffer {
   std::int64_t capacity_ = 0;
 };
 
-/// Assigns arrays within a block of memory, each aligned to 256 bytes. Without a block, only counts the bytes.
+/// Assigns arrays within a block of memory, each aligned to 256 bytes. Without a block, it only counts the bytes.
 struct ScratchArrays {
   unsigned char* block = nullptr;
   std::int64_t used = 0;
 
-  /// n elements with undefined contents; null while counting.
+  /// Returns n elements with undefined contents, or null while counting.
   template <class T>
   T* take(std::int64_t n) {
     constexpr std::int64_t kAlignment = 256;
@@ -97,7 +96,7 @@ struct ScratchArrays {
   }
 };
 
-/// Scratch memory that passes use in turn: each overwrites what the pass before has left there.
+/// Scratch memory that passes use in turn. Each pass overwrites the data of the previous one.
 using PassScratch = DeviceBuffer<unsigned char>;
 
 /// Calls layout(ScratchArrays&) twice: first to count the bytes of the pass's arrays, then to assign them.

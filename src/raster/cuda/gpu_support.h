@@ -1,4 +1,4 @@
-// Whether this build has code for a GPU. Plain C++: the tests of messages need no CUDA.
+// Checks whether this build has code for a GPU. Plain C++, so the tests of its messages do not need CUDA.
 #pragma once
 
 #include <string>

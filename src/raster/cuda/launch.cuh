@@ -1,4 +1,4 @@
-// Launch helpers: kernels, rows, and what is constant in a view as template arguments.
+// Launch helpers for kernels and rows, and for values that are constant in a view as template arguments.
 #pragma once
 
 #include <type_traits>
@@ -20,7 +20,7 @@ void launch_blocks(void (*kernel)(Params...), std::int64_t n_blocks, int threads
   B3DGS_CUDA_CHECK_LAUNCH();
 }
 
-/// Number of blocks that together have n threads, entries or tasks, each `of_block`.
+/// Returns the number of blocks for n threads, entries or tasks, with `of_block` in each block.
 inline std::int64_t n_blocks(std::int64_t n, int of_block) {
   return (n + of_block - 1) / of_block;
 }
@@ -31,13 +31,13 @@ __global__ void __launch_bounds__(kThreads) each_row_kernel(const __grid_constan
   if (i < n_rows) row(i);
 }
 
-/// Calls row(i), a device lambda, for each i in [0, n_rows), a thread for each. Asynchronous.
+/// Calls row(i), a device lambda, for each i in [0, n_rows) with a thread each. Asynchronous.
 template <int kThreads = 256, class Row>
 void each_row(std::int64_t n_rows, const LaunchContext& context, const Row& row) {
   launch_blocks(each_row_kernel<kThreads, Row>, n_blocks(n_rows, kThreads), kThreads, context, row, n_rows);
 }
 
-/// Calls body(std::integral_constant<int, degree>): with a constant degree, SH basis values stay in registers. Degrees
+/// Calls body(std::integral_constant<int, degree>). With a constant degree, SH basis values stay in registers. Degrees
 /// below kMin are not instantiated.
 template <int kMin = 0, class Body>
 void with_sh_degree(int degree, Body&& body) {
@@ -50,7 +50,8 @@ void with_sh_degree(int degree, Body&& body) {
   }
 }
 
-/// Calls body(degree, antialiasing, lens), the first two constants as above, the last a Pinhole or the view's ViewLens.
+/// Calls body(degree, antialiasing, lens). The first two are constants as above, the last is Pinhole or the view's
+/// ViewLens.
 template <int kMinDegree = 0, class Body>
 void with_constants(int sh_degree, bool antialiasing, const ViewLens& view_lens, Body&& body) {
   with_sh_degree<kMinDegree>(sh_degree, [&](auto degree) {

@@ -1,13 +1,13 @@
-// Projection: Gaussians to splats.
-//   Grid: a thread per Gaussian. project_splat() (raster/math) decides whether the view sees it; the thread then writes
-//     splat, colour, extent and radius to the Gaussian's row, and the block adds its splats to the lengths of their
-//     tiles' lists (tile_spans.cuh).
+// Projection from Gaussians to splats.
+//   Grid: a thread per Gaussian. project_splat() (raster/math) decides whether it is visible. The thread then writes
+//     splat, colour, extent and radius to the Gaussian's row, and the block adds its splats to the list lengths of
+//     their tiles (tile_spans.cuh).
 //   Shared memory: the rows of tiles of the block's splats, and counters of tiles. Barriers: to use it, and to count
 //     splats.
-//   In a panorama, a Gaussian at the seam has a second splat, in row N + i: the thread writes it after the block has
+//   In a panorama, a Gaussian at the seam has a second splat, in row N + i. The thread writes it after the block has
 //     counted the first ones.
-//   load_rows_kernel, for splats that were projected elsewhere: copies rows instead of projecting.
-//   For the host: ViewCounts, which size the buffers of binning.
+//   load_rows_kernel, for splats that were projected elsewhere, copies rows instead of projecting.
+//   The host gets ViewCounts, which determine the size of the buffers of binning.
 
 #include <cstdint>
 
@@ -21,10 +21,10 @@ namespace {
 
 constexpr int kThreads = 128;
 
-/// Instead of an SH degree: a ColorPass computes the colours.
+/// Replaces an SH degree if a ColorPass computes the colours.
 constexpr int kNoColors = -1;
 
-/// Projects Gaussian i and writes its row. Returns the rows of tiles that its splat touches, none if it is not seen.
+/// Projects Gaussian i and writes its row. Returns the rows of tiles that its splat touches, none if it is not visible.
 template <int kShDegree, bool kAntialiasing, class Lens>
 __device__ __forceinline__ TileRows project_one(const ProjectCudaArgs& args, std::int64_t i) {
   const GaussianArrays& g = args.gaussians;
@@ -52,7 +52,7 @@ __device__ __forceinline__ TileRows project_one(const ProjectCudaArgs& args, std
   return tile_rows(grid, args.culling, projected.splat, projected.extent, projected.radius);
 }
 
-/// The same for the second splat of a panorama's Gaussian, from what was written of the first.
+/// Projects the second splat of a panorama's Gaussian, given the data that was written for the first.
 template <int kShDegree>
 __device__ __forceinline__ TileRows project_second(const ProjectCudaArgs& args, std::int64_t i) {
   const std::int64_t row = args.gaussians.n_gaussians + i;
@@ -77,8 +77,8 @@ __device__ __forceinline__ TileRows project_second(const ProjectCudaArgs& args, 
   return tile_rows(args.grid, args.culling, splat.splat, splat.extent, splat.radius);
 }
 
-/// Counts the block's splats, whose tiles are `rows`; in a panorama, then makes the second ones. All threads of the
-/// block must call it, each with its Gaussian.
+/// Counts the block's splats, whose tiles are `rows`. In a panorama, it then makes the second splats. All threads of
+/// the block must call it, each with its Gaussian.
 template <int kShDegree, bool kMaySeam>
 __device__ __forceinline__ void count_and_add_second(const ProjectCudaArgs& args, std::int64_t i,
                                                      const TileRows& rows) {
@@ -112,7 +112,7 @@ __global__ void __launch_bounds__(kThreads) load_rows_kernel(const SplatRows giv
     args.out.radii[i] = is_drawn ? radius : 0;
     if (is_drawn) rows = tile_rows(args.grid, args.culling, splat, extent, radius);
   }
-  count_and_add_second</*kShDegree=*/0, /*kMaySeam=*/true>(args, i, rows);  // with the colours that are there
+  count_and_add_second</*kShDegree=*/0, /*kMaySeam=*/true>(args, i, rows);  // keeps the existing colours
 }
 
 __global__ void __launch_bounds__(kThreads) reset_counts_kernel(const ProjectOutputs out, std::int32_t n_tiles) {
@@ -121,7 +121,7 @@ __global__ void __launch_bounds__(kThreads) reset_counts_kernel(const ProjectOut
   if (tile <= n_tiles && out.list_growth != nullptr) out.list_growth[kCounterStride * tile] = 0;
 }
 
-/// Counts and list lengths of a view without splats.
+/// Resets the counts and list lengths of a view without splats.
 void reset_counts(const ProjectCudaArgs& args, const LaunchContext& context) {
   const std::int32_t n_tiles = args.grid.n_tiles();
   launch_blocks(reset_counts_kernel, n_tiles / kThreads + 1, kThreads, context, args.out, n_tiles);

@@ -1,5 +1,5 @@
-// Device functions of projection and backward projection, for their kernels, for implementations of ColorPass and for
-// training's kernel that passes gradients to the optimizer without storing them.
+// Device functions of projection and backward projection. Used by their kernels, by implementations of ColorPass, and
+// by training's kernel that passes gradients to the optimizer without storing them.
 #pragma once
 
 #include <type_traits>
@@ -12,8 +12,8 @@
 
 namespace b3dgs::cuda {
 
-/// Red, green, blue of Gaussian i and the bits of `clamped`: the last 16 bytes of its Splat. `rest` holds its SH
-/// coefficients above degree 0.
+/// Returns red, green and blue of Gaussian i and the bits of `clamped`, which are the last 16 bytes of its Splat.
+/// `rest` points to its SH coefficients above degree 0.
 template <int kShDegree>
 __device__ __forceinline__ float4 splat_color(const GaussianArrays& gaussians, Vec3f camera_center, std::int64_t i,
                                               const float* rest) {
@@ -22,12 +22,12 @@ __device__ __forceinline__ float4 splat_color(const GaussianArrays& gaussians, V
   return make_float4(found.color.x, found.color.y, found.color.z, __uint_as_float(found.clamped));
 }
 
-/// Records an invalid Gaussian; the smallest index is kept (-1 is the largest unsigned number).
+/// Reports an invalid Gaussian. The smallest index wins (-1 is the largest unsigned number).
 __device__ __forceinline__ void note_invalid(ViewCounts* counts, std::int64_t i) {
   atomicMin(reinterpret_cast<unsigned long long*>(&counts->first_invalid), static_cast<unsigned long long>(i));
 }
 
-/// What the instance of a kernel for `Lens` takes from the view: a Pinhole, or its ViewLens.
+/// Returns the argument for the instance of a kernel for `Lens`: a Pinhole or the ViewLens of the view.
 template <class Lens>
 __device__ __forceinline__ Lens lens_of(const CameraView& view) {
   if constexpr (std::is_same_v<Lens, Pinhole>) {
@@ -37,7 +37,7 @@ __device__ __forceinline__ Lens lens_of(const CameraView& view) {
   }
 }
 
-/// Gradient by Gaussian i, which the view sees. kShDegree must equal args.sh_degree, kAntialiasing
+/// Returns the gradient of Gaussian i, which must be visible. kShDegree must equal args.sh_degree, and kAntialiasing
 /// args.antialiasing.
 template <int kShDegree, bool kAntialiasing, class Lens>
 __device__ __forceinline__ GaussianGrad gaussian_grad(const ProjectBackwardCudaArgs& args, std::int64_t i) {

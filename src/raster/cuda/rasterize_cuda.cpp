@@ -1,4 +1,4 @@
-// Runs the passes in order and owns the memory between them.
+// Runs the CUDA passes in order and owns the memory between them.
 
 #include <algorithm>
 #include <functional>
@@ -27,7 +27,7 @@ class CudaBackend final : public RasterizerBackend {
     check_render_args(gaussians, view, settings);
     const LaunchContext context = context_();
     // Lists and the colours of a ColorPass do not depend on each other, and neither fills the device. Projection and
-    // lists are in the side stream, which has priority, so that lists wait for no event.
+    // lists run on the side stream, which has priority, so that lists do not wait for an event.
     const bool has_pass = settings.color_pass != nullptr;
     const LaunchContext lists = has_pass ? side_.fork(context) : context;
     try {
@@ -35,7 +35,7 @@ class CudaBackend final : public RasterizerBackend {
       sums_.are_zero = settings.keep_for_backward;
       if (sums_.are_zero) args.out.sums = sums_.splats.resize(n_rows_, lists);
       cuda::project(args, lists);
-      if (has_pass) side_.join(context);  // colours follow the projection
+      if (has_pass) side_.join(context);  // the colour pass follows the projection
       number_view(args.out, lists);
       if (has_pass) {
         color_splats(args, colored_reader_.begin(), context);
@@ -49,7 +49,7 @@ class CudaBackend final : public RasterizerBackend {
     if (has_pass) side_.join(context);
     if (settings.camera_gradient) list_seen(lists_.projected, n_rows_, bin_buffers_, context);
     draw(out, context);
-    if (has_pass) colored_reader_.wait();  // whether all colours are valid
+    if (has_pass) colored_reader_.wait();  // throws if a colour is invalid
     state_.n_gaussians = gaussians.n_gaussians;
   }
 
@@ -188,8 +188,8 @@ class CudaBackend final : public RasterizerBackend {
   }
 
  private:
-  /// Begins a view, up to the arguments of its projection: without the colours if a ColorPass computes them, so that
-  /// color_splats() must follow. There are as many second rows as Gaussians if it is a panorama.
+  /// Begins a view, up to the arguments of its projection. If a ColorPass computes the colours, they are not included,
+  /// and color_splats() must follow. A panorama has as many second rows as Gaussians.
   ProjectCudaArgs begin(const GaussianArrays& gaussians, const CameraView& view, const RenderSettings& settings,
                         const LaunchContext& context) {
     n_first_rows_ = gaussians.n_gaussians;
@@ -214,8 +214,8 @@ class CudaBackend final : public RasterizerBackend {
     return args;
   }
 
-  /// Splats with their colours, not to be drawn. Lists the rows that have one, and queues the copy of their numbers for
-  /// wait_for_projections().
+  /// Projects splats with their colours that are not drawn here. Lists the rows that have a splat, and queues the copy
+  /// of the counts for wait_for_projections().
   ProjectOutputs project_seen(std::size_t index, const GaussianArrays& gaussians, const CameraView& view,
                               const RenderSettings& settings, const LaunchContext& context) {
     check_render_args(gaussians, view, settings);
@@ -232,7 +232,7 @@ class CudaBackend final : public RasterizerBackend {
     return args.out;
   }
 
-  /// `counts`: ColorCudaArgs.
+  /// Runs the ColorPass. `counts`: see ColorCudaArgs.
   void color_splats(const ProjectCudaArgs& args, ViewCounts* counts, const LaunchContext& context) {
     if (args.with_colors || n_first_rows_ == 0) return;
     state_.settings.color_pass->color({args.gaussians, args.view.center, args.sh_degree, args.out, counts}, context);
@@ -240,14 +240,14 @@ class CudaBackend final : public RasterizerBackend {
     if (is_drawn && n_rows_ > n_first_rows_) copy_second_colors(args.out, n_first_rows_, context);
   }
 
-  /// First part of binning. bin_view() follows.
+  /// Runs the first part of binning. bin_view() must follow.
   void number_view(const ProjectOutputs& projected, const LaunchContext& context) {
     lists_ = {projected, n_rows_, state_.grid, state_.settings.culling};
     number_lists(lists_, bin_buffers_, counts_reader_.begin(), context);
     counts_reader_.mark(context);
   }
 
-  /// Second part: waits for the counts of the lists. `widest`: what rows are, in errors.
+  /// Runs the second part: waits for the counts of the lists. `widest` names a row in errors.
   void bin_view(const char* widest, const LaunchContext& context) {
     const RenderSettings& settings = state_.settings;
     begin_stage(settings.stages, Stage::kBin);
@@ -261,7 +261,7 @@ class CudaBackend final : public RasterizerBackend {
     bin(lists_, with_slots, bin_buffers_, scratch_, context);
   }
 
-  /// From the lists to the images.
+  /// Renders images from the lists.
   void draw(const ImageArrays& out, const LaunchContext& context) {
     const RenderSettings& settings = state_.settings;
     state_.rendered = out;
@@ -274,7 +274,7 @@ class CudaBackend final : public RasterizerBackend {
         parts_.color = blended_.part_color.resize(n_bucket_pixels(), context);
         if (settings.depth_gradient) parts_.depth = blended_.part_depth.resize(n_bucket_pixels(), context);
       }
-      // What the backward pass needs, while this pass can still be repeated.
+      // Allocate memory for the backward pass now, while this pass can still be repeated.
       sums_.splats.resize(n_rows_, context);
       if (settings.deterministic) sums_.pairs.resize(lists_.counts.n_pairs, context);
       if (settings.camera_gradient) {
@@ -313,7 +313,7 @@ class CudaBackend final : public RasterizerBackend {
     if (kernel == ForwardKernel::kSegmented) args.cut = list_cut(lists_.counts, context.n_multiprocessors);
     BucketParts stored = parts_;
     if (args.cut.cuts()) {
-      // Not in the scratch memory, which later passes overwrite: the backward pass needs them.
+      // Not in the scratch memory, which later passes overwrite, because the backward pass needs them.
       Segments& segments = args.segments;
       const std::int64_t n_pixels = args.cut.segments_before(lists_.counts.n_pairs) * kCudaTilePixels;
       segments.first_of_tile = blended_.first_segment_of_tile.resize(state_.grid.n_tiles(), context);
@@ -327,7 +327,7 @@ class CudaBackend final : public RasterizerBackend {
     stored_parts_ = stored;
   }
 
-  /// `sums`: [rows] out.
+  /// Runs the backward blend. `sums`: [rows] out.
   void blend_backward(const ImageGradArrays& grad, SplatGradSum* sums, const LaunchContext& context) {
     const RenderSettings& settings = state_.settings;
     B3DGS_CHECK(settings.keep_for_backward, "backward() after a forward() without keep_for_backward");
@@ -362,7 +362,7 @@ class CudaBackend final : public RasterizerBackend {
     }
   }
 
-  /// Sums of each row, in the memory of the backward pass.
+  /// Returns memory for the sums of each row, in the memory of the backward pass.
   template <class Sums>
   Sums* row_sums(const LaunchContext& context) {
     static_assert(sizeof(Sums) <= sizeof(SplatGradSum), "fits into a splat's gradient");
@@ -370,14 +370,14 @@ class CudaBackend final : public RasterizerBackend {
     return reinterpret_cast<Sums*>(sums_.splats.resize(n_rows_, context));
   }
 
-  /// Of a panorama: to the first rows, which are all that passes over Gaussians read.
+  /// For panoramas: adds the sums of second splats to the first rows, because passes over Gaussians read only those.
   template <class Sums>
   void join_second_splats(Sums* sums, const LaunchContext& context) {
     if (n_rows_ > n_first_rows_) join_second(n_first_rows_, rows_.radii.data(), sums, context);
   }
 
-  /// Of forward_splats(): sum_all(sums) writes the sums of all rows; `out` receives those of the rows that it was
-  /// given, with those of their second splats.
+  /// For forward_splats(): sum_all(sums) writes the sums of all rows. `out` receives the sums of the given rows,
+  /// including those of their second splats.
   template <class Sums, class SumAll>
   void sum_rows(Sums* out, const LaunchContext& context, SumAll&& sum_all) {
     if (n_rows_ == n_first_rows_) return sum_all(out);
@@ -388,7 +388,7 @@ class CudaBackend final : public RasterizerBackend {
                                      cudaMemcpyDeviceToDevice, context.stream));
   }
 
-  /// The backward blend and, if wanted, the gradient with respect to the camera. Returns the arguments of
+  /// Runs the backward blend and, if enabled, the gradient with respect to the camera. Returns the arguments of
   /// project_backward() without the gradient arrays.
   ProjectBackwardCudaArgs blend_and_prepare(const GaussianArrays& gaussians, const ImageGradArrays& grad,
                                             const LaunchContext& context) {
@@ -411,7 +411,7 @@ class CudaBackend final : public RasterizerBackend {
     return args;
   }
 
-  /// `sums`: [rows] out.
+  /// Computes the scores of each row. `sums`: [rows] out.
   void score_rows(const float* error, ScoreSums* sums, bool wants_weights, const LaunchContext& context) {
     zero(sums, n_rows_, context);
     cuda::score({tile_lists(), error, sums}, lists_.tiles_by_length, wants_weights, context);
@@ -422,7 +422,7 @@ class CudaBackend final : public RasterizerBackend {
     B3DGS_CUDA_CHECK(cudaMemsetAsync(rows, 0, static_cast<std::size_t>(n) * sizeof(Row), context.stream));
   }
 
-  /// At least one, so that there is memory for parts, which says that they were kept.
+  /// At least one bucket, so that the pointer to the parts is not null, which means that they were stored.
   std::int64_t n_bucket_pixels() const { return std::max<std::int64_t>(lists_.counts.n_buckets, 1) * kCudaTilePixels; }
 
   template <class Visit>
@@ -436,14 +436,14 @@ class CudaBackend final : public RasterizerBackend {
   }
 
   std::function<LaunchContext()> context_;
-  /// Of the last projection.
+  /// Outputs of the last projection.
   struct {
     DeviceBuffer<Splat> splats;
     DeviceBuffer<Vec2f> extents;
     DeviceBuffer<std::int32_t> radii, list_growth;
     DeviceBuffer<ViewCounts> counts;
   } rows_;
-  /// What a forward blend leaves.
+  /// Outputs of a forward blend.
   struct {
     DeviceBuffer<std::int32_t> last_ids, first_segment_of_tile;
     DeviceBuffer<float4> part_color;
@@ -454,9 +454,9 @@ class CudaBackend final : public RasterizerBackend {
     DeviceBuffer<SplatGradSum> splats, pairs;
     DeviceBuffer<double> camera_parts, camera;
     DeviceBuffer<std::int32_t> n_records;
-    bool are_zero = false;  // the projection zeroes rows of `splats` that have a splat, and nothing was added since
+    bool are_zero = false;  // projection zeroed the rows of `splats` that have a splat, and nothing was added since
   } sums_;
-  /// Projections that were queued.
+  /// Queued projections.
   struct {
     std::vector<PinnedCounts> counts;
     std::size_t n = 0;
@@ -467,11 +467,11 @@ class CudaBackend final : public RasterizerBackend {
   CountsReader counts_reader_, colored_reader_;
   SideStream side_;
 
-  std::int64_t n_rows_ = 0, n_first_rows_ = 0;  // of the last projection: all, and without second splats
-  // Of the last forward pass:
+  std::int64_t n_rows_ = 0, n_first_rows_ = 0;  // of the last projection: all rows, and rows without second splats
+  // Data of the last forward pass.
   ListArgs lists_{};
-  BucketParts parts_{};         // memory for the bucket parts
-  BucketParts stored_parts_{};  // what the last blend stored there
+  BucketParts parts_{};         // all memory for bucket parts
+  BucketParts stored_parts_{};  // parts that the last blend stored there
 };
 
 }  // namespace

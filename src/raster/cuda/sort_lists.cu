@@ -1,13 +1,13 @@
-// Sorting of lists, in shared memory.
+// Sorts the lists in shared memory.
 //
-//   sort_lists   a block per run of 4352 entries of a long list; behind these, a warp per short list
+//   sort_lists   a block per run of 4352 entries of a long list, then a warp per short list
 //   merge_runs   only if a list is longer than a run: merges sorted runs pairwise, a block per 4352 entries of output,
 //                until one is left
 //
 //   list   | 5 1 4 2 3 | 9 8 0 6 |   -->   | 1 2 3 4 5 | 0 6 8 9 |   -->   | 0 1 2 3 4 5 6 8 9 |
 //
-// Keys are unique, so that the result does not depend on the order in which they were written. The last pass of a list
-// writes ids instead of keys. Barriers: those of CUB's merge sorts; four in merge_runs.
+// Keys are unique, so the result does not depend on the order in which they were written. The last pass of a list
+// writes ids instead of keys. Barriers: those of CUB's merge sorts, and four in merge_runs.
 
 #include <cub/block/block_merge_sort.cuh>
 #include <cub/warp/warp_merge_sort.cuh>
@@ -22,7 +22,7 @@ namespace b3dgs::cuda {
 namespace {
 
 constexpr int kThreads = 256, kWarps = kThreads / kWarpSize;
-// Entries per thread. Odd, so that threads that read their entries from shared memory use different banks.
+// Entries per thread. An odd number, so that threads that read their entries from shared memory use different banks.
 constexpr int kItems = 17;
 static_assert(kRunEntries == kThreads * kItems && kShortListEntries <= kWarpSize * kItems);
 
@@ -30,8 +30,8 @@ __device__ __forceinline__ std::int32_t id_of(EntryKey key, const ListArgs& args
   return min(static_cast<std::int32_t>(key & 0xffffffffu), static_cast<std::int32_t>(args.n_rows) - 1);
 }
 
-/// The first number in [low, high) that does not meet `condition`, or `high`. All later ones must not meet it either.
-/// All lanes of a warp must call it; they test 32 numbers at once, because a test waits for global memory.
+/// Returns the first number in [low, high) that does not meet `condition`, or `high`. No later number may meet it
+/// either. All lanes of a warp must call it. They test 32 numbers at once, because a test waits for global memory.
 template <class Condition>
 __device__ __forceinline__ std::int32_t search_by_warp(std::int32_t low, std::int32_t high, Condition&& condition) {
   while (low < high) {
@@ -43,8 +43,8 @@ __device__ __forceinline__ std::int32_t search_by_warp(std::int32_t low, std::in
   return low;
 }
 
-/// The run of a block. Block b takes the first run of the list number b by length, and blocks from `n_lists` on the
-/// other runs: all lanes of a warp must construct it together.
+/// The run of a block. Block b takes the first run of the b-th longest list, and blocks from `n_lists` on take the
+/// other runs. All lanes of a warp must construct it together.
 struct Run {
   std::int32_t tile, index, length;  // index of the run in the list; length of the list
   std::int64_t list;                 // first entry of the list
@@ -53,7 +53,7 @@ struct Run {
       tile = args.tiles_by_length[block];
       index = 0;
     } else {
-      // The last tile with at most `number` such runs in front.
+      // Finds the last tile that has at most `number` such runs before it.
       const std::int32_t number = block - n_lists;
       tile =
           search_by_warp(0, args.grid.n_tiles(), [&](std::int32_t at) { return args.first_more_runs[at] <= number; }) -
@@ -83,7 +83,7 @@ struct WarpSort : cub::WarpMergeSort<EntryKey, kPerThread, kWarpSize> {
   static constexpr std::int32_t kSorters = kWarpSize;
 };
 
-/// Shared memory of a sort, with any of these numbers of entries per thread.
+/// Shared memory of a sort, for any of these numbers of entries per thread.
 template <template <int> class Sort>
 union SortMemory {
   typename Sort<3>::TempStorage three;
@@ -92,7 +92,7 @@ union SortMemory {
   typename Sort<kItems>::TempStorage all;
 };
 
-/// Sorts a run of at most kPerThread entries for each thread that sorts.
+/// Sorts a run of at most kPerThread entries per sorting thread.
 template <class Sort, int kPerThread>
 __device__ __forceinline__ void sort_entries(const ListArgs& args, const Run& run, std::int32_t thread,
                                              typename Sort::TempStorage& memory) {
@@ -157,7 +157,7 @@ __global__ void __launch_bounds__(kThreads) sort_lists_kernel(const ListArgs arg
   if (run.length > 0) sort_run<WarpSort>(args, run, lane_id(), memory.warps[thread / kWarpSize]);
 }
 
-/// How many of the first `count` of two sorted sequences, merged, come from `a`.
+/// Returns how many of the first `count` entries of two merged sorted sequences come from `a`.
 __device__ __forceinline__ std::int32_t split_merged(const EntryKey* a, std::int32_t n_a, const EntryKey* b,
                                                      std::int32_t n_b, std::int32_t count) {
   std::int32_t low = max(0, count - n_b), high = min(count, n_a);
@@ -172,13 +172,13 @@ __device__ __forceinline__ std::int32_t split_merged(const EntryKey* a, std::int
   return low;
 }
 
-/// Merges sorted sequences of `width` entries of each list pairwise, from args.keys to args.merged; of lists that are
-/// sorted then, to args.splat_ids.
+/// Merges sorted sequences of `width` entries of each list pairwise, from args.keys to args.merged. If this completes a
+/// list, it writes to args.splat_ids instead.
 __global__ void __launch_bounds__(kThreads) merge_runs_kernel(const ListArgs args, std::int64_t width) {
   __shared__ EntryKey keys[kRunEntries];
   __shared__ std::int32_t splits[2];
   const Run run(args, static_cast<std::int32_t>(blockIdx.x), static_cast<std::int32_t>(args.counts.n_long_lists));
-  if (run.length <= width) return;  // sorted before
+  if (run.length <= width) return;  // already sorted
   const auto thread = static_cast<std::int32_t>(threadIdx.x);
   const std::int32_t begin = run.begin(), count = run.count();
   const auto pair = static_cast<std::int32_t>(begin / (2 * width) * (2 * width)), first = begin - pair;
@@ -187,12 +187,12 @@ __global__ void __launch_bounds__(kThreads) merge_runs_kernel(const ListArgs arg
   const EntryKey *a = args.keys + run.list + pair, *b = a + n_a;
   if (const std::int32_t warp = thread / kWarpSize; warp < 2) {
     const std::int32_t wanted = first + warp * count;
-    // As split_merged().
+    // The same search as split_merged().
     const std::int32_t split = search_by_warp(max(0, wanted - n_b), min(wanted, n_a),
                                               [&](std::int32_t k) { return a[k] < b[wanted - 1 - k]; });
     if (lane_id() == 0) splits[warp] = split;
   }
-  __syncthreads();  // what this block merges is known
+  __syncthreads();  // the inputs of this block are known
   a += splits[0];
   b += first - splits[0];
   n_a = splits[1] - splits[0];
@@ -209,7 +209,7 @@ __global__ void __launch_bounds__(kThreads) merge_runs_kernel(const ListArgs arg
     const bool is_a = !has_b || (has_a && keys[from_a] < keys[from_b]);
     merged[k] = keys[is_a ? from_a++ : from_b++];
   }
-  __syncthreads();  // all have read the keys
+  __syncthreads();  // all threads have read the keys
 #pragma unroll
   for (int k = 0; k < kItems; ++k) {
     if (own + k < count) keys[own + k] = merged[k];

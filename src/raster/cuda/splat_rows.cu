@@ -1,13 +1,12 @@
-// Passes over splats other than projection and blending: a thread per row, which is a Gaussian or a splat, unless
-// noted.
+// Passes over splats other than projection and blending. A thread per row (a Gaussian or a splat) unless noted.
 //
-//   copy_seen                 after projection, for a view rendered elsewhere: each splat from its Gaussian's row
-//   copy_second_colors        of a panorama: from a Gaussian's first splat to its second
-//   join_second               of a panorama: adds the sums of a Gaussian's second splat to those of its first
-//   invert_depths             for inverse depth (math/project_splat.h), and their gradients
+//   copy_seen                 for views rendered elsewhere: copies each splat from its Gaussian's row after projection
+//   copy_second_colors        for panoramas: copies the colours of a Gaussian's first splat to its second
+//   join_second               for panoramas: adds the sums of a Gaussian's second splat to those of its first
+//   invert_depths             for inverse depth (math/project_splat.h), and its gradients
 //   sum_splat_grads           for deterministic gradients: sums those of each splat's pairs in a fixed order. A warp
-//                             per splat: lanes take the pairs in turn, and the lanes are summed with shuffles
-//   keep_splat_records        for a later backward projection; keep_splats: rendered elsewhere
+//                             per splat: lanes take the pairs in turn, and shuffles sum the lanes
+//   keep_splat_records        stores sums for a later backward projection; keep_splats: for splats rendered elsewhere
 
 #include "raster/cuda/launch.cuh"
 #include "raster/cuda/passes.h"

@@ -1,5 +1,5 @@
-// What the host reads of a view during a forward pass, the errors that follow from it, and a stream for concurrent
-// passes.
+// Counts of a view that the host reads during a forward pass, the errors that follow from them, and a stream for
+// concurrent passes.
 #pragma once
 
 #include <atomic>
@@ -14,7 +14,7 @@
 
 namespace b3dgs::cuda {
 
-/// @throws InvalidGaussianError if projection found an invalid Gaussian
+/// Returns `counts`. @throws InvalidGaussianError if projection found an invalid Gaussian
 inline const ViewCounts& valid(const ViewCounts& counts) {
   if (counts.first_invalid < 0) return counts;
   throw InvalidGaussianError(counts.first_invalid, detail::concat("Gaussian ", counts.first_invalid, kInvalidText));
@@ -36,25 +36,26 @@ class PinnedCounts {
   PinnedMemory memory_ = make_pinned_memory(sizeof(ViewCounts));
 };
 
-/// Counts of a view, on their way to the host. Kernels write them to pinned memory, since a copy would let the next
-/// kernel start several microseconds later.
+/// Transfers the counts of a view to the host. Kernels write them to pinned memory, because a copy would delay the next
+/// kernel by several microseconds.
 class CountsReader {
  public:
-  /// What kernels of this view may write. Those of the view before have ended, also if an error left them unread.
+  /// Returns the counts for the kernels of this view. Waits for kernels of the previous view, whose counts an error may
+  /// have left unread.
   ViewCounts* begin() {
     wait_for(written_);
     *host_.get() = {};
     host_.get()->n_pairs = kUnwritten;
     return host_.get();
   }
-  /// Everything queued so far writes the counts.
+  /// Call when all kernels that write the counts are queued.
   void mark(const LaunchContext& context) { record(written_, context.stream); }
-  /// @throws InvalidGaussianError
+  /// Waits for the counts. @throws InvalidGaussianError
   const ViewCounts& wait() {
     wait_for(written_);
     return valid(*host_.get());
   }
-  /// The same of a kernel that writes n_pairs last, before it ends.
+  /// The same for a kernel that writes n_pairs last. Returns before the kernel ends.
   const ViewCounts& poll() {
     const volatile std::int64_t& n_pairs = host_.get()->n_pairs;
     for (int turn = 1; n_pairs == kUnwritten; ++turn) {
@@ -63,7 +64,7 @@ class CountsReader {
       const cudaError_t status = cudaEventQuery(written_.get());
       if (status == cudaSuccess) break;
       if (status != cudaErrorNotReady) B3DGS_CUDA_CHECK(status);
-      cudaGetLastError();  // or the next launch would report that it is not ready
+      cudaGetLastError();  // otherwise the next launch would report this status
     }
     std::atomic_thread_fence(std::memory_order_acquire);
     return valid(*host_.get());
@@ -85,14 +86,14 @@ class SideStream {
     B3DGS_CUDA_CHECK(cudaStreamCreateWithPriority(&stream, cudaStreamNonBlocking, greatest));
     stream_.reset(stream);
   }
-  /// The context of passes after those that were queued on `main`.
+  /// Returns the context for side passes that follow those queued on `main`.
   LaunchContext fork(const LaunchContext& main) {
     order(main.stream, stream_.get());
     LaunchContext side = main;
     side.stream = stream_.get();
     return side;
   }
-  /// Passes on `main` from here on come after those of fork().
+  /// Makes later passes on `main` follow those on the side stream.
   void join(const LaunchContext& main) { order(stream_.get(), main.stream); }
 
  private:
@@ -105,7 +106,7 @@ class SideStream {
   Stream stream_;
 };
 
-/// The row of splats that touches the most tiles, for the error message about too many pairs. Waits for the device.
+/// Returns the row of splats that touches the most tiles, for the error about too many pairs. Waits for the device.
 inline WidestGaussian widest_gaussian(const ListArgs& lists, const LaunchContext& context) {
   const auto download = [&](const auto* device) {
     std::vector<std::remove_const_t<std::remove_pointer_t<decltype(device)>>> host(

@@ -19,7 +19,7 @@ __device__ __forceinline__ float warp_sum(float value) {
   return value;
 }
 
-// Of integers: one instruction from compute capability 8.0 on.
+// For integers: one instruction from compute capability 8.0 on.
 __device__ __forceinline__ unsigned warp_sum(unsigned value) {
   namespace groups = cooperative_groups;
   return groups::reduce(groups::tiled_partition<kWarpSize>(groups::this_thread_block()), value,
@@ -30,8 +30,8 @@ __device__ __forceinline__ int warp_max(int value) {
   return groups::reduce(groups::tiled_partition<kWarpSize>(groups::this_thread_block()), value, groups::greater<int>());
 }
 
-/// Four sums at once with half the shuffles: in the first two rounds lanes exchange two values, then one, so that each
-/// lane continues with one of the four sums; the last step broadcasts them.
+/// Computes four sums with half the shuffles. In the first two rounds lanes exchange two values, then one, so that each
+/// lane continues with one of the four sums. The last step broadcasts them.
 __device__ __forceinline__ float4 warp_sum(float4 value) {
   const int lane = lane_id();
   const bool upper = (lane & 1) != 0, far = (lane & 2) != 0;
@@ -47,7 +47,7 @@ __device__ __forceinline__ float4 warp_sum(float4 value) {
                      __shfl_sync(kFullWarp, sum, 3));
 }
 
-/// Inclusive prefix over the lanes, combined in a tree: `op` must be associative and commutative.
+/// Returns the inclusive prefix over the lanes, combined in a tree. `op` must be associative and commutative.
 template <class Value, class Op>
 __device__ __forceinline__ Value warp_prefix(Value value, Op&& op) {
 #pragma unroll

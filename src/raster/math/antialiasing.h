@@ -1,10 +1,10 @@
 // Anti-aliasing as in Mip-Splatting (Yu et al. 2024), for one Gaussian.
 //
-// 3D smoothing filter (equation 9): the Gaussian is convolved with an isotropic one of standard deviation f, about the
+// The 3D smoothing filter (equation 9) convolves the Gaussian with an isotropic one of standard deviation f, about the
 // size of the finest detail that any photograph can show of it. Its scales s become sqrt(s^2 + f^2).
-// 2D filter (equation 10): the projection is blurred as without anti-aliasing (kCovarianceBlur).
-// Both filters keep a Gaussian's integral: they multiply its opacity by sqrt(determinant before / determinant after).
-// Without that, a Gaussian smaller than a pixel becomes brighter the smaller the image is.
+// The 2D filter (equation 10) blurs the projection as without anti-aliasing (kCovarianceBlur).
+// Both filters preserve a Gaussian's integral: they multiply its opacity by sqrt(determinant before / determinant
+// after). Without that, a Gaussian smaller than a pixel becomes brighter the smaller the image is.
 #pragma once
 
 #include <cmath>
@@ -15,8 +15,8 @@
 
 namespace b3dgs {
 
-/// Lower bound of the 2D filter's ratio of determinants. Below it, the opacity's factor is the square root of the
-/// bound: constant, without a gradient.
+/// Lower bound of the determinant ratio of the 2D filter. Below it, the factor of the opacity is the square root of the
+/// bound, which is constant and has no gradient.
 inline constexpr float kMinBlurRatio = 2.5e-5f;
 
 /// A Gaussian after the 3D filter.
@@ -24,17 +24,17 @@ template <class Real>
 struct Smoothed {
   Vec3<Real> log_scales;   // 0.5 ln(s^2 + f^2)
   Vec3<Real> share;        // s^2 / (s^2 + f^2) per axis: d(smoothed log scale) / d(log scale)
-  Real log_opacity_ratio;  // ln of the opacity's factor, sum of 0.5 ln(share)
+  Real log_opacity_ratio;  // ln of the opacity factor, sum of 0.5 ln(share)
 };
 
-/// Applies the 3D filter; `filter`: its standard deviation f, world units.
+/// Applies the 3D filter. `filter` is its standard deviation f in world units.
 template <class Real>
 B3DGS_HD Smoothed<Real> smooth(Vec3<Real> log_scales, Real filter) {
   using std::exp;
   using std::log;
   Smoothed<Real> smoothed;
   const auto share = [filter](Real log_scale) {
-    // Relative to the scale. Bounded, so that the share does not underflow; at the bound, opacity is practically 0.
+    // Relative to the scale. Bounded so that the share does not underflow. At the bound, opacity is practically 0.
     constexpr Real kMaxRatio = Real(1e15);
     const Real ratio = filter * exp(-log_scale);
     const Real bounded = ratio < kMaxRatio ? ratio : kMaxRatio;
@@ -47,7 +47,7 @@ B3DGS_HD Smoothed<Real> smooth(Vec3<Real> log_scales, Real filter) {
   return smoothed;
 }
 
-/// The 3D filter of Gaussian i with anti-aliasing, if there are filters: [N], or null.
+/// Applies the 3D filter to Gaussian i if antialiasing is on and `filters` ([N] or null) is not null.
 template <bool kAntialiasing>
 B3DGS_HD Smoothed<float> smooth_if([[maybe_unused]] const float* filters, [[maybe_unused]] std::int64_t i,
                                    Vec3f log_scales) {
@@ -57,16 +57,16 @@ B3DGS_HD Smoothed<float> smooth_if([[maybe_unused]] const float* filters, [[mayb
   return {log_scales, {1, 1, 1}, 0};
 }
 
-/// Square of the factor by which the 2D filter multiplies the opacity: det(cov without blur) / det(cov), at least
-/// kMinBlurRatio.
+/// Returns the square of the factor by which the 2D filter multiplies the opacity: det(cov without blur) / det(cov), at
+/// least kMinBlurRatio.
 template <class Real>
 B3DGS_HD Real blur_ratio(const Projection<Real>& p) {
   const Real ratio = p.sharp_det / p.det;
   return ratio > Real(kMinBlurRatio) ? ratio : Real(kMinBlurRatio);
 }
 
-/// Gradient through the factor by which the 2D filter multiplies the opacity. `grad_log_alpha`: dL/d(ln alpha), summed
-/// over pixels.
+/// Returns the gradient through the opacity factor of the 2D filter. `grad_log_alpha` is dL/d(ln alpha), summed over
+/// pixels.
 ///
 /// With a, b = spread_x, spread_y, c = a x b, sharp_det = c . c and cov = [a.a, a.b; a.b, b.b] + blur:
 ///   d(ln(sharp_det) / 2) = (b x c . da + c x a . db) / sharp_det

@@ -16,7 +16,7 @@ B3DGS_HD void store3(float* array, std::int64_t i, Vec3f v) {
   array[3 * i + 2] = v.z;
 }
 
-/// On a GPU `array` must be aligned to 16 bytes.
+/// On a GPU, `array` must be aligned to 16 bytes.
 B3DGS_HD Vec4f load4(const float* array, std::int64_t i) {
 #if defined(__CUDA_ARCH__)
   const float4 row = reinterpret_cast<const float4*>(array)[i];

@@ -1,10 +1,10 @@
-// What one splat does to one pixel, forward and backward: the arithmetic shared by all kernels, on CPU and GPU. Values
-// in, values out; no pointers, loops over splats or thread indices. Kernel files contain schedules and call this.
+// The effect of one splat on one pixel, forward and backward. All kernels, on CPU and GPU, share this arithmetic. It
+// has no pointers, loops over splats or thread indices. Kernel files define schedules and call it.
 //
 // `Real` is float or double for one pixel, or a SIMD vector (cpu/forward/lanes-inl.h) for several pixels or several
-// splats at once; conditions are then masks, and select() replaces branches.
+// splats at once. Conditions are then masks, and select() replaces branches.
 //
-// The rules are "Semantics" in the README of src/raster.
+// The README of src/raster lists the blending rules.
 //
 // SIMD sources include this header once per instruction set, inside HWY_NAMESPACE, so that every function is compiled
 // for that instruction set. All other sources include it once, and the functions are in namespace b3dgs.
@@ -45,7 +45,7 @@ struct MaskFor<double> {
 template <class Real>
 using Mask = typename MaskFor<Real>::type;
 
-// Operations that are written differently for scalars and vectors.
+// Operations that differ between scalars and vectors.
 template <class Real>
 B3DGS_BLEND_FN Real select(bool condition, Real if_true, Real if_false) {
   return condition ? if_true : if_false;
@@ -84,7 +84,7 @@ __device__ __forceinline__ float reciprocal_of(float a) {
 }
 #endif
 
-/// Position and falloff of a splat; exponents in base 2, as in Splat (args.h).
+/// Position and falloff of a splat. Exponents have base 2, as in Splat (args.h).
 template <class Real>
 struct SplatShape {
   Real mean_x, mean_y;                // px
@@ -99,7 +99,7 @@ B3DGS_BLEND_FN SplatShape<Real> splat_shape(const AnySplat& splat) {
           Real(splat.conic_xx), Real(splat.conic_xy), Real(splat.conic_yy)};
 }
 
-/// A splat's footprint at a pixel, before the exponential.
+/// The footprint of a splat at a pixel, before the exponential.
 template <class Real>
 struct Footprint {
   Real conic_delta_x, conic_delta_y;  // conic times delta = pixel centre - mean, 1/px
@@ -107,7 +107,7 @@ struct Footprint {
   Mask<Real> contributes;             // alpha >= 1/255
 };
 
-/// Evaluates a splat at a pixel centre (px). Whether it contributes is decided without computing the exponential.
+/// Evaluates a splat at a pixel centre (px). Determines whether it contributes without computing the exponential.
 template <class Real>
 B3DGS_BLEND_FN Footprint<Real> evaluate_footprint(const SplatShape<Real>& splat, Real pixel_x, Real pixel_y) {
   Footprint<Real> footprint;
@@ -116,7 +116,7 @@ B3DGS_BLEND_FN Footprint<Real> evaluate_footprint(const SplatShape<Real>& splat,
   footprint.conic_delta_y = multiply_add(splat.conic_xy, dx, splat.conic_yy * dy);
   const Real quadratic = multiply_add(dx, footprint.conic_delta_x, dy * footprint.conic_delta_y);
   footprint.power = splat.log2_opacity - quadratic;
-  // The quadratic form can be negative only through rounding; the original rasterizer skips such splats too.
+  // The quadratic form can be negative only through rounding. The original rasterizer also skips such splats.
   footprint.contributes = (footprint.power >= Real(kLog2AlphaMin)) & (quadratic >= Real(0.0f));
   return footprint;
 }
@@ -127,7 +127,7 @@ struct Alpha {
   Mask<Real> capped;  // no gradient through alpha
 };
 
-/// Alpha from its base-2 logarithm, capped.
+/// Returns alpha from its base-2 logarithm, capped.
 template <class Real>
 B3DGS_BLEND_FN Alpha<Real> evaluate_alpha(Real power) {
   const Real uncapped = exp2_of(power);
@@ -135,10 +135,10 @@ B3DGS_BLEND_FN Alpha<Real> evaluate_alpha(Real power) {
   return {select(capped, Real(kAlphaMax), uncapped), capped};
 }
 
-// The transmittance of a pixel also says whether the pixel is finished: it is then negative, so that the test that
-// finishes a pixel also rejects all later splats, and kernels need no flag beside it.
+// The transmittance of a finished pixel is negative. So the test that finishes a pixel also rejects all later splats,
+// and kernels need no extra flag.
 
-/// The transmittance of a pixel that takes no splats, because it is outside the image or known to be hidden.
+/// Transmittance of a pixel that takes no splats, because it is outside the image or known to be hidden.
 inline constexpr float kClosedPixel = -1.0f;
 
 template <class Real>
@@ -156,10 +156,10 @@ B3DGS_BLEND_FN Mask<Real> is_saturated(Real transmittance) {
   return transmittance < Real(kTransmittanceMin);
 }
 
-/// A pixel while splats are blended onto it, front to back.
+/// A pixel during blending, front to back.
 template <class Real>
 struct PixelState {
-  Real transmittance;  // (0, 1], negative when finished, see above
+  Real transmittance;  // (0, 1], negative when finished
   Real red, green, blue;
   Real depth;  // sum of weight times depth
 };
@@ -182,7 +182,8 @@ B3DGS_BLEND_FN Mask<Real> blend_over(PixelState<Real>& pixel, Mask<Real> contrib
   return accepted;
 }
 
-/// blend_over() for the transmittance alone. Returns the splat's weight in the pixel: 0 where it is not blended.
+/// Like blend_over(), but for the transmittance alone. Returns the splat's weight in the pixel, 0 where it is not
+/// blended.
 template <class Real>
 B3DGS_BLEND_FN Real blend_weight_over(Real& transmittance, Mask<Real> contributes, Real alpha) {
   const Real zero(0.0f);
@@ -193,7 +194,7 @@ B3DGS_BLEND_FN Real blend_weight_over(Real& transmittance, Mask<Real> contribute
   return weight;
 }
 
-/// Gradient at one pixel that concerns one splat.
+/// Gradients at one pixel for one splat.
 template <class Real>
 struct BlendGrad {
   Real weight;     // alpha times transmittance: derivative of each pixel channel with respect to the splat's colour
@@ -209,14 +210,14 @@ struct BlendGrad {
 // every splat would compute a difference of nearly equal sums.) S is accumulated back to front. Front to back, it would
 // be the total minus the part in front, and the rounding error of the total would dominate where S is small.
 
-/// A pixel while its splats are visited back to front, starting at the end of its list or of any part of the list.
+/// A pixel whose splats are visited back to front, starting at the end of its list or of any part of the list.
 template <class Real>
 struct ReverseState {
   Real transmittance;  // behind the next splat to be visited; T_final at the end of the list
   Real behind;         // S
 };
 
-/// Steps over one splat, which was blended where `blended` holds.
+/// Steps over one splat. `blended` tells where it was blended.
 template <class Real>
 B3DGS_BLEND_FN BlendGrad<Real> blend_over_reverse(ReverseState<Real>& pixel, Mask<Real> blended,
                                                   const Alpha<Real>& alpha, Real value) {
@@ -232,7 +233,7 @@ B3DGS_BLEND_FN BlendGrad<Real> blend_over_reverse(ReverseState<Real>& pixel, Mas
   return grad;
 }
 
-/// Adds what one pixel contributes to a splat's sums. `Sums` is SplatGrad (args.h), or has the same members as Real.
+/// Adds the contribution of one pixel to a splat's sums. `Sums` is SplatGrad (args.h), or has the same members as Real.
 template <class Sums, class Real>
 B3DGS_BLEND_FN void accumulate(Sums& sums, const Footprint<Real>& footprint, const BlendGrad<Real>& grad, Real grad_red,
                                Real grad_green, Real grad_blue, Real grad_depth) {
@@ -249,7 +250,7 @@ B3DGS_BLEND_FN void accumulate(Sums& sums, const Footprint<Real>& footprint, con
   sums.depth = multiply_add(grad.weight, grad_depth, sums.depth);
 }
 
-/// How many entries of its tile's list a pixel evaluates and blends, front to back.
+/// Counts how many entries of its tile's list a pixel evaluates and blends, front to back.
 struct PixelLoad {
   PixelState<float> pixel{1, 0, 0, 0, 0};
   std::int32_t processed = 0;     // entries evaluated, including the one that finishes the pixel

@@ -1,5 +1,5 @@
 // A Gaussian's shape in world space: the factor M of its covariance, Sigma = M M^T = R S S^T R^T (3DGS, eq. 6), and the
-// gradient through it. The covariance itself is never formed: projecting M takes fewer operations and avoids
+// gradient through it. The covariance itself is never formed, because projecting M takes fewer operations and avoids
 // cancellation.
 #pragma once
 
@@ -9,7 +9,7 @@
 
 namespace b3dgs {
 
-/// Rotation matrix of a unit quaternion.
+/// Returns the rotation matrix of a unit quaternion.
 template <class Real>
 B3DGS_HD Mat3<Real> rotation_matrix(Vec4<Real> unit_quat_wxyz) {
   const Real w = unit_quat_wxyz.x, x = unit_quat_wxyz.y, y = unit_quat_wxyz.z, z = unit_quat_wxyz.w;
@@ -28,7 +28,7 @@ struct Shape {
   Real inverse_length;   // 1 / |quat|
 };
 
-/// `quat` is w x y z, of any length except 0.
+/// Computes the shape. `quat` is w x y z, of any length except 0.
 template <class Real>
 B3DGS_HD Shape<Real> make_shape(Vec3<Real> log_scales, Vec4<Real> quat) {
   using std::exp;
@@ -54,7 +54,7 @@ struct ShapeGrad {
   Vec4<Real> quat;  // orthogonal to the stored quaternion, which is not normalised
 };
 
-/// Gradients with respect to the stored log scales and quaternion, from the gradient with respect to M.
+/// Computes the gradients of the stored log scales and quaternion from the gradient with respect to M.
 template <class Real>
 B3DGS_HD ShapeGrad<Real> shape_backward(const Shape<Real>& shape, const Mat3<Real>& grad_factor) {
   const Mat3<Real>& g = grad_factor;
@@ -74,7 +74,7 @@ B3DGS_HD ShapeGrad<Real> shape_backward(const Shape<Real>& shape, const Mat3<Rea
   const Real gx = 2 * (y * r01 + z * r02 + y * r10 - 2 * x * r11 - w * r12 + z * r20 + w * r21 - 2 * x * r22);
   const Real gy = 2 * (-2 * y * r00 + x * r01 + w * r02 + x * r10 + z * r12 - w * r20 + z * r21 - 2 * y * r22);
   const Real gz = 2 * (-2 * z * r00 - w * r01 + x * r02 + w * r10 - 2 * z * r11 + y * r12 + x * r20 + y * r21);
-  // Backward through the normalisation: the component along the quaternion changes only its length.
+  // Backward through the normalisation. The component along the quaternion changes only its length.
   const Real along = gw * w + gx * x + gy * y + gz * z;
   const Real k = shape.inverse_length;
   grad.quat = {(gw - along * w) * k, (gx - along * x) * k, (gy - along * y) * k, (gz - along * z) * k};

@@ -1,6 +1,6 @@
-// From a splat's sums over pixels (SplatGrad) to the gradient with respect to its Gaussian's stored parameters: the end
-// of the backward pass, one Gaussian at a time. What is kept of a splat if this end follows later. And a splat's part
-// of the gradient with respect to the camera's pose, for pose refinement.
+// The end of the backward pass, one Gaussian at a time: turns a splat's sums over pixels (SplatGrad) into the gradient
+// of its Gaussian's stored parameters. Also stores a splat if this happens later, and computes a splat's part of the
+// gradient with respect to the camera's pose, for pose refinement.
 #pragma once
 
 #include <cstdint>
@@ -14,21 +14,21 @@
 
 namespace b3dgs {
 
-/// Gradient of the loss with respect to one Gaussian's stored parameters and its projected centre (1/px). All zero for
-/// a Gaussian that the view does not see. The gradient with respect to SH coefficient k is basis_k(dir) * color and is
-/// not stored here.
+/// Gradient of the loss with respect to one Gaussian's stored parameters and its projected centre (1/px). All zero if
+/// the Gaussian is not visible. The gradient with respect to SH coefficient k is basis_k(dir) * color and is not stored
+/// here.
 struct GaussianGrad {
   Vec3f mean, log_scales;
   Vec4f quat;
   float logit_opacity;
   Vec2f mean2d;
-  Vec3f color;  // of the colour before the clamp at 0
+  Vec3f color;  // gradient of the colour before the clamp at 0
   Vec3f dir;    // unit vector from the camera centre to the Gaussian
   B3DGS_HD Vec3f sh0() const { return static_cast<float>(kSh0) * color; }
 };
 
-/// Gradient by Gaussian i, which the view sees. `sum` holds its splat's sums; bit c of `clamped` is set if colour
-/// channel c was clamped at 0, which stops that channel's gradient. `lens`: Pinhole or ViewLens.
+/// Returns the gradient of Gaussian i, which must be visible. `sum` contains the sums of its splat. Bit c of `clamped`
+/// is set if colour channel c was clamped at 0, which stops that channel's gradient. `lens`: Pinhole or ViewLens.
 template <bool kAntialiasing, class Lens>
 B3DGS_HD GaussianGrad gaussian_grad(const GaussianArrays& g, std::int64_t i, const ViewTransform<float>& view,
                                     const Lens& lens, const Vec3f& camera_center, int sh_degree, const SplatGrad& sum,
@@ -48,7 +48,7 @@ B3DGS_HD GaussianGrad gaussian_grad(const GaussianArrays& g, std::int64_t i, con
       project_backward(view, lens, point, shape.factor, p, Vec2f{sum.mean_x, sum.mean_y}, grad_spread, sum.depth);
   ShapeGrad<float> grad_shape = shape_backward(shape, grad.factor);
   if constexpr (kAntialiasing) {
-    // d(smoothed log scale) / d(log scale) is the share, and d(ln of the opacity's factor) is 1 - share.
+    // d(smoothed log scale) / d(log scale) is the share, and d(ln of the opacity factor) is 1 - share.
     const Vec3f share = smoothed.share;
     grad_shape.log_scales = {share.x * grad_shape.log_scales.x + sum.log_alpha * (1 - share.x),
                              share.y * grad_shape.log_scales.y + sum.log_alpha * (1 - share.y),
@@ -67,7 +67,7 @@ B3DGS_HD GaussianGrad gaussian_grad(const GaussianArrays& g, std::int64_t i, con
           grad_sh.dir};
 }
 
-/// Writes record m, of Gaussian i.
+/// Writes record m for Gaussian i.
 B3DGS_HD void keep_splat(const SplatRecordArrays& out, std::int64_t m, std::int32_t i, const SplatGrad& sum,
                          std::uint32_t clamped) {
   out.records[m] = {sum, i, clamped};
@@ -77,14 +77,15 @@ B3DGS_HD void keep_splat(const SplatRecordArrays& out, std::int64_t m, std::int3
   out.means2d[2 * std::int64_t{i} + 1] = centre.y;
 }
 
-/// Writes all of row m, whose sums are complete. Rows of Gaussians without a splat are written elsewhere.
+/// Writes all outputs of row m, whose sums are complete. The outputs of Gaussians without a splat are written
+/// elsewhere.
 B3DGS_HD void keep_splat(const KeepSplatsArgs& args, std::int64_t m) {
   const std::int32_t i = args.rows.splats[m].gaussian;
   keep_splat(args.out, m, i, args.splat_grads[m].sum, args.rows.splats[m].clamped);
   args.radii[i] = args.rows.radii[m];
 }
 
-/// Gradient of the loss with respect to a small motion of the camera, in its own frame: a rotation vector w (rad) about
+/// Gradient of the loss with respect to a small motion of the camera in its own frame: a rotation vector w (rad) about
 /// the camera's centre and a translation v (world units), which move each point to
 ///   x_camera + w x x_camera + v
 struct CameraGrad {
@@ -92,12 +93,12 @@ struct CameraGrad {
   Vec3f translation;  // 1/world unit
 };
 
-/// The part of Gaussian i, which the view sees; arguments as for gaussian_grad().
+/// Returns the contribution of Gaussian i, which must be visible. The arguments are those of gaussian_grad().
 ///
 /// A translation of the camera acts like one of the Gaussian, viewing direction included, so its gradient is that of
 /// the mean. A rotation about the camera's centre acts like one of the Gaussian about that point, except that viewing
-/// directions stay: with x the offset of the mean from the camera's centre, F the gradient with respect to the mean
-/// through the projection alone and g the one with respect to the quaternion q, and everything in world space,
+/// directions stay. Let x be the offset of the mean from the camera's centre, F the gradient with respect to the mean
+/// through the projection alone and g the one with respect to the quaternion q, all in world space. Then
 ///   dL/dw = x x F + (q.w g.xyz - g.w q.xyz + q.xyz x g.xyz) / 2,   since dq = (0, w) q / 2
 template <bool kAntialiasing, class Lens>
 B3DGS_HD CameraGrad camera_grad(const GaussianArrays& g, std::int64_t i, const ViewTransform<float>& view,

@@ -2,7 +2,7 @@
 // panoramas also see points beside and behind the camera.
 //
 // A lens is a base projection (x, y, z) -> (a, b), then planar distortion (a, b) -> (D1, D2), then focal lengths and
-// principal point. Bases: tangent (x/z, y/z), equidistant (theta/rho (x, y), theta the angle to the axis), and
+// principal point. The bases are tangent (x/z, y/z), equidistant (theta/rho (x, y), theta the angle to the axis), and
 // equirectangular (longitude, latitude; focal lengths width/2pi and height/pi). Projection and gradient need
 //   the pixel, the rows J_x and J_y of the Jacobian, and H_x f + H_y g, with H_x and H_y the Hessians of the pixel.
 #pragma once
@@ -14,24 +14,24 @@
 
 namespace b3dgs {
 
-/// In place of a lens: the pinhole, whose projection is in projection.h. Kernels have an instance for it, and another
-/// for all other lenses.
+/// Stands for the pinhole, whose projection is in projection.h. Kernels have an instance for it, and another for all
+/// other lenses.
 struct Pinhole {};
 
-/// Calls visit(Pinhole) or visit(lens), and returns what it returns.
+/// Calls visit(Pinhole) or visit(lens), and returns the result.
 template <class Real, class Visit>
 auto with_lens(const LensParams<Real>& lens, Visit&& visit) {
   return lens.kind == LensKind::kPinhole ? visit(Pinhole{}) : visit(lens);
 }
 
-// Largest latitude, in degrees, at which the Jacobian of a panorama is evaluated: towards the poles it grows without
-// bound.
+// Largest latitude, in degrees, at which the Jacobian of a panorama is evaluated. It grows without bound towards the
+// poles.
 inline constexpr double kMaxLatitude = 86;
-// A Gaussian is not seen by a fisheye if its centre is farther beyond max_angle than this, rad.
+// A fisheye does not see a Gaussian whose centre is farther beyond max_angle than this (rad).
 inline constexpr double kAngleMargin = 0.35;
-// A lens with radial depth draws a Gaussian whose largest standard deviation is a larger share of its distance as if it
-// were of this share: such Gaussians surround the camera, and no affine image resembles theirs. Were they left out,
-// training would never remove them, and pinholes would show them.
+// If the largest standard deviation of a Gaussian exceeds this fraction of its distance, a lens with radial depth draws
+// it as if it were equal to this fraction. Such Gaussians surround the camera, and no affine image resembles theirs. If
+// they were skipped, training would never remove them, and pinholes would show them.
 inline constexpr double kMaxSpreadOfDistance = 0.5;
 
 /// The point of the base projection, and its gradients with respect to x, y, z.
@@ -41,7 +41,7 @@ struct LensBase {
   Vec3<Real> grad_a, grad_b;
 };
 
-/// The equidistant projection (S x, S y) with S = theta / rho, and what its derivatives are made of.
+/// The equidistant projection (S x, S y) with S = theta / rho, and the terms of its derivatives.
 template <class Real>
 struct Equidistant {
   Real s;          // S
@@ -59,7 +59,7 @@ B3DGS_HD Equidistant<Real> equidistant(const Vec3<Real>& c) {
   e.qq = 2 / (distance * distance);
   e.r = c.z * e.qq;
   if (c.z > 0 && square < Real(0.01) * c.z * c.z) {
-    // Near the axis the closed forms cancel: powers of u = (rho / z)^2.
+    // Near the axis the closed forms cancel, so use powers of u = (rho / z)^2.
     const Real inverse = 1 / c.z, inverse_square = inverse * inverse, u = square * inverse_square;
     e.s = inverse * (1 + u * (Real(-1) / 3 + u * (Real(1) / 5 + u * (Real(-1) / 7 + u / 9))));
     e.p = inverse * inverse_square *
@@ -96,13 +96,13 @@ B3DGS_HD LensBase<Real> lens_base(LensKind kind, const Vec3<Real>& c) {
   return {a, b, {inverse, 0, -a * inverse}, {0, inverse, -b * inverse}};
 }
 
-/// (Hessian of a) u + (Hessian of b) v
+/// Returns (Hessian of a) u + (Hessian of b) v.
 template <class Real>
 B3DGS_HD Vec3<Real> lens_base_hessian(LensKind kind, const Vec3<Real>& c, const Vec3<Real>& u, const Vec3<Real>& v) {
   using std::sqrt;
   if (kind == LensKind::kFisheye) {
-    // In the plane, with c = (x, y), Hess a = p (x I + e_x c^T + c e_x^T) + pp x c c^T; its column of z is
-    // q e_x + qq x c, and zz is r x. Hess b likewise.
+    // In the plane, with c = (x, y), Hess a = p (x I + e_x c^T + c e_x^T) + pp x c c^T. Its column of z is q e_x + qq x
+    // c, and zz is r x. Hess b is analogous.
     const Equidistant<Real> e = equidistant(c);
     const Real x = c.x, y = c.y;
     const Real along_u = x * u.x + y * u.y, along_v = x * v.x + y * v.y;
@@ -127,7 +127,7 @@ B3DGS_HD Vec3<Real> lens_base_hessian(LensKind kind, const Vec3<Real>& c, const 
   return {-square * u.z, -square * v.z, square * (-u.x - v.y + 2 * inverse * (c.x * u.z + c.y * v.z))};
 }
 
-/// Radial factor as a function of s, with its first two derivatives.
+/// The radial factor as a function of s, with its first two derivatives.
 template <class Real>
 struct RadialFactor {
   Real value, first, second;
@@ -173,7 +173,7 @@ B3DGS_HD RadialFactor<Real> radial_factor(const LensParams<Real>& lens, Real s) 
   return {value, first, (n2 - 2 * first * e1 - value * e2) * inverse};
 }
 
-/// Where the lens sees a point, and the rows of the Jacobian.
+/// The pixel where the lens sees a point, and the rows of the Jacobian.
 template <class Real>
 struct LensPoint {
   Vec2<Real> pixel;
@@ -206,7 +206,7 @@ B3DGS_HD LensPoint<Real> lens_point(const LensParams<Real>& lens, const LensScal
           (scale.fy * d2_a) * base.grad_a + (scale.fy * d2_b) * base.grad_b};
 }
 
-/// H_x f + H_y g, with H_x and H_y the Hessians of the pixel's coordinates.
+/// Returns H_x f + H_y g, with H_x and H_y the Hessians of the pixel's coordinates.
 template <class Real>
 B3DGS_HD Vec3<Real> lens_hessian(const LensParams<Real>& lens, const LensScale<Real>& scale, const Vec3<Real>& c,
                                  const Vec3<Real>& by_x, const Vec3<Real>& by_y) {
@@ -232,8 +232,8 @@ B3DGS_HD Vec3<Real> lens_hessian(const LensParams<Real>& lens, const LensScale<R
          (d1_ab * fa + d1_bb * fb + d2_ab * ga + d2_bb * gb) * base.grad_b;
 }
 
-/// Where a Gaussian is linearised: at its centre or, where the formulas do not hold or grow without bound, at the
-/// nearest point with the same azimuth (fisheye), depth (perspective lenses) or longitude (panorama).
+/// The point where a Gaussian is linearised. This is its centre or, where the formulas do not hold or grow without
+/// bound, the nearest point with the same azimuth (fisheye), depth (perspective lenses) or longitude (panorama).
 template <class Real>
 struct LensPlace {
   Vec3<Real> at;
@@ -267,8 +267,8 @@ B3DGS_HD LensPlace<Real> lens_place(const LensParams<Real>& lens, const Vec3<Rea
   return {{limit / rho * c.x, limit / rho * c.y, c.z}, true};
 }
 
-/// The Jacobian of a clamped lens_place() with respect to the point, transposed, times v. On the axis of the lens,
-/// where the azimuth of the place jumps, only the distance of the point counts.
+/// Returns the transposed Jacobian of a clamped lens_place() with respect to the point, times v. On the axis of the
+/// lens, where the azimuth jumps, only the distance of the point counts.
 template <class Real>
 B3DGS_HD Vec3<Real> clamped_place_transposed(const LensParams<Real>& lens, const Vec3<Real>& c, const Vec3<Real>& v) {
   using std::cos;
@@ -276,7 +276,7 @@ B3DGS_HD Vec3<Real> clamped_place_transposed(const LensParams<Real>& lens, const
   using std::sqrt;
   using std::tan;
   const bool is_panorama = lens.kind == LensKind::kEquirectangular;
-  // The place lies on a cone, at the azimuth of the point: (first, second) is across the axis.
+  // The linearisation point lies on a cone, at the azimuth of the point. (first, second) is across the axis.
   const Real first = c.x, second = is_panorama ? c.z : c.y;
   const Real v_first = v.x, v_second = is_panorama ? v.z : v.y, v_third = is_panorama ? v.y : v.z;
   const Real rho = sqrt(first * first + second * second), inverse = rho > 0 ? 1 / rho : 0;
@@ -286,32 +286,33 @@ B3DGS_HD Vec3<Real> clamped_place_transposed(const LensParams<Real>& lens, const
     const Real slope = tan(lens.max_angle), turn = c.z * slope * inverse;
     return {turn * (v_first - r_first * along), turn * (v_second - r_second * along), slope * along + v_third};
   }
-  // t (across r, up), with t the distance of the point.
+  // The linearisation point is t (across r, up), with t the distance of the point.
   constexpr Real kMax = Real(kMaxLatitude * kDegree);
   const Real t = sqrt(dot(c, c)), across = is_panorama ? cos(kMax) : sin(lens.max_angle);
   const Real up = is_panorama ? (c.y < 0 ? -sin(kMax) : sin(kMax)) : cos(lens.max_angle);
-  const Real outward = rho > 0 ? along : (is_panorama ? v_second : v_first);  // where lens_place() puts it
+  const Real outward = rho > 0 ? along : (is_panorama ? v_second : v_first);  // the direction that lens_place() uses
   const Real radial = (across * outward + up * v_third) / t, turn = t * across * inverse;
   const Vec3<Real> turned{turn * (v_first - r_first * along), is_panorama ? 0 : turn * (v_second - r_second * along),
                           is_panorama ? turn * (v_second - r_second * along) : 0};
   return radial * c + turned;
 }
 
-/// Depth of a point: orders the splats, and is what depth images show.
+/// Returns the depth of a point, which determines the order of splats and the depth image.
 template <class Real>
 B3DGS_HD Real lens_depth(const LensParams<Real>& lens, const Vec3<Real>& c) {
   using std::sqrt;
   return has_radial_depth(lens) ? sqrt(dot(c, c)) : c.z;
 }
 
-/// Factor of the size of a Gaussian with this centre and largest standard deviation; see kMaxSpreadOfDistance.
+/// Returns the factor for the size of a Gaussian with this centre and largest standard deviation
+/// (kMaxSpreadOfDistance).
 template <class Real>
 B3DGS_HD Real lens_shrink(const LensParams<Real>& lens, const Vec3<Real>& c, Real sigma) {
   const Real most = Real(kMaxSpreadOfDistance) * lens_depth(lens, c);
   return has_radial_depth(lens) && sigma > most ? most / sigma : 1;
 }
 
-/// Whether the lens cannot see a Gaussian with this centre, whatever its depth.
+/// Returns whether the lens cannot see a Gaussian with this centre, whatever its depth.
 template <class Real>
 B3DGS_HD bool is_out_of_lens(const LensParams<Real>& lens, const Vec3<Real>& c) {
   using std::atan2;

@@ -1,4 +1,4 @@
-// Opacity is stored as a logit, x = ln(o / (1 - o)): conversions, and its gradient.
+// Conversions between opacity and its stored logit, x = ln(o / (1 - o)), and the gradient.
 #pragma once
 
 #include <cmath>
@@ -14,7 +14,7 @@ inline float logit(double probability) {
 
 inline constexpr float kLog2e = 1.44269504f;
 
-/// log2(sigmoid(logit)), accurate in both tails.
+/// Returns log2(sigmoid(logit)), accurate in both tails.
 B3DGS_HD float log2_sigmoid(float logit) {
 #if defined(__CUDA_ARCH__)
   const float tail = log1pf(__expf(-fabsf(logit)));  // __expf loses accuracy only where its value is far below 1
@@ -24,7 +24,7 @@ B3DGS_HD float log2_sigmoid(float logit) {
   return -kLog2e * (logit >= 0 ? tail : tail - logit);
 }
 
-/// dL/d(logit) from dL/d(ln opacity): d ln(sigmoid(x)) / dx = 1 - sigmoid(x) = 1 / (1 + e^x).
+/// Returns dL/d(logit) from dL/d(ln opacity): d ln(sigmoid(x)) / dx = 1 - sigmoid(x) = 1 / (1 + e^x).
 B3DGS_HD float logit_grad(float grad_log_opacity, float logit) {
 #if defined(__CUDA_ARCH__)
   return grad_log_opacity / (1 + __expf(logit));

@@ -1,4 +1,4 @@
-// What is written of a pixel: the image of the forward pass, and its part of the scores of Gaussians (ScoreArgs).
+// Outputs of a pixel: its part of the image, and its part of the scores of Gaussians (ScoreArgs).
 #pragma once
 
 #include <cstdint>
@@ -9,7 +9,7 @@
 
 namespace b3dgs {
 
-/// A pixel once all of its splats are blended.
+/// A pixel after all of its splats are blended.
 struct BlendedPixel {
   float red, green, blue;  // without the background
   float depth;
@@ -30,16 +30,16 @@ B3DGS_HD void store_blended(const BlendForwardArgs& args, std::int32_t x, std::i
   args.last_ids[p] = pixel.last;
 }
 
-// Weights and errors are added to scores as integers, so that sums do not depend on the order of their terms: they are
+// Weights and errors are added to scores as integers, so that sums do not depend on the order of their terms. They are
 // the same for any schedule, on CPU and GPU.
 
 inline constexpr int kScoreBits = 24;
 inline constexpr float kScoreUnits = static_cast<float>(1 << kScoreBits);  // units in a value of 1
-/// The largest number of units that one pixel adds to a sum: weights are at most kAlphaMax, errors at most 1.
+/// The largest number of units that one pixel adds to a sum. Weights are at most kAlphaMax, and errors at most 1.
 // NOLINTNEXTLINE(bugprone-incorrect-roundings): as score_units()
 inline constexpr std::uint32_t kScoreMax = static_cast<std::uint32_t>(kAlphaMax * kScoreUnits + 0.5f);
 
-/// Limits an error to [0, 1]; NaN becomes 0.
+/// Clamps an error to [0, 1]. NaN becomes 0.
 B3DGS_HD float clamp_error(float error) {
   return error > 0 ? (error < 1 ? error : 1.0f) : 0.0f;
 }
@@ -50,7 +50,7 @@ B3DGS_HD std::uint32_t score_units(float value) {
   return static_cast<std::uint32_t>(value * kScoreUnits + 0.5f);
 }
 
-/// Adds a splat's sums to the entries of its Gaussian.
+/// Adds the sums of a splat to the entries of its Gaussian.
 B3DGS_HD void add_scores(const ScoreSums& sums, const ScoreArrays& out, std::int64_t gaussian) {
   constexpr double kUnit = 1.0 / (1 << kScoreBits);
   out.error_sum[gaussian] += static_cast<float>(static_cast<double>(sums.error) * kUnit);

@@ -1,5 +1,5 @@
-// Projects one Gaussian to the splat of one view, except for its colour. This is where CPU and GPU decide whether a
-// Gaussian is culled, invalid or seen; both projection passes are loops around project_splat().
+// Projects one Gaussian to the splat of one view, without its colour. Here CPU and GPU decide whether a Gaussian is
+// culled, invalid or visible. Both projection passes are loops around project_splat().
 #pragma once
 
 #include <cmath>
@@ -28,19 +28,19 @@ B3DGS_HD bool is_finite(float value) {
 }  // namespace detail
 
 enum class Outcome {
-  kSeen,     // the splat touches at least one tile: it has a radius, and density control counts the view
-  kCulled,   // nearer than the near plane, outside the image, or (kEllipse) of an opacity below 1/255
+  kSeen,     // visible: the splat touches at least one tile; it has a radius, and density control counts the view
+  kCulled,   // nearer than the near plane, outside the image, or (kEllipse) with an opacity below 1/255
   kInvalid,  // a parameter or the projection is not finite or exceeds a limit in constants.h
 };
 
-/// Text that follows "Gaussian 12" in the error for kInvalid.
+/// Text after "Gaussian 12" in the error for kInvalid.
 inline constexpr const char* kInvalidText =
     " is invalid: its projection or colour is not finite, or it is larger than 1e9 px, farther than 1e12 units or "
     "brighter than 1e9";
 
 struct ProjectedGaussian {
   Outcome outcome = Outcome::kCulled;
-  // Defined if the Gaussian is seen:
+  // Set if the Gaussian is visible:
   std::int32_t radius = 0;  // 3 standard deviations in px, rounded up
   Vec2f extent{};           // half width and height (px) of the box around alpha >= 1/255
   Splat splat{};            // red, green, blue and clamped are 0
@@ -72,7 +72,7 @@ B3DGS_HD ProjectedGaussian project_splat(const GaussianArrays& gaussians, std::i
   }
   const Projection<float> p = project_gaussian(view, lens, point, shape.factor);
   if constexpr (!std::is_same_v<Lens, Pinhole>) {
-    if (!(p.shrink > 0)) return {Outcome::kInvalid};  // too large for its square to be finite
+    if (!(p.shrink > 0)) return {Outcome::kInvalid};  // so large that its square is not finite
   }
   if constexpr (kAntialiasing) {
     log2_opacity += kLog2e * (smoothed.log_opacity_ratio + std::log(blur_ratio(p)) / 2);
@@ -102,11 +102,11 @@ B3DGS_HD ProjectedGaussian project_splat(const GaussianArrays& gaussians, std::i
   return result;
 }
 
-// The seam of a panorama: a splat that crosses it is drawn twice, a full turn apart, each with sums of its own; those
-// of the second are added to those of the first before the backward projection.
+// The seam of a panorama. A splat that crosses it is drawn twice, a full turn apart, and each copy has its own sums.
+// Before the backward projection, the sums of the second are added to those of the first.
 
-/// The second splat of a Gaussian that the view sees; culled if there is none. `turn`: width of a full turn, px, which
-/// is the image's unless that was reduced.
+/// Returns the second splat of a visible Gaussian, culled if there is none. `turn` is the width of a full turn in px,
+/// which is the width of the image unless that was reduced.
 B3DGS_HD ProjectedGaussian across_the_seam(const ProjectedGaussian& first, float turn, Culling culling,
                                            const TileGrid& grid) {
   ProjectedGaussian second = first;
@@ -117,16 +117,15 @@ B3DGS_HD ProjectedGaussian across_the_seam(const ProjectedGaussian& first, float
   return second;
 }
 
-// Rendering inverse depth, the sum of weight over depth (RenderSettings::inverse_depth). Binning orders splats
-// by their depth; after it, the depth of each splat is replaced by its inverse, which the blend sums like a depth. The
-// backward blend then gives the gradient with respect to the inverse. So every kernel renders inverse depth, and none
-// has code for it.
+// Inverse depth, the sum of weight over depth (RenderSettings::inverse_depth). Binning orders splats by their depth.
+// Then the depth of each splat is replaced by its inverse, which the blend sums like a depth, and the backward blend
+// gives the gradient with respect to the inverse. So every kernel renders inverse depth without code for it.
 
 B3DGS_HD void invert_depth(Splat& splat) {
   splat.depth = 1.0f / splat.depth;
 }
 
-/// Gradient with respect to the depth of a splat whose `depth` is now its inverse, from that with respect to this.
+/// Returns the gradient of a splat's depth from that of its inverse. `splat.depth` is already inverted.
 B3DGS_HD float depth_gradient(const Splat& splat, float grad_inverse) {
   return -(splat.depth * splat.depth) * grad_inverse;
 }

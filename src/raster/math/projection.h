@@ -1,5 +1,5 @@
-// Projection from world space to one image, and its gradient: perspective for the centre, the local affine
-// approximation of EWA splatting (Zwicker et al. 2001; 3DGS, eq. 5) for the shape: cov2d = J W Sigma W^T J^T + blur.
+// Projection from world space to one image, and its gradient. The centre uses perspective. The shape uses the local
+// affine approximation of EWA splatting (Zwicker et al. 2001; 3DGS, eq. 5): cov2d = J W Sigma W^T J^T + blur.
 #pragma once
 
 #include <cmath>
@@ -62,13 +62,13 @@ struct Projection {
   Vec3<Real> spread_x, spread_y;  // M^T axis: cov.xy = spread_x . spread_y
   Real slope_x, slope_y;          // x/z and y/z at which J is evaluated
   bool slope_x_clamped, slope_y_clamped;
-  // Of lenses instead of the slopes: where J is evaluated, and lens_shrink(), by which it is multiplied.
+  // For lenses, these replace the slopes: the point where J is evaluated, and the factor lens_shrink() of J.
   LensPlace<Real> place;
   Real shrink;
 };
 
-/// From the axes to the ellipse. The determinant is a sum of positive terms (Lagrange's identity), so thin splats keep
-/// an invertible covariance in single precision.
+/// Computes the ellipse from the axes. The determinant is a sum of positive terms (Lagrange's identity), so thin splats
+/// keep an invertible covariance in single precision.
 template <class Real>
 B3DGS_HD void set_ellipse(Projection<Real>& p, const Mat3<Real>& factor) {
   p.spread_x = transpose_times(factor, p.axis_x);
@@ -84,7 +84,7 @@ B3DGS_HD void set_ellipse(Projection<Real>& p, const Mat3<Real>& factor) {
   p.conic = {p.cov.yy * inverse_det, -p.cov.xy * inverse_det, p.cov.xx * inverse_det};
 }
 
-/// `point` is the centre in camera coordinates, `factor` the M of make_shape.
+/// Projects through a pinhole. `point` is the centre in camera coordinates, `factor` the M of make_shape.
 template <class Real>
 B3DGS_HD Projection<Real> project_gaussian(const ViewTransform<Real>& view, const Pinhole&, Vec3<Real> point,
                                            const Mat3<Real>& factor) {
@@ -104,7 +104,7 @@ B3DGS_HD Projection<Real> project_gaussian(const ViewTransform<Real>& view, cons
   return p;
 }
 
-/// Largest standard deviation of a Gaussian, from M = R S.
+/// Returns the largest standard deviation of a Gaussian, from M = R S.
 template <class Real>
 B3DGS_HD Real longest_axis(const Mat3<Real>& factor) {
   using std::sqrt;
@@ -117,7 +117,7 @@ B3DGS_HD Real longest_axis(const Mat3<Real>& factor) {
   return sqrt(most);
 }
 
-/// By the affine approximation at place.at, which is the centre unless that is clamped.
+/// Projects with the affine approximation at place.at, which is the centre unless it is clamped.
 template <class Real>
 B3DGS_HD Projection<Real> project_gaussian(const ViewTransform<Real>& view, const LensParams<Real>& lens,
                                            Vec3<Real> point, const Mat3<Real>& factor) {
@@ -138,7 +138,7 @@ B3DGS_HD Real lens_depth(const Pinhole&, const Vec3<Real>& point) {
   return point.z;
 }
 
-/// Larger standard deviation of the ellipse, px.
+/// Returns the larger standard deviation of the ellipse, px.
 template <class Real>
 B3DGS_HD Real largest_sigma(const Sym2<Real>& cov) {
   using std::sqrt;
@@ -146,14 +146,14 @@ B3DGS_HD Real largest_sigma(const Sym2<Real>& cov) {
   return sqrt((cov.xx + cov.yy) / 2 + sqrt(half_difference * half_difference + cov.xy * cov.xy));
 }
 
-/// Gradient with respect to the projected centre, 1/px, from SplatGrad::mean.
+/// Returns the gradient with respect to the projected centre, 1/px, from SplatGrad::mean.
 template <class Real>
 B3DGS_HD Vec2<Real> centre_gradient(Vec2<Real> grad_mean) {
   const Real scale = 1 / Real(kConicScale);
   return {scale * grad_mean.x, scale * grad_mean.y};
 }
 
-/// Gradient with respect to what each comment names.
+/// Gradients with respect to the quantity in each comment.
 template <class Real>
 struct ProjectionGrad {
   Vec3<Real> point;   // centre in camera coordinates
@@ -167,7 +167,7 @@ struct SpreadGrad {
   Vec3<Real> x, y;
 };
 
-/// Gradient from SplatGrad::cov, the sum over pixels of g p p^T.
+/// Returns the gradient from SplatGrad::cov, the sum over pixels of g p p^T.
 ///
 /// With sigma = d^T K d / 2, d = pixel - mean, K d = p / kConicScale and g = dL/d(ln alpha) = -dL/d(sigma):
 ///   dL/dmean = sum(g K d),   dL/dcov = sum(g K d (K d)^T) / 2   (as a full matrix).
@@ -194,7 +194,7 @@ B3DGS_HD void set_mean_and_factor(const Projection<Real>& p, Vec2<Real> grad_mea
   }
 }
 
-/// `grad_mean`: SplatGrad::mean, the sum over pixels of g p.
+/// Projects back through a pinhole. `grad_mean` is SplatGrad::mean, the sum over pixels of g p.
 template <class Real>
 B3DGS_HD ProjectionGrad<Real> project_backward(const ViewTransform<Real>& view, const Pinhole&, Vec3<Real> point,
                                                const Mat3<Real>& factor, const Projection<Real>& p,
@@ -218,7 +218,7 @@ B3DGS_HD ProjectionGrad<Real> project_backward(const ViewTransform<Real>& view, 
   return grad;
 }
 
-/// Nothing passes through the factor by which a Gaussian is shrunk.
+/// The factor by which a Gaussian is shrunk has no gradient.
 template <class Real>
 B3DGS_HD ProjectionGrad<Real> project_backward(const ViewTransform<Real>& view, const LensParams<Real>& lens,
                                                Vec3<Real> point, const Mat3<Real>& factor, const Projection<Real>& p,
@@ -226,13 +226,13 @@ B3DGS_HD ProjectionGrad<Real> project_backward(const ViewTransform<Real>& view, 
                                                Real grad_depth) {
   ProjectionGrad<Real> grad;
   set_mean_and_factor(p, grad_mean, grad_spread, grad);
-  // The rows of J, from those of J W.
+  // Compute the rows of J from those of J W.
   const Vec3<Real> row_x = (1 / p.shrink) * (view.rotation * p.axis_x);
   const Vec3<Real> row_y = (1 / p.shrink) * (view.rotation * p.axis_y);
   grad.point = grad.mean2d.x * row_x + grad.mean2d.y * row_y;
-  // With the centre at row_x (c - at) from the pixel of the place, the derivatives of the place itself cancel, and
-  // those of the rows remain.
-  const Vec3<Real> beyond = point - p.place.at;  // 0 unless the place is clamped
+  // The centre is at row_x (c - at) from the pixel of the linearisation point, so the derivatives of that point cancel,
+  // and those of the rows remain.
+  const Vec3<Real> beyond = point - p.place.at;  // 0 unless the point is clamped
   const Vec3<Real> grad_row_x = p.shrink * (view.rotation * (factor * grad_spread.x)) + grad.mean2d.x * beyond;
   const Vec3<Real> grad_row_y = p.shrink * (view.rotation * (factor * grad_spread.y)) + grad.mean2d.y * beyond;
   const Vec3<Real> grad_place = lens_hessian(lens, view, p.place.at, grad_row_x, grad_row_y);

@@ -1,5 +1,5 @@
-// Real spherical harmonics (SH) up to degree 3, with the order and signs that 3DGS uses; the view-dependent colour and
-// its gradients.
+// Real spherical harmonics (SH) up to degree 3, in the order and with the signs of 3DGS. Computes the view-dependent
+// colour and its gradients.
 #pragma once
 
 #include <cmath>
@@ -20,12 +20,12 @@ inline constexpr double kSh3c = 0.4570457994644658;   // sqrt(21 / (32 pi))
 inline constexpr double kSh3d = 0.3731763325901154;   // sqrt(7 / (16 pi))
 inline constexpr double kSh3e = 1.445305721320277;    // sqrt(105 / (16 pi))
 
-/// Floats of one Gaussian's SH coefficients above degree 0: a row of shN.
+/// Returns the number of floats in a row of shN, the SH coefficients of one Gaussian above degree 0.
 B3DGS_HD constexpr int rest_floats(int sh_degree) {
   return 3 * ((sh_degree + 1) * (sh_degree + 1) - 1);
 }
 
-/// Writes the (degree + 1)^2 basis values at a unit direction.
+/// Writes the (degree + 1)^2 basis values for a unit direction.
 template <class Real>
 B3DGS_HD void sh_basis(int degree, Vec3<Real> dir, Real* basis) {
   basis[0] = Real(kSh0);
@@ -51,8 +51,8 @@ B3DGS_HD void sh_basis(int degree, Vec3<Real> dir, Real* basis) {
   basis[15] = Real(-kSh3a) * x * (xx - 3 * yy);
 }
 
-/// Gradient of sum_k basis_k(dir) w_k with respect to the direction; w_k = dot(coefficient k, gradient with respect to
-/// the colour).
+/// Returns the gradient of sum_k basis_k(dir) w_k with respect to the direction. w_k is the dot product of coefficient
+/// k and the gradient with respect to the colour.
 template <class Real>
 B3DGS_HD Vec3<Real> sh_direction_grad(int degree, Vec3<Real> dir, const Real* w) {
   if (degree < 1) return {0, 0, 0};
@@ -78,12 +78,12 @@ B3DGS_HD Vec3<Real> sh_direction_grad(int degree, Vec3<Real> dir, const Real* w)
 /// Colour of one Gaussian.
 template <class Real>
 struct ShColor {
-  Vec3<Real> color;  // + 0.5, clamped at 0
+  Vec3<Real> color;  // 0.5 added, clamped at 0
   unsigned clamped;  // bit c: channel c was clamped
 };
 
-/// Colour seen along `offset` = mean - camera centre, of any length except 0. `sh0` holds the 3 coefficients of degree
-/// 0, `shN` the others as [k][channel].
+/// Returns the colour seen along `offset` = mean - camera centre, of any length except 0. `sh0` has the 3 coefficients
+/// of degree 0, and `shN` the others as [k][channel].
 template <class Real>
 B3DGS_HD ShColor<Real> sh_color(int degree, Vec3<Real> offset, const float* sh0, const float* shN) {
   using std::sqrt;
@@ -100,14 +100,14 @@ B3DGS_HD ShColor<Real> sh_color(int degree, Vec3<Real> offset, const float* sh0,
   for (int c = 0; c < 3; ++c) {
     if (color[c] < 0) {
       result.clamped |= 1u << c;
-      color[c] *= 0;  // 0, except that -infinity becomes NaN: it must not turn into black
+      color[c] *= 0;  // 0, but -infinity becomes NaN, so that it does not turn into black
     }
   }
   result.color = {color[0], color[1], color[2]};
   return result;
 }
 
-/// Gradients with respect to the coefficients above degree 0, [k][channel], for a colour seen along the unit vector
+/// Computes the gradients of the coefficients above degree 0, [k][channel], for a colour seen along the unit vector
 /// `dir`.
 template <class Real>
 B3DGS_HD void sh_rest_grad(int degree, Vec3<Real> dir, Vec3<Real> grad_color, float* grad_shN) {
@@ -143,7 +143,7 @@ B3DGS_HD ShOffsetGrad<Real> sh_offset_grad(int degree, Vec3<Real> offset, const 
   return {dir, inverse_length * (grad_dir - dot(grad_dir, dir) * dir)};
 }
 
-/// Whether a splat's colour (already clamped at 0) is finite and within the limit in constants.h.
+/// Returns whether a splat's colour (already clamped at 0) is finite and within the limit in constants.h.
 B3DGS_HD bool is_usable_color(float red, float green, float blue) {
   return red <= kColorMax && green <= kColorMax && blue <= kColorMax;  // false for NaN
 }

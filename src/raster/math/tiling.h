@@ -1,6 +1,6 @@
-// Tiles of an image, and which of them a splat touches: index arithmetic and intervals, no schedules.
+// Tiles of an image, and the tiles that a splat touches. Index arithmetic and intervals, no schedules.
 //
-// A splat's tiles are found more than once: the projection counts them, and the binning writes that many pairs. The two
+// The tiles of a splat are computed more than once: projection counts them, and binning writes that many pairs. The two
 // must agree exactly, so the arithmetic uses StrictFloat, which gives the same bits in every kernel, on CPU and GPU.
 #pragma once
 
@@ -25,7 +25,7 @@ struct Rect {
   B3DGS_HD bool empty() const { return x_begin >= x_end || y_begin >= y_end; }
 };
 
-/// Pixels of a tile, cut off at the edge of the image.
+/// Returns the pixels of a tile, cut off at the edge of the image.
 B3DGS_HD Rect tile_pixels(const TileGrid& grid, std::int32_t tile) {
   const std::int32_t x = tile % grid.columns * grid.tile.width, y = tile / grid.columns * grid.tile.height;
   const std::int32_t x_end = x + grid.tile.width, y_end = y + grid.tile.height;
@@ -36,14 +36,14 @@ B3DGS_HD Rect tile_pixels(const TileGrid& grid, std::int32_t tile) {
 /// Width and height of the tiles of our own CUDA kernels, px.
 inline constexpr std::int32_t kCudaTileSide = 16, kCudaTilePixels = kCudaTileSide * kCudaTileSide;
 
-/// A sub-tile is the part of a CUDA tile that one warp blends, a pixel per lane. 8 x 4 has a smaller perimeter than
-/// 16 x 2, so fewer splats reach it.
+/// A sub-tile is the part of a CUDA tile that one warp blends, a pixel per lane. 8 x 4 has a smaller perimeter than 16
+/// x 2, so fewer splats reach it.
 inline constexpr std::int32_t kSubTileWidth = 8, kSubTileHeight = 4;
 inline constexpr std::int32_t kSubTilePixels = kSubTileWidth * kSubTileHeight;
 static_assert(kSubTilePixels == 32, "a lane of a warp per pixel");
 
-/// Index within its tile (row by row, 16 px wide in both families) of the pixel that a thread blends if warp w owns
-/// sub-tile w.
+/// Returns the index within its tile (row by row, 16 px wide in both families) of the pixel that a thread blends if
+/// warp w has sub-tile w.
 B3DGS_HD std::int32_t sub_tile_pixel(std::int32_t thread) {
   constexpr std::int32_t kColumns = kCudaTileSide / kSubTileWidth;
   const std::int32_t sub_tile = thread / kSubTilePixels, lane = thread % kSubTilePixels;
@@ -63,32 +63,32 @@ struct Span {
 
 namespace detail {
 
-/// floor(value), clamped to [low, high] before the conversion to an integer, which overflows for large values.
+/// Returns floor(value), clamped to [low, high] before the conversion to an integer, which overflows for large values.
 B3DGS_HD std::int32_t floor_clamped(float value, std::int32_t low, std::int32_t high) {
   if (!(value > static_cast<float>(low))) return low;
   if (!(value < static_cast<float>(high))) return high;
 #if defined(__CUDA_ARCH__)
   return static_cast<std::int32_t>(std::floor(value));
 #else
-  // std::floor() would be a function call: builds are for every x86-64.
+  // std::floor() would be a function call, because builds target every x86-64.
   const auto truncated = static_cast<std::int32_t>(value);
   return truncated - (static_cast<float>(truncated) > value);
 #endif
 }
 
-/// 1 / side, 1/px. Sides of the kernels' tiles are powers of two, so a product with it has the bits of the quotient.
+/// Returns 1 / side, 1/px. The tile sides are powers of two, so multiplying by it gives the same bits as dividing.
 B3DGS_HD StrictFloat inverse_side(std::int32_t side) {
   return side == 16 ? 0.0625f : side == 8 ? 0.125f : 1.0f / static_cast<float>(side);
 }
 
-/// Tiles along one axis with a pixel centre in [low, high], px.
+/// Returns the tiles along one axis with a pixel centre in [low, high], px.
 B3DGS_HD Span tiles_between(StrictFloat low, StrictFloat high, std::int32_t tile_size, std::int32_t n_tiles) {
   const StrictFloat size = static_cast<float>(tile_size), inverse = inverse_side(tile_size);
   return {floor_clamped(((low + 0.5f - size) * inverse).value, -1, n_tiles - 1) + 1,
           floor_clamped(((high - 0.5f) * inverse).value, -1, n_tiles - 1) + 1};
 }
 
-/// Tiles along one axis that overlap [low, high], px.
+/// Returns the tiles along one axis that overlap [low, high], px.
 B3DGS_HD Span tiles_overlapping(StrictFloat low, StrictFloat high, std::int32_t tile_size, std::int32_t n_tiles) {
   const StrictFloat inverse = inverse_side(tile_size);
   return {floor_clamped((low * inverse).value, 0, n_tiles), -floor_clamped((-high * inverse).value, -n_tiles, 0)};
@@ -96,14 +96,14 @@ B3DGS_HD Span tiles_overlapping(StrictFloat low, StrictFloat high, std::int32_t 
 
 }  // namespace detail
 
-// Margins by which computed ellipses are enlarged, so that rounding never excludes a tile with a contributing pixel.
+// Margins by which ellipses are enlarged, so that rounding never excludes a tile with a contributing pixel.
 inline constexpr float kExtentScale = 1.0001f;  // relative part, on lengths
 inline constexpr float kExtentMargin = 1e-3f;   // px, absolute part
-inline constexpr float kTileRowMargin = 5e-3f;  // px, on the left and right ends found for one row of tiles
+inline constexpr float kTileRowMargin = 5e-3f;  // px, for the left and right ends computed for one row of tiles
 inline constexpr float kLn2 = 0.693147181f;
 
-/// Half width and half height (px) of the axis-aligned bounding box of the ellipse within which alpha >= 1/255,
-/// slightly enlarged; {0, 0} if the opacity itself is below 1/255. `cov` is the 2D covariance, px^2.
+/// Returns the half width and half height (px) of the axis-aligned bounding box of the ellipse where alpha >= 1/255,
+/// slightly enlarged. Returns {0, 0} if the opacity itself is below 1/255. `cov` is the 2D covariance, px^2.
 B3DGS_HD Vec2f ellipse_extent(float log2_opacity, const Sym2f& cov) {
   const StrictFloat power = StrictFloat(log2_opacity) - kLog2AlphaMin;  // log2 of opacity / (1/255)
   if (!(power >= 0)) return {0, 0};
@@ -112,7 +112,7 @@ B3DGS_HD Vec2f ellipse_extent(float log2_opacity, const Sym2f& cov) {
           (kExtentScale * sqrt(two_sigma * cov.yy) + kExtentMargin).value};
 }
 
-/// The ellipse within which alpha >= 1/255, row by row. At height dy relative to its centre it spans
+/// The ellipse where alpha >= 1/255, row by row. At height dy relative to its centre it spans
 ///   dx = shear dy +- chord sqrt(1 - (dy / half_height)^2).
 /// No term is a difference of large products, so this is as accurate for needles as for discs.
 struct EllipseRows {
@@ -135,16 +135,16 @@ B3DGS_HD EllipseRows make_ellipse_rows(const Splat& splat, Vec2f extent) {
           (-xy / yy * extent.x).value};
 }
 
-/// Columns of the tiles in one row whose pixel centres the ellipse reaches: exact except for a margin below 0.01 px.
+/// Returns the columns of tiles in one row whose pixel centres the ellipse reaches, exact up to a margin below 0.01 px.
 B3DGS_HD Span ellipse_tiles_in_row(const EllipseRows& e, const TileGrid& grid, std::int32_t row) {
   const StrictFloat mean_x = e.mean_x, shear = e.shear, chord = e.chord, height = static_cast<float>(grid.tile.height);
   StrictFloat top = static_cast<float>(row) * height + 0.5f - e.mean_y;  // pixel centres, relative to the mean
-  StrictFloat bottom = top + (height - 1);  // not computed from `row`: a row of one pixel could end before it begins
+  StrictFloat bottom = top + (height - 1);  // not from `row`, so that a row of one pixel does not end before it begins
   top = top > -e.half_height ? top : -e.half_height;
   bottom = bottom < e.half_height ? bottom : e.half_height;
   if (top > bottom) return {0, 0};
-  // Within the strip [top, bottom] the ellipse is widest at its rightmost and leftmost points, or at the edge of the
-  // strip that is nearest to them.
+  // Within the strip [top, bottom], the ellipse is widest at its rightmost and leftmost points, or at the edge of the
+  // strip nearest to them.
   const StrictFloat right_y = e.right_y < top ? top : (e.right_y > bottom ? bottom : e.right_y);
   const StrictFloat left_y = -e.right_y < top ? top : (-e.right_y > bottom ? bottom : -e.right_y);
   const StrictFloat right_v = right_y / e.half_height, left_v = left_y / e.half_height;
@@ -156,20 +156,20 @@ B3DGS_HD Span ellipse_tiles_in_row(const EllipseRows& e, const TileGrid& grid, s
   return detail::tiles_between(mean_x + left, mean_x + right, grid.tile.width, grid.columns);
 }
 
-/// The rows of tiles that a splat may touch, and the columns it touches in each.
+/// The rows of tiles that a splat may touch, and the columns that it touches in each.
 struct TileRows {
   Culling culling;
   std::int32_t begin, end;  // half-open
   Span square;              // columns, the same in all rows; for kSquare
   EllipseRows ellipse;      // for kEllipse
-  /// Columns touched in `row`; empty where the ellipse misses the row.
+  /// Returns the columns touched in `row`, empty where the ellipse misses the row.
   B3DGS_HD Span span(const TileGrid& grid, std::int32_t row) const {
     return culling == Culling::kSquare ? square : ellipse_tiles_in_row(ellipse, grid, row);
   }
 };
 
-/// kSquare: tiles that overlap the square mean +- radius, as in the original rasterizer. kEllipse: of the tiles with a
-/// pixel centre in the ellipse's bounding box, those that it reaches.
+/// kSquare: all tiles that overlap the square mean +- radius, as in the original rasterizer. kEllipse: the tiles with a
+/// pixel centre in the ellipse's bounding box that the ellipse reaches.
 B3DGS_HD TileRows tile_rows(const TileGrid& grid, Culling culling, const Splat& splat, Vec2f extent,
                             std::int32_t radius) {
   const StrictFloat mean_x = splat.mean_x, mean_y = splat.mean_y, side = static_cast<float>(radius);
@@ -182,7 +182,7 @@ B3DGS_HD TileRows tile_rows(const TileGrid& grid, Culling culling, const Splat& 
   return {culling, y.begin, y.end, {}, make_ellipse_rows(splat, extent)};
 }
 
-/// Of a splat that touches no tile.
+/// Returns the empty rows of a splat that touches no tile.
 B3DGS_HD TileRows no_tile_rows(Culling culling) {
   return {culling, 0, 0, {0, 0}, {}};
 }
@@ -198,7 +198,7 @@ B3DGS_HD void visit_tile_rows(const TileGrid& grid, Culling culling, const Splat
   }
 }
 
-/// Number of tiles that the splat touches.
+/// Returns the number of tiles that the splat touches.
 B3DGS_HD std::int32_t tiles_touched(const TileGrid& grid, Culling culling, const Splat& splat, Vec2f extent,
                                     std::int32_t radius) {
   const TileRows rows = tile_rows(grid, culling, splat, extent, radius);
@@ -210,7 +210,7 @@ B3DGS_HD std::int32_t tiles_touched(const TileGrid& grid, Culling culling, const
   return n_tiles;
 }
 
-/// Whether it touches any. A Gaussian whose splat touches none is not seen.
+/// Returns whether the splat touches any tile. If not, its Gaussian is not visible.
 B3DGS_HD bool touches_tiles(const TileGrid& grid, Culling culling, const Splat& splat, Vec2f extent,
                             std::int32_t radius) {
   const TileRows rows = tile_rows(grid, culling, splat, extent, radius);
@@ -220,8 +220,8 @@ B3DGS_HD bool touches_tiles(const TileGrid& grid, Culling culling, const Splat& 
   return false;
 }
 
-/// Rows of [low, high) with a pixel centre within `extent` of `mean`, all counted from pixel row `first` of the image;
-/// columns likewise.
+/// Returns the rows of [low, high) with a pixel centre within `extent` of `mean`, counted from pixel row `first` of the
+/// image. Works for columns too.
 B3DGS_HD Span pixels_reached(float mean, float extent, float first, std::int32_t low, std::int32_t high) {
   const float middle = mean - first - 0.5f;
   return {detail::floor_clamped(middle - extent, low - 1, high) + 1,

@@ -1,4 +1,4 @@
-// From tensors to the arrays of RasterizerBackend: checks tensors, allocates outputs, selects the device.
+// Converts tensors to the arrays of RasterizerBackend: checks tensors, allocates outputs, selects the device.
 #include "raster/torch/rasterizer.h"
 
 #include <algorithm>
@@ -17,7 +17,7 @@
 namespace b3dgs {
 namespace {
 
-/// A tensor on memory of the backend.
+/// Returns a tensor that refers to memory of the backend.
 template <class T>
 torch::Tensor tensor_of(const T* data, torch::IntArrayRef sizes, const torch::TensorOptions& options,
                         torch::ScalarType type) {
@@ -41,7 +41,7 @@ Rasterizer::Rasterizer(torch::Device device) : device_(device) {
   input_error("device ", device.str(), " is not supported: this build's LibTorch has no CUDA; use --device cpu");
 }
 
-/// Made on first use: only then is a GPU initialised.
+/// Makes the backend on first use, so that a GPU is initialised only then.
 RasterizerBackend& Rasterizer::backend() const {
   if (backend_ == nullptr && device_.is_cpu()) backend_ = cpu::make_rasterizer();
 #if B3DGS_TORCH_CUDA
@@ -50,7 +50,7 @@ RasterizerBackend& Rasterizer::backend() const {
   return *backend_;
 }
 
-/// Images for a view, whose rendering must follow.
+/// Returns the images for a view, whose rendering must follow.
 ImageArrays Rasterizer::begin_view(const CameraView& view, const torch::TensorOptions& options) {
   backend().forget_view();
   place_tensor(rendered_.color, color_storage_, {view.height, view.width, 3}, options);
@@ -84,7 +84,7 @@ ViewStatistics& Rasterizer::begin_statistics(std::int64_t n) {
   return statistics_;
 }
 
-/// After the backward pass.
+/// Must be called after the backward pass.
 const ViewStatistics& Rasterizer::finish_statistics() {
   statistics_.camera_grad = torch::Tensor();
   if (backend().view_state().has_camera_gradient) {
@@ -316,7 +316,7 @@ torch::Tensor camera_parts(const GaussianTensors& gaussians, const ViewSplats& s
     backward.antialiasing = settings.antialiasing;
     const torch::Tensor scratch =
         torch::empty({cuda::kCameraGradientParts + 1, kCameraGradients}, options.dtype(torch::kFloat64));
-    double* const sum = scratch.data_ptr<double>();  // not used, like the parts of blocks behind it
+    double* const sum = scratch.data_ptr<double>();  // not used, like the parts of blocks after it
     cuda::camera_gradient({backward, nullptr, rows.n_splats, sum + kCameraGradients, sum, parts.data_ptr<float>()},
                           torch_launch_context());
   }

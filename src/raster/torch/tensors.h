@@ -13,7 +13,7 @@
 
 namespace b3dgs {
 
-/// 32-bit words of a struct, which are the columns of a tensor of them.
+/// Number of 32-bit words of a struct, which is the number of columns of a tensor of such structs.
 template <class Row>
 inline constexpr int kWords = sizeof(Row) / 4;
 
@@ -25,7 +25,7 @@ Row* rows_at(const torch::Tensor& tensor) {
 class TensorCheck {
  public:
   explicit TensorCheck(torch::Device device) : device_(device) {}
-  /// For tensors on the device of this one, if it is defined.
+  /// Checks tensors on the device of `like`, if it is defined.
   explicit TensorCheck(const torch::Tensor& like) : device_(like.defined() ? like.device() : torch::kCPU) {}
   bool is_cpu() const { return device_.is_cpu(); }
 
@@ -40,8 +40,8 @@ class TensorCheck {
   /// Defines a dimension.
   void bind(const std::string& name, std::int64_t size) { sizes_[name] = size; }
 
-  /// Checks that `tensor` is of this type, contiguous, on the device, and has these dimensions.
-  /// @throws LogicError such as "quats is [99, 4], expected [100, 4]"; -1: any number
+  /// Checks that `tensor` has this type and these dimensions, is contiguous and is on the device.
+  /// @throws LogicError such as "quats is [99, 4], expected [100, 4]", where -1 means any number
   void dims(const std::string& what, const torch::Tensor& tensor, std::initializer_list<Dim> wanted,
             torch::ScalarType type = torch::kFloat32) {
     B3DGS_CHECK(tensor.defined(), what, " is undefined");
@@ -57,7 +57,7 @@ class TensorCheck {
     B3DGS_CHECK(tensor.is_contiguous(), what, " is not contiguous");
   }
 
-  /// Checks that `tensor` has rows of this struct, and that these are aligned.
+  /// Checks that `tensor` has rows of this struct, and that they are aligned.
   template <class Row>
   Row* rows(const std::string& what, const torch::Tensor& tensor, const char* count,
             torch::ScalarType type = torch::kFloat32) {
@@ -72,7 +72,7 @@ class TensorCheck {
   std::map<std::string, std::int64_t> sizes_;  // of named dimensions
 };
 
-// From checked tensors to the rasterizer's argument structs. @throws LogicError naming a tensor that does not fit
+// Converts checked tensors to the rasterizer's argument structs. @throws LogicError naming a tensor that does not fit
 
 template <class Value = float>
 Value* data_or_null(const torch::Tensor& tensor) {
@@ -95,7 +95,7 @@ inline GaussianArrays arrays_of(const GaussianTensors& g, torch::Device device) 
           data_or_null(g.filters)};
 }
 
-/// Makes `grads` like `gaussians`, with undefined contents: tensors that are not are replaced.
+/// Gives `grads` the shapes of `gaussians`, with undefined contents. Replaces tensors that do not have them.
 inline GaussianGradArrays make_gradients(const GaussianTensors& gaussians, GaussianTensors& grads,
                                          float* means2d = nullptr) {
   for (std::size_t i = 0; i < grads.all().size(); ++i) {
@@ -132,7 +132,7 @@ inline SplatRows rows_of(const ViewSplats& view, TensorCheck& check) {
   return {view.splats.size(0), splats, extents, view.radii.data_ptr<std::int32_t>()};
 }
 
-/// Room for the records of at least `n_splats` splats of N Gaussians; `check` must know "N".
+/// Returns arrays for the records of at least `n_splats` splats of N Gaussians. `check` must know "N".
 inline SplatRecordArrays arrays_of(const SplatRecordTensors& out, std::int64_t n_splats, TensorCheck& check,
                                    const torch::Tensor& means2d_grad) {
   auto* const records = check.rows<SplatRecord>("records", out.records, "capacity");
@@ -145,7 +145,7 @@ inline SplatRecordArrays arrays_of(const SplatRecordTensors& out, std::int64_t n
 // grows, so that steps do not allocate.
 
 /// Makes `tensor` a view of the beginning of `storage`, with these sizes and undefined contents, unless it already has
-/// them. `storage` is a flat tensor; if it is too small, it is replaced by one with 1/spare_part more elements than
+/// them. `storage` is a flat tensor. If it is too small, it is replaced by one with 1/spare_part more elements than
 /// needed (0: exactly as many).
 inline void place_tensor(torch::Tensor& tensor, torch::Tensor& storage, torch::IntArrayRef sizes,
                          const torch::TensorOptions& options, std::int64_t spare_part = 0) {

@@ -1,19 +1,19 @@
-// Forward kernels whose lanes are consecutive splats of a list (a group): gaussian-wise, combined. Pixels are blended
-// one at a time. The transmittance in front of each lane is a prefix product of 1 - alpha; the first lane that would
+// The kernels gaussian-wise and combined, whose lanes are consecutive splats of a list (a group). Pixels are blended
+// one at a time. The transmittance in front of each lane is a prefix product of 1 - alpha. The first lane that would
 // bring it below kTransmittanceMin finishes the pixel.
 //   gaussian-wise: each thread gets an equal, contiguous share of the tiles. A pixel stops after the group that
-//     finishes it, so no lane waits for another pixel; but splats are fetched again for every pixel. On a CPU this is
+//     finishes it, so no lane waits for another pixel, but splats are loaded again for every pixel. On a CPU this is
 //     faster than pixel-wise blending only where few pixels of a tile are unfinished.
 //   combined (the paper's fine-grained combined load balancing): threads take tasks of 2 x 2 pixels (quads) from an
-//     atomic counter. A crowded tile becomes tens of tasks, and threads finish at about the same time even if one
-//     tile holds most of the work. A group is fetched once for the four pixels of the task.
+//     atomic counter. A crowded tile becomes tens of tasks, so threads finish at about the same time even if one
+//     tile has most of the work. A group is loaded once for the four pixels of the task.
 
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "raster/cpu/forward/forward_gaussian_wise.cpp"
 #include <hwy/foreach_target.h>
 // Everything below is compiled once per instruction set.
 #include "raster/cpu/forward/lanes-inl.h"
-// After lanes-inl.h, whose SIMD type it computes on.
+// Include after lanes-inl.h, because it computes on that SIMD type.
 #include "raster/math/blend.h"
 
 #include <algorithm>
@@ -33,23 +33,23 @@ namespace {
 struct SplatGroup {
   SplatShape<Lanes> shape;
   Lanes red, green, blue, depth;
-  LaneMask present;       // false beyond the end of the list
+  LaneMask present;       // false past the end of the list
   std::int32_t position;  // position of lane 0 in the list
 };
 
-/// One pixel while groups are blended onto it. Colour and depth are partial sums per lane until store_pixel().
+/// A pixel during blending. Colour and depth are partial sums per lane until store_pixel().
 struct PixelScan {
   float transmittance;
   bool finished;
   std::int32_t last;
   Lanes red, green, blue, depth;
 
-  // Explicit, because a compiler-generated constructor would lack the target attributes of this namespace.
+  // Explicit because a compiler-generated constructor would lack the target attributes of this namespace.
   HWY_INLINE PixelScan()
       : transmittance(1), finished(false), last(-1), red(0.0f), green(0.0f), blue(0.0f), depth(0.0f) {}
 };
 
-/// Moves every lane up by `distance`; the lowest lanes become 1.
+/// Moves every lane up by `distance` and sets the lowest lanes to 1.
 HWY_INLINE Lanes shift_in_ones(Lanes a, int distance) {
   HWY_ALIGN std::int32_t from[kMaxLanes];
   HWY_ALIGN float shifted_in[kMaxLanes];
@@ -61,7 +61,7 @@ HWY_INLINE Lanes shift_in_ones(Lanes a, int distance) {
   return select(Lanes::load(shifted_in) > Lanes(0.5f), Lanes(1.0f), moved);
 }
 
-/// Inclusive prefix product over the lanes, in log2(lanes) steps.
+/// Returns the inclusive prefix product over the lanes, in log2(lanes) steps.
 HWY_INLINE Lanes prefix_product(Lanes a) {
   for (int distance = 1; distance < lane_count(); distance *= 2) a = a * shift_in_ones(a, distance);
   return a;
@@ -73,7 +73,7 @@ HWY_INLINE float lane(Lanes a, int index) {
   return lanes[index];
 }
 
-/// Index of the highest set lane. At least one lane must be set.
+/// Returns the index of the highest set lane. At least one lane must be set.
 HWY_INLINE int last_lane(LaneMask mask) {
   std::uint8_t bits[8] = {};
   hn::StoreMaskBits(FloatTag(), mask.m, bits);
@@ -81,14 +81,14 @@ HWY_INLINE int last_lane(LaneMask mask) {
   return 31 - __builtin_clz(word);
 }
 
-/// Blends a group onto a pixel with centre (pixel_x, pixel_y), px.
+/// Blends a group onto the pixel with centre (pixel_x, pixel_y), px.
 HWY_INLINE void blend_group(PixelScan& pixel, const SplatGroup& group, float pixel_x, float pixel_y) {
   const Footprint<Lanes> footprint = evaluate_footprint(group.shape, Lanes(pixel_x), Lanes(pixel_y));
   const LaneMask contributes = footprint.contributes & group.present;
   if (none(contributes)) return;
 
   const Alpha<Lanes> alpha = evaluate_alpha(footprint.power);
-  // Splats that do not contribute count as factor 1.
+  // Splats that do not contribute have a factor of 1.
   const Lanes passed = prefix_product(select(contributes, Lanes(1.0f) - alpha.alpha, Lanes(1.0f)));
   const Lanes before = Lanes(pixel.transmittance) * shift_in_ones(passed, 1);
   const Lanes after = Lanes(pixel.transmittance) * passed;
@@ -126,7 +126,7 @@ HWY_INLINE SplatGroup gather_group(const BlendForwardArgs& args, std::int64_t st
   const auto n = static_cast<std::size_t>(left < lane_count() ? left : lane_count());
   HWY_ALIGN std::int32_t ids[kMaxLanes];
   for (int i = 0; i < lane_count(); ++i) ids[i] = args.bins.splat_ids[i < left ? first + i : first];
-  // Fields are gathered from the splats as an array of words.
+  // Gathers fields by treating the splats as an array of words.
   constexpr int kWords = sizeof(Splat) / sizeof(float);
   constexpr auto word_of = [](std::size_t offset) { return static_cast<std::int32_t>(offset / sizeof(float)); };
   const IntVec base = hn::Mul(hn::Load(di, ids), hn::Set(di, kWords));
@@ -163,7 +163,7 @@ void run_forward_gaussian_wise(const BlendForwardArgs& args, std::int64_t begin,
   }
 }
 
-/// Quad q of a tile, row by row in `columns`; what of it is outside the tile or the image is left out.
+/// Blends quad q of a tile, counted row by row in `columns`. Skips pixels outside the tile or the image.
 void run_forward_combined(const BlendForwardArgs& args, std::int64_t tile, int q, int columns) {
   const Rect rect = tile_pixels(args.grid, static_cast<std::int32_t>(tile));
   const std::int64_t first = args.bins.tile_offsets[tile], last = args.bins.tile_offsets[tile + 1];

@@ -5,22 +5,22 @@
 //   dynamic: threads take tiles from an atomic counter (the paper's inter-block dynamic workload distribution). This
 //     balances tiles of different cost, but a single tile that costs more than a thread's fair share still determines
 //     the time.
-//   shared-memory: as naive, but a batch of splats is copied side by side, and pixels stay in registers while it is
-//     blended.
-//   sub-tile: threads take tiles from a counter; of the staged splats, a vector of pixels blends those that reach it.
-//   segmented: as sub-tile, with the tiles of long lists cut, so that threads finish at about the same time even if one
-//     tile holds most of the work. A GPU cuts the list. A CPU cuts the tile into bands of rows: kernels are chosen by
-//     timing, so they must give the image of sub-tile bit for bit. Each band stages the list again.
-// Once per 32 splats, rows whose pixels are all finished are dropped at the top and bottom of the tile (sub-tile,
-// segmented), or the tile ends with its last pixel. For the backward pass: final transmittance and last splat of each
-// pixel.
+//   shared-memory: like naive, but a batch of splats is copied to contiguous memory, and pixels stay in registers while
+//     it is blended.
+//   sub-tile: threads take tiles from a counter. A vector of pixels blends only the staged splats that reach it.
+//   segmented: like sub-tile, but tiles with long lists are cut, so that threads finish at about the same time even if
+//     one tile has most of the work. A GPU cuts the list. A CPU cuts the tile into bands of rows, because kernels are
+//     chosen by timing and must give the image of sub-tile bit for bit. Each band stages the list again.
+// Once per 32 splats, sub-tile and segmented drop rows at the top and bottom of the tile whose pixels are all finished.
+// The other kernels check instead whether all pixels of the tile are finished. All kernels store the final
+// transmittance and the last splat of each pixel for the backward pass.
 
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "raster/cpu/forward/forward_pixel_wise.cpp"
 #include <hwy/foreach_target.h>
 // Everything below is compiled once per instruction set.
 #include "raster/cpu/forward/lanes-inl.h"
-// After lanes-inl.h, whose SIMD type it computes on.
+// Include after lanes-inl.h, because it computes on that SIMD type.
 #include "raster/math/blend.h"
 
 #include <algorithm>
@@ -36,9 +36,9 @@ namespace b3dgs {
 namespace HWY_NAMESPACE {
 namespace {
 
-/// A tile while it is blended. Pixels outside the image count as finished.
+/// A tile during blending. Pixels outside the image count as finished.
 struct TilePixels : TileLayout {
-  HWY_ALIGN float transmittance[kCapacity];  // as in PixelState: negated when finished
+  HWY_ALIGN float transmittance[kCapacity];  // as in PixelState, negative when finished
   HWY_ALIGN float red[kCapacity], green[kCapacity], blue[kCapacity], depth[kCapacity];
   HWY_ALIGN std::int32_t last[kCapacity];
 
@@ -53,7 +53,7 @@ struct TilePixels : TileLayout {
     std::fill(last, last + n, -1);
   }
 
-  /// Smallest range of rows that contains all unfinished pixels of `band`; empty if it is done.
+  /// Returns the smallest range of rows that contains all unfinished pixels of `band`, or an empty one.
   HWY_INLINE Span live_rows(const Span& band) const {
     Span live{rows, 0};
     for (int row = band.begin; row < band.end; ++row) {
@@ -104,7 +104,7 @@ struct PixelVector {
 
 }  // namespace
 
-/// naive, dynamic: splats are read through the list, and every row of the tile evaluates each of them. Checks once per
+/// naive and dynamic: reads splats through the list, and every row of the tile evaluates each of them. Checks once per
 /// batch whether any pixel is unfinished.
 void run_pixel_wise(const BlendForwardArgs& args, std::int64_t index) {
   constexpr std::int64_t kBatch = 32;
@@ -132,7 +132,7 @@ void run_pixel_wise(const BlendForwardArgs& args, std::int64_t index) {
   tile.finish(args, band);
 }
 
-/// shared-memory: a vector of pixels stays in registers while all splats of a batch are evaluated.
+/// shared-memory: keeps a vector of pixels in registers while it evaluates all splats of a batch.
 void run_shared_memory(const BlendForwardArgs& args, std::int64_t index) {
   constexpr std::int64_t kBatch = 32;
   TilePixels tile(args.grid, index);
@@ -157,10 +157,10 @@ void run_shared_memory(const BlendForwardArgs& args, std::int64_t index) {
   tile.finish(args, band);
 }
 
-/// sub-tile, segmented: as shared-memory, for the splats of a batch that reach the vector. `band`: the rows to blend
-/// and to write.
+/// sub-tile and segmented: like shared-memory, but evaluates only the splats of a batch that reach the vector. Blends
+/// and writes only the rows of `band`.
 void run_staged(const BlendForwardArgs& args, std::int64_t index, const Span& band) {
-  constexpr int kBatch = 32;  // 1.5 KiB, and a bit of a mask for each splat
+  constexpr int kBatch = 32;  // 1.5 KiB, and one bit of a mask per splat
   TilePixels tile(args.grid, index);
   Splat staged[kBatch];
   const std::int32_t* const list = args.bins.splat_ids + args.bins.tile_offsets[index];
@@ -169,7 +169,7 @@ void run_staged(const BlendForwardArgs& args, std::int64_t index, const Span& ba
     const Span live = tile.live_rows(band);
     if (live.empty()) break;
 
-    // Which rows and which vectors of a row a splat reaches: its bit changes where they begin and where they end.
+    // Rows, and vectors of a row, that each splat reaches. The bit of a splat changes where its range begins and ends.
     std::uint32_t row_changes[cpu::kMaxTileSide + 1] = {}, vector_changes[cpu::kMaxTileSide + 1] = {};
     const int n = static_cast<int>(std::min<std::int64_t>(kBatch, end - batch));
     for (int s = 0; s < n; ++s) {
@@ -182,8 +182,8 @@ void run_staged(const BlendForwardArgs& args, std::int64_t index, const Span& ba
       row_changes[rows.begin] ^= bit, row_changes[rows.end] ^= bit;
       vector_changes[vectors.begin] ^= bit, vector_changes[vectors.end] ^= bit;
     }
-    // While this batch is blended, the next one arrives, a few splats at each row: all at once, fetches would wait for
-    // each other.
+    // While this batch is blended, the next one is prefetched, a few splats at each row. If all were fetched at once,
+    // the fetches would wait for each other.
     std::int64_t ahead = batch + kBatch;
     const std::int64_t ahead_end = std::min(ahead + kBatch, end), per_row = kBatch / (live.end - live.begin) + 1;
     std::uint32_t reach_row = 0;
@@ -250,9 +250,9 @@ void blend_forward_sub_tile(const BlendForwardArgs& args) {
   });
 }
 
-/// Tasks: bands of tiles with long lists first, then whole tiles.
+/// Takes tasks: first bands of tiles with long lists, then whole tiles.
 void blend_forward_segmented(const BlendForwardArgs& args) {
-  // Pairs per task: about a millisecond of work on a crowded tile, long compared to the overhead of a task.
+  // Pairs per task. This is about a millisecond of work on a crowded tile, long compared to the overhead of a task.
   constexpr std::int64_t kPairs = 4096;
   struct Band {
     std::int64_t tile;

@@ -1,5 +1,5 @@
-// SIMD vector type with scalar operators, on which blend.h computes. Included once per instruction set (Highway's
-// scheme); everything is in HWY_NAMESPACE.
+// SIMD vector type with scalar operators, for blend.h. Included once per instruction set, as Highway requires.
+// Everything is in HWY_NAMESPACE.
 #if defined(B3DGS_RASTER_CPU_LANES_INL_H_) == defined(HWY_TARGET_TOGGLE)
 #ifdef B3DGS_RASTER_CPU_LANES_INL_H_
 #undef B3DGS_RASTER_CPU_LANES_INL_H_
@@ -20,7 +20,7 @@ namespace HWY_NAMESPACE {
 
 namespace hn = hwy::HWY_NAMESPACE;
 
-/// At most 16 lanes: a row of a tile 16 px wide.
+/// At most 16 lanes, a row of a tile that is 16 px wide.
 inline constexpr int kMaxLanes = 16;
 using FloatTag = hn::CappedTag<float, kMaxLanes>;
 using IntTag = hn::RebindToSigned<FloatTag>;
@@ -47,7 +47,7 @@ struct Lanes {
 
   static HWY_INLINE Lanes load(const float* aligned) { return Lanes(hn::Load(FloatTag(), aligned)); }
   HWY_INLINE void store(float* aligned) const { hn::Store(v, FloatTag(), aligned); }
-  /// start, start + 1, ...
+  /// Returns start, start + 1, ...
   static HWY_INLINE Lanes iota(float start) { return Lanes(hn::Iota(FloatTag(), start)); }
   HWY_INLINE float sum() const { return hn::GetLane(hn::SumOfLanes(FloatTag(), v)); }
 
@@ -65,15 +65,15 @@ struct Lanes {
   }
 };
 
-/// 2^a with an error of at most 2 ulp, for a in [-126, 126]. Blending needs [-8, 0]; smaller values are clamped, since
-/// masks discard their results.
+/// Returns 2^a with an error of at most 2 ulp for a in [-126, 126]. Blending needs [-8, 0]. Smaller values are clamped,
+/// because masks discard their results.
 HWY_INLINE Lanes exp2_of(Lanes a) {
   const FloatTag d;
   const FloatVec x = hn::Max(a.v, hn::Set(d, -126.0f));
-  // Adding 1.5 * 2^23 rounds to a whole number, which is then in the lowest bits of the sum.
+  // Adding 1.5 * 2^23 rounds to an integer, which is then in the lowest bits of the sum.
   const FloatVec shift = hn::Set(d, 12582912.0f), shifted = hn::Add(x, shift);
   const FloatVec f = hn::Sub(x, hn::Sub(shifted, shift));
-  // Polynomial for 2^f on [-0.5, 0.5], interpolated at Chebyshev nodes: relative error 2.5e-9 before rounding.
+  // Polynomial for 2^f on [-0.5, 0.5], interpolated at Chebyshev nodes. Relative error 2.5e-9 before rounding.
   FloatVec p = hn::Set(d, 0.000154614447f);
   p = hn::MulAdd(p, f, hn::Set(d, 0.00134004282f));
   p = hn::MulAdd(p, f, hn::Set(d, 0.00961805668f));
@@ -86,11 +86,11 @@ HWY_INLINE Lanes exp2_of(Lanes a) {
   return Lanes(hn::BitCast(d, hn::Add(hn::BitCast(di, p), exponent)));
 }
 
-/// How planes of a tile's pixels are laid out: in rows that are padded to whole vectors.
+/// Layout of the pixels of a tile in memory: rows padded to whole vectors.
 struct TileLayout {
   static constexpr int kCapacity = cpu::kMaxTileSide * cpu::kMaxTileSide;
-  Rect rect;          // pixels of the tile that are in the image
-  int rows, columns;  // number of them
+  Rect rect;          // pixels of the tile inside the image
+  int rows, columns;  // size of rect
   int row_vectors;    // SIMD vectors per row
   int stride;         // pixels per row, with padding
 
@@ -103,14 +103,14 @@ struct TileLayout {
         image_width_(grid.image_width),
         tile_width_(grid.tile.width) {}
 
-  /// Index in the image.
+  /// Returns the index of a pixel in the image.
   HWY_INLINE std::int64_t pixel(int row, int column) const {
     return std::int64_t{rect.y_begin + row} * image_width_ + rect.x_begin + column;
   }
   HWY_INLINE Lanes center_x(int column) const { return Lanes::iota(static_cast<float>(rect.x_begin + column) + 0.5f); }
   HWY_INLINE Lanes center_y(int row) const { return Lanes(static_cast<float>(rect.y_begin + row) + 0.5f); }
 
-  /// Rows of [begin, end) that have a pixel centre in the box around a splat; vectors of a row likewise.
+  /// Returns the rows of [begin, end) that have a pixel centre in the box around a splat.
   HWY_INLINE Span rows_reached(const Splat& splat, Vec2f extent, int begin, int end) const {
     return pixels_reached(splat.mean_y, extent.y, static_cast<float>(rect.y_begin), begin, end);
   }
@@ -123,7 +123,7 @@ struct TileLayout {
   std::int32_t image_width_, tile_width_;
 };
 
-/// Type of a condition on Lanes, for blend.h.
+/// Type of a condition on Lanes, used by blend.h.
 template <class Real>
 struct MaskFor;
 template <>

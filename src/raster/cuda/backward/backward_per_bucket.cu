@@ -1,8 +1,7 @@
-// Backward blend, per-bucket. A block per bucket (128 entries of a tile's list), so that long lists are shared out
-// evenly.
+// Backward blend, per-bucket. A block per bucket (128 entries of a tile's list), so that long lists are split evenly.
 //
 //   Warp: a patch of the tile, 8 x 8 pixels. After the block has loaded the bucket's splats to shared memory, the four
-//     warps work independently, from the bucket's last entry to its first:
+//     warps work independently, from the last entry of the bucket to the first:
 //
 //     gather            blend                     sum rows                        add
 //     lane: entry       lane: two pixels          lane: entry x two rows of 8 px  thread: entry
@@ -12,13 +11,14 @@
 //     patch, to a       pixel, to shared memory   dL/d(ln alpha)                  atomics or to the pair's slot
 //     queue
 //
-//   Sums: with shuffles over 32 lanes, a splat's ten sums would take 100 instructions. Through shared memory they take
-//     twelve: a lane sums rows of 8 pixels, whose offsets from the patch's centre are constants, and four lanes add
-//     up.
-//   State behind the bucket: if the pixel's last splat is in the bucket, from the forward pass's final transmittance;
-//     otherwise from the parts of the buckets behind, which the forward pass stored, or their sum (parts_behind.cuh).
-//   Shared memory: BucketSplats, and PatchMemory for each warp. Barriers: one to end if all pixels finish in front of
-//     the bucket, one behind the loads, one before the last phase.
+//   Sums: with shuffles over 32 lanes, the ten sums of a splat would take 100 instructions. Through shared memory they
+//     take twelve. A lane sums rows of 8 pixels, whose offsets from the patch's centre are constants, and the results
+//     of four lanes are added.
+//   State behind the bucket: if the pixel's last splat is in the bucket, it is the forward pass's final transmittance.
+//     Otherwise it comes from the parts of the buckets behind, which the forward pass stored, or from their sum
+//     (parts_behind.cuh).
+//   Shared memory: BucketSplats, and PatchMemory for each warp. Barriers: one to stop if all pixels finish in front of
+//     the bucket, one after the loads, one before the last phase.
 
 #include "raster/cuda/backward/factored_sums.cuh"
 #include "raster/cuda/backward/parts_behind.cuh"
@@ -33,7 +33,7 @@ namespace {
 constexpr int kWarps = 4, kThreads = kWarps * kWarpSize;  // a warp per patch; in the last phase, a thread per entry
 static_assert(kBucketEntries == kThreads);
 constexpr int kGroup = 8;                   // entries blended before their rows are summed: with 4 rows, 32 lanes
-constexpr int kQueue = kGroup + kWarpSize;  // at most 7 left over, and 32 gathered
+constexpr int kQueue = kGroup + kWarpSize;  // at most 7 remaining and 32 new ones
 static_assert(kQueue % kGroup == 0, "a group never wraps around the end of the ring");
 constexpr int kRowPixels = kSubTileWidth;  // 8
 constexpr int kRowsAtOnce = kWarpSize / kRowPixels;
@@ -41,11 +41,11 @@ constexpr int kRowsAtOnce = kWarpSize / kRowPixels;
 // A patch. Lane l has the pixels (l % 8, l / 8 + 4 k), k < kLanePixels.
 constexpr int kLanePixels = kCudaTilePixels / kThreads, kPatchWidth = kRowPixels,
               kPatchHeight = kRowsAtOnce * kLanePixels;
-/// Distance of two entries' pixel values in shared memory: 4 more than there are pixels, so that 8 lanes read rows from
-/// different banks.
+/// Distance between the pixel values of two entries in shared memory. It is 4 more than the number of pixels, so that 8
+/// lanes read rows from different banks.
 constexpr int kStride = kPatchWidth * kPatchHeight + 4;
 
-/// The bucket's splats: what blending reads, without words that it does not need.
+/// The part of the bucket's splats that blending reads.
 template <bool kWithDepth>
 struct BucketSplats {
   static constexpr int kNothing = kBucketEntries;  // index of a splat that contributes nowhere
@@ -63,7 +63,7 @@ struct BucketSplats {
   }
 };
 
-/// A splat on its way to BucketSplats: all loads are issued before the first value is used.
+/// A splat on its way to BucketSplats. All loads are issued before the first value is used.
 struct LoadedSplat {
   float4 mean{}, conic{}, color{};
   float2 extent{};
@@ -87,20 +87,20 @@ struct LoadedSplat {
 template <bool kWithDepth>
 struct PatchMemory {
   static constexpr int kSums = kWithDepth ? 11 : 9;  // odd, so that lanes access different banks
-  alignas(8) std::uint8_t queue[kQueue];             // a ring of indices in BucketSplats
+  alignas(8) std::uint8_t queue[kQueue];             // ring buffer of indices in BucketSplats
   // Pixel values of the group.
   alignas(16) float weight[kGroup * kStride];
   alignas(16) float log_alpha[kGroup * kStride];
-  // Results, for each entry that was queued.
-  unsigned queued[kBucketEntries / kWarpSize];  // a bit for each entry
+  // Results for each queued entry.
+  unsigned queued[kBucketEntries / kWarpSize];  // a bit per entry
   float sums[kBucketEntries * kSums];
 };
 
-/// The block's bucket.
+/// The bucket of a block.
 struct BucketRange {
   std::int32_t tile;
   std::int64_t first;           // first pair of the tile's list
-  std::int32_t begin, end;      // the bucket's entries: positions in the list
+  std::int32_t begin, end;      // entries of the bucket, as positions in the list
   bool is_summed;               // state_behind()
   std::int32_t tile_x, tile_y;  // upper left corner of the tile, px
   __device__ BucketRange(const BlendBackwardCudaArgs& args, std::int64_t bucket)
@@ -115,7 +115,7 @@ struct BucketRange {
   }
 };
 
-/// One warp: a patch, and the bucket's entries that reach it.
+/// One warp: a patch and the entries of the bucket that reach it.
 template <bool kWithDepth>
 class PatchBlend {
  public:
@@ -135,7 +135,7 @@ class PatchBlend {
     }
   }
 
-  /// Position in the list of the last splat of this lane's pixels, or -1.
+  /// Returns the position in the list of the last splat of this lane's pixels, or -1.
   __device__ __forceinline__ std::int32_t last() const {
     std::int32_t last = last_[0];
 #pragma unroll
@@ -145,7 +145,7 @@ class PatchBlend {
 
   /// Loads the pixels' gradients and their states behind the bucket.
   __device__ __forceinline__ void load_pixels(int patch) {
-    const TilePixel at = first_pixel(patch);  // not a member: it would take registers until the end
+    const TilePixel at = first_pixel(patch);  // not a member, because it would occupy registers until the end
 #pragma unroll
     for (int k = 0; k < kLanePixels; ++k) {
       if (last_[k] >= range_.begin) {
@@ -169,7 +169,7 @@ class PatchBlend {
     }
   }
 
-  /// All of the bucket's entries, from the last to the first.
+  /// Processes all entries of the bucket, from the last to the first.
   __device__ __forceinline__ void run() {
     if (lane_ < kBucketEntries / kWarpSize) memory_.queued[lane_] = 0;
     __syncwarp();
@@ -184,27 +184,27 @@ class PatchBlend {
     }
   }
 
-  /// The middle of a patch, px.
+  /// Returns the middle of a patch, px.
   __device__ static __forceinline__ float2 center(const BucketRange& range, int patch) {
     return make_float2(static_cast<float>(range.tile_x) + (static_cast<float>(patch % 2) + 0.5f) * kPatchWidth,
                        static_cast<float>(range.tile_y) + (static_cast<float>(patch / 2) + 0.5f) * kPatchHeight);
   }
 
  private:
-  /// The first of this lane's pixels.
+  /// Returns the first of this lane's pixels.
   __device__ __forceinline__ TilePixel first_pixel(int patch) const {
     const int x = patch % 2 * kPatchWidth + lane_ % kRowPixels, y = patch / 2 * kPatchHeight + lane_ / kRowPixels;
     const std::int32_t image_x = range_.tile_x + x, image_y = range_.tile_y + y;
     return {image_x, image_y, y * kCudaTileSide + x,
             image_x < blend_.grid.image_width && image_y < blend_.grid.image_height};
   }
-  /// Index in the image of pixel `k` of this lane; `at`: the first.
+  /// Returns the index in the image of pixel `k` of this lane. `at` is the first one.
   __device__ __forceinline__ std::int64_t pixel_at(const TilePixel& at, int k) const {
     return static_cast<std::int64_t>(at.y + kRowsAtOnce * k) * blend_.grid.image_width + at.x;
   }
 
-  /// Appends the entries that reach the patch to the queue. Each lane tests the entry at `position` in the list, in the
-  /// order of the queue.
+  /// Appends the entries that reach the patch to the queue. Each lane tests the entry at list position `position`, in
+  /// the order of the queue.
   __device__ __forceinline__ void gather(std::int32_t position) {
     const std::int32_t entry = position - range_.begin;
     bool reaches = false;
@@ -221,7 +221,7 @@ class PatchBlend {
     if (reaches) memory_.queue[wrapped(head_ + n_queued_ + __popc(before))] = static_cast<std::uint8_t>(entry);
 #pragma unroll
     for (int k = 0; k < kLanePixels; ++k) {
-      // Lane l's entry is at first - l: the first lanes' are behind the pixel's last splat.
+      // The entry of lane l is at first - l, so the first lanes' entries are behind the pixel's last splat.
       const int n_behind = position + lane_ - last_[k];
       skip_[k] += __popc(n_behind >= kWarpSize ? reaching : n_behind > 0 ? reaching & ((1u << n_behind) - 1) : 0u);
     }
@@ -237,14 +237,14 @@ class PatchBlend {
     return {splats_.mean_conic[at], splats_.rest[at], splats_.blue[at], kWithDepth ? splats_.depth[at] : 0.0f};
   }
 
-  /// Blends the first kGroup entries of the queue, of which the first `count` are real, and stores their sums.
+  /// Blends the first kGroup entries of the queue and stores their sums. Only the first `count` entries are real.
   __device__ __forceinline__ void blend_group(int count) {
     static_assert(kGroup == 8, "one load of 8 bytes");
     const uint2 group = *reinterpret_cast<const uint2*>(memory_.queue + head_);
     QueuedSplat next = load(group.x & 0xffu);
 #pragma unroll
     for (int slot = 0; slot < kGroup; ++slot) {
-      // Each splat is loaded before the one in front of it stores its values, which the load could not pass.
+      // Load each splat before the previous one stores its values, because a load cannot be moved across those stores.
       const float4 mean_conic = next.mean_conic, rest = next.rest;
       const float blue = next.blue, depth = next.depth;
       const int following = (slot + 1) % kGroup;
@@ -268,11 +268,11 @@ class PatchBlend {
     head_ = wrapped(head_ + kGroup);
 #pragma unroll
     for (int k = 0; k < kLanePixels; ++k) skip_[k] = max(skip_[k] - kGroup, 0);
-    __syncwarp();  // all lanes have read what the next group overwrites
+    __syncwarp();  // all lanes have read the data that the next group overwrites
   }
 
-  /// Sums the group's rows: lane l has row l % 4 (and l % 4 + 4) of the group's entry l / 4, which is `entry` of the
-  /// bucket.
+  /// Sums the rows of the group. Lane l has row l % 4 (and l % 4 + 4) of entry l / 4 of the group. `entry` is the index
+  /// of that entry in the bucket.
   __device__ __forceinline__ void store_sums(std::int32_t entry, bool is_real) {
     const int slot = lane_ / kRowsAtOnce, row = lane_ % kRowsAtOnce;
     float sum[10] = {};
@@ -304,7 +304,7 @@ class PatchBlend {
       sum[kQuv] += row_qu * v;
       sum[kQvv] += row_q * (v * v);
     }
-    // Over the four lanes of an entry. Lanes exchange halves of the sums, so that each ends with two of the first
+    // Sum over the four lanes of an entry. Lanes exchange halves of the sums, so that each ends with two of the first
     // eight.
     const bool upper = (lane_ & 2) != 0, odd = (lane_ & 1) != 0;
     const auto exchange = [](float low, float high, bool keep_high, int distance) {
@@ -341,19 +341,19 @@ class PatchBlend {
   const Splats& splats_;
   Memory& memory_;
   const int lane_ = lane_id();
-  // This lane's pixels:
-  float center_x_, center_y_;  // of the first
+  // Pixels of this lane.
+  float center_x_, center_y_;  // of the first pixel
   std::int32_t last_[kLanePixels];
   PixelGrad grad_[kLanePixels]{};
   ReverseState<float> state_[kLanePixels]{};
-  int skip_[kLanePixels]{};  // queued entries that are behind its last splat
-  // The rows that this lane sums:
+  int skip_[kLanePixels]{};  // queued entries behind the last splat of the pixel
+  // Rows that this lane sums.
   PixelGrad row_grad_[kLanePixels][kRowPixels];
-  // The queue:
+  // The queue.
   int head_ = 0, n_queued_ = 0;
 };
 
-/// Adds the sums of the entry that this thread has to memory.
+/// Adds the sums of this thread's entry to memory.
 template <bool kWithDepth, class Splats, class Memory>
 __device__ __forceinline__ void add_entry(const BlendBackwardCudaArgs& args, const BucketRange& range,
                                           const Splats& splats, const Memory* memory) {
@@ -382,7 +382,7 @@ __device__ __forceinline__ void add_entry(const BlendBackwardCudaArgs& args, con
   }
 }
 
-constexpr int kResidentBlocks = 4;  // on a multiprocessor (H100), as many as registers allow
+constexpr int kResidentBlocks = 4;  // per multiprocessor (H100), as many as registers allow
 
 template <bool kWithDepth>
 __global__ void __launch_bounds__(kThreads, kResidentBlocks)
@@ -397,14 +397,14 @@ __global__ void __launch_bounds__(kThreads, kResidentBlocks)
   const std::int32_t id =
       range.begin + entry < range.end ? __ldg(args.blend.bins.splat_ids + range.first + range.begin + entry) : -1;
   Patch blend(args, range, splats, memory[patch], patch);
-  if (__syncthreads_or(blend.last() >= range.begin) == 0) return;  // hidden
+  if (__syncthreads_or(blend.last() >= range.begin) == 0) return;  // all pixels finish in front of the bucket
   const LoadedSplat splat(args.blend, id);
   blend.load_pixels(patch);
   splat.store(splats, entry);
   if (entry == 0) splats.set_nothing();
-  __syncthreads();  // the bucket's splats
+  __syncthreads();  // the bucket's splats are loaded
   blend.run();
-  __syncthreads();  // the sums of all patches
+  __syncthreads();  // the sums of all patches are stored
   add_entry<kWithDepth>(args, range, splats, memory);
 }
 

@@ -1,12 +1,12 @@
-// Gradient with respect to the camera's pose, for pose refinement. It runs between the backward blend and the
-// projection's backward pass, so that the latter, which training fuses with Adam, is the same with and without it.
-//   Grid: a thread per splat, up to kCameraGradientParts blocks; then each thread takes several splats. A second
-//     kernel, of one block, adds the sums of the blocks.
+// Gradient with respect to the camera's pose, for pose refinement. It runs between the backward blend and the backward
+// projection, so that the latter, which training fuses with Adam, is the same with and without it.
+//   Grid: a thread per splat, up to kCameraGradientParts blocks. Beyond that, each thread processes several splats. A
+//     second kernel, of one block, adds the sums of the blocks.
 //   Shared memory: a sum per warp.
 //   Barriers: one in the first kernel, one per halving in the second.
-// For splats rendered elsewhere, the first kernel also stores what each splat adds; add_parts_kernel, in its
-// place, adds these numbers in the same order.
-// All sums are in double and in an order that follows from the number of splats alone.
+// For splats rendered elsewhere, the first kernel also stores the contribution of each splat. add_parts_kernel then
+// replaces the first kernel and adds these numbers in the same order.
+// All sums are in double, in an order that depends only on the number of splats.
 
 #include <algorithm>
 
@@ -21,7 +21,7 @@ namespace {
 constexpr int kThreads = 128;
 constexpr int kWarps = kThreads / kWarpSize;
 
-/// Writes the sum over the block's threads.
+/// Writes the sum over the threads of the block.
 __device__ __forceinline__ void add_block(double (&sums)[kCameraGradients], double* parts) {
   __shared__ double warp_sums[kWarps][kCameraGradients];
 #pragma unroll
@@ -32,7 +32,7 @@ __device__ __forceinline__ void add_block(double (&sums)[kCameraGradients], doub
     }
     if (lane_id() == 0) warp_sums[threadIdx.x / kWarpSize][k] = sums[k];
   }
-  __syncthreads();  // all warps' sums are in shared memory
+  __syncthreads();  // the sums of all warps are in shared memory
   if (threadIdx.x < kCameraGradients) {
     double sum = 0;
     for (int warp = 0; warp < kWarps; ++warp) sum += warp_sums[warp][threadIdx.x];
@@ -84,7 +84,7 @@ __global__ void __launch_bounds__(kThreads) sum_parts_kernel(const double* parts
     sums[k][threadIdx.x] = sum;
   }
   for (int half = kThreads / 2; half > 0; half /= 2) {
-    __syncthreads();  // the sums that are added are complete
+    __syncthreads();  // the sums of the previous round are complete
     if (static_cast<int>(threadIdx.x) < half) {
       for (int k = 0; k < kCameraGradients; ++k) sums[k][threadIdx.x] += sums[k][threadIdx.x + half];
     }

@@ -1,24 +1,24 @@
-// From the moments that a patch of pixels adds up for a splat (backward_per_bucket.cu) to the splat's gradient, such
-// that nothing cancels along a needle: a long, thin splat.
+// Turns the moments that a patch of pixels sums for a splat (backward_per_bucket.cu) into the splat's gradient, without
+// cancellation along a needle (a long, thin splat).
 #pragma once
 
 #include "raster/args.h"
 
 namespace b3dgs::cuda {
 
-/// What a patch adds up for an entry. With q = dL/d(ln alpha) and (u, v) the pixel relative to the patch's centre.
-/// The order matters: store_sums() adds up the first eight in halves, 0 to 3 beside 4 to 7.
+/// Sums of a patch for one entry, with q = dL/d(ln alpha) and (u, v) the pixel relative to the patch's centre. The
+/// order matters, because store_sums() adds the first eight in halves: 0 to 3 beside 4 to 7.
 enum PatchSum { kQ, kQu, kQv, kQuu, kRed, kGreen, kBlue, kQvv, kQuv, kDepth };
 static_assert(kQvv == 7 && kQuv == 8 && kDepth == 9);
 
 /// The conic K = L D L^T with L = (1 0; l 1) and D = diag(d1, d2), so that p = K delta is
 ///   (d1 a, l d1 a + d2 b)  with  a = delta_1 + l delta_2  and  b = delta_2.
-/// Axis 1 is x or y, whichever has the larger diagonal element. Across a needle p is a thousand times what it is along
-/// the needle, and the gradient with respect to its length depends on the latter: the factors keep the two apart, where
-/// sums of q p p^T from moments about the patch's centre would cancel it.
+/// Axis 1 is x or y, whichever has the larger diagonal element. Across a needle, p is a thousand times larger than
+/// along it, and the gradient of the needle's length depends on the smaller value. The factors keep the two apart. Sums
+/// of q p p^T from moments about the patch's centre would cancel it.
 struct FactoredConic {
   bool y_first;
-  float d1, d2, l, l_low;  // l_low: what l lacks to xy / d1
+  float d1, d2, l, l_low;  // l_low: the rounding error of l, xy / d1 - l
   __device__ explicit FactoredConic(const float4& conic) : y_first(conic.z > conic.x), d1(y_first ? conic.z : conic.x) {
     const float inverse = 1.0f / d1;
     l = conic.y * inverse;
@@ -27,7 +27,7 @@ struct FactoredConic {
   }
 };
 
-/// Sums over an entry's pixels in the coordinates of FactoredConic.
+/// Sums over the pixels of an entry, in the coordinates of FactoredConic.
 struct FactoredSums {
   float q = 0, qa = 0, qb = 0, qaa = 0, qab = 0, qbb = 0, red = 0, green = 0, blue = 0, depth = 0;
 };
@@ -41,7 +41,7 @@ struct Difference {
   }
 };
 
-/// Adds a patch's sums, which are about its centre.
+/// Adds the sums of a patch, which are relative to its centre.
 __device__ __forceinline__ void add_patch(FactoredSums& total, const float* sums, float2 center, const float4& mean,
                                           const FactoredConic& conic) {
   const Difference x(center.x, mean.x), y(center.y, mean.y);
@@ -49,7 +49,7 @@ __device__ __forceinline__ void add_patch(FactoredSums& total, const float* sums
   const float second = conic.y_first ? x.high : y.high, second_low = conic.y_first ? x.low : y.low;
   const float q = sums[kQ], q1 = sums[conic.y_first ? kQv : kQu], q2 = sums[conic.y_first ? kQu : kQv];
   const float q11 = sums[conic.y_first ? kQvv : kQuu], q22 = sums[conic.y_first ? kQuu : kQvv], q12 = sums[kQuv];
-  // a and b at the centre; moments of q in a and b about it.
+  // a and b at the centre, and moments of q in a and b about it.
   const float a = fmaf(conic.l, second, first) + (first_low + (conic.l * second_low + conic.l_low * second)),
               b = second;
   const float qa = q1 + conic.l * q2, qab = q12 + conic.l * q22;

@@ -1,11 +1,11 @@
 // State of a pixel behind a bucket, from the parts of the buckets behind it that the forward pass stored.
 //
-// If has_many_parts(), sum_behind_kernel first sums, for each pixel, what the buckets behind each bucket of a long list
-// add to the loss: per-bucket then reads one number instead of all parts behind.
+// If has_many_parts(), sum_behind_kernel first sums, for each pixel and each bucket of a long list, the contributions
+// to the loss of the buckets behind. Then per-bucket reads one number instead of all parts behind.
 //   Block: 32 pixels of a tile. Warp: an eighth of each pixel's parts. Lane: a pixel.
-//   Sum: each warp adds up its parts from back to front and stores the sum behind each bucket; then adds those of the
-//     warps behind it. The order is the same in every run.
-//   Shared memory: the warps' sums. Barriers: one.
+//   Sum: each warp adds its parts from back to front and stores the sum behind each bucket. Then it adds the sums of
+//     the warps behind it. The order is the same in every run.
+//   Shared memory: the sums of the warps. Barriers: one.
 #pragma once
 
 #include "raster/cuda/backward/splat_grad.cuh"
@@ -16,7 +16,7 @@
 
 namespace b3dgs::cuda {
 
-/// Index of the bucket with a pixel's last splat: number of parts behind the first.
+/// Returns the index of the bucket with the pixel's last splat, which is the number of parts behind the first.
 __device__ __forceinline__ std::int32_t last_bucket(std::int32_t last) {
   return last / kBucketEntries;
 }
@@ -30,7 +30,7 @@ class PixelParts {
     const std::int32_t segment = parts_.first_segment_of_tile != nullptr ? parts_.first_segment_of_tile[tile] : -1;
     if (segment >= 0) fronts_ = parts_.segment_fronts + std::int64_t{segment} * kCudaTilePixels + pixel_index;
   }
-  /// Index of a bucket's part.
+  /// Returns the index of the part of a bucket.
   __device__ __forceinline__ std::int64_t index(std::int32_t bucket) const {
     return first_ + std::int64_t{bucket} * kCudaTilePixels;
   }
@@ -42,19 +42,19 @@ class PixelParts {
     return {__ldg(parts_.color + index(bucket)), kWithDepth ? __ldg(parts_.depth + index(bucket)) : 0.0f,
             front(bucket)};
   }
-  /// What the part adds to the loss, as `behind` of ReverseState.
+  /// Returns the contribution of the part to the loss, with the meaning of ReverseState::behind.
   __device__ static __forceinline__ float loss(const Part& part, const PixelGrad& g) {
     float sum = g.color.x * part.color.y + g.color.y * part.color.z + g.color.z * part.color.w;
     if constexpr (kWithDepth) sum += g.depth * part.depth;
     return part.front * sum;
   }
-  /// The transmittance behind a bucket.
+  /// Returns the transmittance behind a bucket.
   __device__ __forceinline__ float transmittance(std::int32_t bucket) const {
     return front(bucket) * __ldg(&parts_.color[index(bucket)].x);
   }
 
  private:
-  /// Segments::fronts: the transmittance in front of the bucket's segment; 1 if the list is not cut.
+  /// Returns the transmittance in front of the bucket's segment (Segments::fronts), or 1 if the list is not cut.
   __device__ __forceinline__ float front(std::int32_t bucket) const {
     return fronts_ != nullptr ? __ldg(fronts_ + std::int64_t{bucket >> parts_.segment_buckets_log2} * kCudaTilePixels)
                               : 1.0f;
@@ -65,8 +65,8 @@ class PixelParts {
   const float* fronts_ = nullptr;  // null if the list is not cut
 };
 
-/// State behind a bucket in front of the pixel's last. `is_summed`: sum_behind_kernel has added up the list's parts.
-/// `behind_list`: loss_behind_list().
+/// Returns the state behind a bucket in front of the pixel's last one. `is_summed`: sum_behind_kernel has added the
+/// parts of the list. `behind_list`: the result of loss_behind_list().
 template <bool kWithDepth>
 __device__ __forceinline__ ReverseState<float> state_behind(const BlendBackwardCudaArgs& args, bool is_summed,
                                                             std::int32_t tile, std::int32_t bucket,
@@ -83,7 +83,7 @@ __device__ __forceinline__ ReverseState<float> state_behind(const BlendBackwardC
 }
 
 constexpr int kSumWarps = 8, kSumThreads = kSumWarps * kWarpSize;
-constexpr int kSumBlocks = kCudaTilePixels / kWarpSize;  // for a tile
+constexpr int kSumBlocks = kCudaTilePixels / kWarpSize;  // per tile
 
 template <bool kWithDepth>
 __global__ void __launch_bounds__(kSumThreads) sum_behind_kernel(const BlendBackwardCudaArgs args) {
@@ -97,7 +97,7 @@ __global__ void __launch_bounds__(kSumThreads) sum_behind_kernel(const BlendBack
   const std::int64_t pixel = std::int64_t{at.y} * args.blend.grid.image_width + at.x;
   const std::int32_t n_parts = at.inside ? last_bucket(args.blend.last_ids[pixel]) : 0;
   if (!__any_sync(kFullWarp, n_parts > 0)) return;  // the same in all warps
-  // The warp's parts: (begin, end].
+  // The parts of the warp: (begin, end].
   const std::int32_t n_of_warp = (n_parts + kSumWarps - 1) / kSumWarps;
   const std::int32_t end = max(n_parts - warp * n_of_warp, 0), begin = max(end - n_of_warp, 0);
   const Parts parts(args, tile, at.index);
@@ -116,7 +116,7 @@ __global__ void __launch_bounds__(kSumThreads) sum_behind_kernel(const BlendBack
     }
   }
   sums[warp][lane] = sum;
-  __syncthreads();  // all sums
+  __syncthreads();  // the sums of all warps are stored
   float behind = 0;
   for (int w = 0; w < warp; ++w) behind += sums[w][lane];
   for (std::int32_t first = end; first > begin; first -= kAtOnce) {

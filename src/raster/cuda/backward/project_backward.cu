@@ -1,8 +1,8 @@
-// Backward projection: a splat's sums to the gradient with respect to its Gaussian's stored parameters.
-//   Grid: a thread per Gaussian; Gaussians that the view does not see get zeros.
-//   Shared memory: the block's SH gradients above degree 0, up to 45 floats per Gaussian; the block then writes them to
-//     global memory contiguously.
-//   Barriers: one, before that.
+// Backward projection: turns the sums of a splat into the gradient of its Gaussian's stored parameters.
+//   Grid: a thread per Gaussian. Gaussians that are not visible get zeros.
+//   Shared memory: the SH gradients of the block above degree 0, up to 45 floats per Gaussian. The block then writes
+//     them to global memory contiguously.
+//   Barriers: one, before these writes.
 // Training uses a fused kernel instead, which applies the optimizer step without storing gradients.
 
 #include "raster/cuda/launch.cuh"

@@ -1,4 +1,4 @@
-// Device functions that the backward blend kernels share: gradients with respect to pixels, and adding to a splat's
+// Device functions shared by the backward blend kernels: gradients with respect to pixels, and additions to a splat's
 // sums in memory.
 #pragma once
 
@@ -7,7 +7,7 @@
 
 namespace b3dgs::cuda {
 
-/// One vector atomic from compute capability 9.0 on, four scalar ones before.
+/// Uses one vector atomic from compute capability 9.0 on, and four scalar ones before.
 __device__ __forceinline__ void atomic_add(float4* sum, float4 value) {
 #if __CUDA_ARCH__ >= 900
   atomicAdd(sum, value);
@@ -46,7 +46,7 @@ __device__ __forceinline__ PixelGrad load_pixel_grad(const BlendBackwardArgs& ar
   return g;
 }
 
-/// S of blend.h at the end of a pixel's list: the terms of the background and of the pixel's alpha.
+/// Returns S of blend.h at the end of a pixel's list: the terms of the background and of the pixel's alpha.
 __device__ __forceinline__ float loss_behind_list(const BlendBackwardArgs& args, std::int64_t pixel,
                                                   const PixelGrad& g) {
   const float background =

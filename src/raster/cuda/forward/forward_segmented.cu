@@ -1,31 +1,31 @@
-// Forward blend, segmented: sub-tile, with long lists cut into segments of 128 to 512 entries that are blended in
-// parallel, if the longest has much of the work (list_cut()). Balanced like combined, with the cost per splat of a
-// pixel-wise kernel. Not in the paper, whose balanced kernel distributes a crowded tile over its pixels.
+// Forward blend, segmented: like sub-tile, but if the longest list has much of the work (list_cut()), long lists are
+// cut into segments of 128 to 512 entries that are blended in parallel. It is as balanced as combined, with the cost
+// per splat of a pixel-wise kernel. The paper's balanced kernel distributes a crowded tile over its pixels instead.
 //
-// Compositing is associative: a segment is blended as if the transmittance in front of it were 1, and (transmittance,
-// colour) of a list's segments are then combined front to back. The stop at transmittance 1e-4 is not associative: the
-// segment in which a pixel finishes is blended again for that pixel, from the true transmittance.
+// Compositing is associative. So a segment is blended as if the transmittance in front of it were 1, and the segments'
+// (transmittance, colour) are then combined front to back. The stop at transmittance 1e-4 is not associative,
+// so the segment in which a pixel finishes is blended again for that pixel, from the true transmittance.
 //
 //   list           |   segment 0   |   segment 1   |   segment 2   | 3 |
 //   blended from   T = 1           T = 1           T = 1           T = 1     forward_segmented, in parallel
 //   joined         T = 1 --------> 0.5 ----------> 0.01 ---------> finished  finish_pixels
 //   blended again                                  |from T = 0.01 |          finish_pixels
 //
-// Kernel 1, cut_lists: one block lists the tasks: the segments except each list's first, ordered by their number within
-//   the list.
+// Kernel 1, cut_lists: one block lists the tasks, which are all segments except the first of each list, ordered by
+//   their number within the list.
 // Kernel 2, forward_segmented: a block per 128 pixels of a segment or whole list. The first segments of lists that are
 //   at least as long as a segment start first, then the second ones, and so on, then the shorter lists. Segments behind
-//   finished pixels would be wasted work: a block first multiplies the transmittances of the segments in front that are
-//   already done (a flag each, stored with release and loaded with acquire). If all its pixels are finished, it marks
-//   its segment and all behind it as hidden, which later blocks check first, and ends. Which segments are skipped
-//   depends on timing. The image does not: all pixels finish in front of a skipped segment.
+//   finished pixels would be wasted work. So a block first multiplies the transmittances of the segments in front that
+//   are already done (a flag each, stored with release and loaded with acquire). If all its pixels are finished, it
+//   marks its segment and all behind it as hidden and ends. Later blocks check this mark first. Which segments are
+//   skipped depends on timing, but the image does not, because all pixels finish in front of a skipped segment.
 // Kernel 3, finish_pixels: a block per 128 pixels of a task. Multiplies the transmittances in front of the segment. For
-//   pixels that finish in it, or whose list ends with it, combines the segments front to back, blends this one again if
-//   necessary, and writes the pixel.
+//   pixels that finish in it, or whose list ends with it, it combines the segments front to back, blends this one again
+//   if necessary, and writes the pixel.
 //
-// Shared memory: staged splats in kernels 2 and 3 (staged_blend.cuh); counters in kernel 1.
+// Shared memory: staged splats in kernels 2 and 3 (staged_blend.cuh), counters in kernel 1.
 // Barriers: one per bucket of splats, one to skip a segment, and one before it is marked as done.
-// Saved for the backward pass: final transmittance, last splat, bucket parts, and the factor of each segment's parts
+// Stored for the backward pass: final transmittance, last splat, bucket parts, and the factor of each segment's parts
 //   (Segments::fronts).
 
 #include <cub/block/block_scan.cuh>
@@ -39,19 +39,19 @@
 namespace b3dgs::cuda {
 namespace {
 
-constexpr int kCutThreads = 1024;  // one block; also how many segment numbers are sorted exactly
+constexpr int kCutThreads = 1024;  // one block; also the number of segment numbers that are sorted exactly
 
-/// Lists all segments except the first of each list, sorted by their number within the list (numbers from
-/// kCutThreads - 1 on in any order). This is a counting sort: tiles are ranked by their number of segments, most first.
-/// The tiles that have a segment number k are then the first n_with[k + 1] ranks, and the task of segment k of a tile
-/// is at first_of_number[k] + rank.
+/// Lists all segments except the first of each list, sorted by their number within the list (numbers from kCutThreads -
+/// 1 on in any order). This is a counting sort. Tiles are ranked by their number of segments, most first. The tiles
+/// that have a segment number k are then the first n_with[k + 1] ranks, and the task of segment k of a tile is at
+/// first_of_number[k] + rank.
 __global__ void __launch_bounds__(kCutThreads) cut_lists_kernel(const BlendForwardCudaArgs args) {
   using BlockScan = cub::BlockScan<std::int32_t, kCutThreads>;
   constexpr std::int32_t kLast = kCutThreads - 1;  // this number and all above share a counter
   __shared__ typename BlockScan::TempStorage scan_memory;
-  // Indexed by a number of segments:
+  // Indexed by the number of segments of a tile:
   __shared__ std::int32_t next_rank[kCutThreads];  // first a count of tiles, then the next rank for such a tile
-  __shared__ std::int32_t n_with[kCutThreads];     // tiles with that many segments or more
+  __shared__ std::int32_t n_with[kCutThreads];     // tiles with at least that many segments
   // Indexed by a segment's number:
   __shared__ std::int32_t first_of_number[kCutThreads];  // index of the first task with that number
   __shared__ std::int32_t n_beyond;                      // number of segments with numbers from kLast on
@@ -64,7 +64,7 @@ __global__ void __launch_bounds__(kCutThreads) cut_lists_kernel(const BlendForwa
   for (std::int32_t i = thread; i < kSegmentBlocks * segments.n_max; i += kCutThreads) segments.is_done[i] = 0;
   __syncthreads();
 
-  // Count tiles by their number of segments, and assign each cut list a range of segment indices.
+  // Count tiles by their number of segments, and assign a range of segment indices to each list that is cut.
   std::int32_t own_long = 0;
   for (std::int32_t tile = thread; tile < n_tiles; tile += kCutThreads) {
     const std::int32_t length = list_length(args.blend.bins, tile), count = args.cut.n_segments(length);
@@ -76,7 +76,8 @@ __global__ void __launch_bounds__(kCutThreads) cut_lists_kernel(const BlendForwa
   }
   atomicAdd(&n_long, own_long);
   __syncthreads();
-  // Scan from the largest number of segments down: ranks, and where each segment number begins in the list of tasks.
+  // Scan from the largest number of segments down. This gives ranks and the start of each segment number in the task
+  // list.
   const std::int32_t n_tiles_with = next_rank[kLast - thread];
   std::int32_t n_ranked = 0;
   BlockScan(scan_memory).InclusiveSum(n_tiles_with, n_ranked);
@@ -112,8 +113,8 @@ __device__ __forceinline__ bool take_listed(const Segments& segments, std::int32
   return true;
 }
 
-/// What block `number` blends: the first segment, or the whole list, of each tile whose list is long, then the listed
-/// tasks, then the other tiles. Returns false if there are fewer.
+/// Sets the task of block `number`. First come the first segments (or whole lists) of the tiles with long lists, then
+/// the listed tasks, then the other tiles. Returns false if there are fewer.
 __device__ __forceinline__ bool take_segment(const BlendForwardCudaArgs& args, std::int32_t number, SegmentTask& task) {
   const std::int32_t n_long = *args.segments.n_long, n_tasks = *args.segments.n_tasks;
   if (take_listed(args.segments, number - n_long, task)) return true;
@@ -128,8 +129,8 @@ struct ListSegment {
   std::int32_t tile;
   std::int32_t first;  // index of the list's first segment, -1 if the list is not cut
   std::int32_t index;  // index of this segment
-  int block;           // of the tile
-  ListRange range;     // its entries
+  int block;           // number of the block within the tile
+  ListRange range;     // entries of this segment
   TilePixel at;
   __device__ ListSegment(const BlendForwardCudaArgs& args, const SegmentTask& task)
       : tile(task.tile),
@@ -141,19 +142,19 @@ struct ListSegment {
     const std::int32_t begin = task.segment << args.cut.entries_log2;
     range = {begin, first >= 0 && begin + entries < length ? begin + entries : length};
   }
-  /// Index in the arrays of Segments.
+  /// Returns the index of the pixel in the arrays of Segments.
   __device__ std::int32_t pixel() const { return index * kCudaTilePixels + at.index; }
 };
 
-/// 1 as soon as block `block` has blended the segment.
+/// Flag that becomes 1 when block `block` has blended the segment.
 __device__ __forceinline__ auto is_done(const Segments& segments, std::int32_t index, int block) {
   return ::cuda::atomic_ref<std::int32_t, ::cuda::thread_scope_device>(
       segments.is_done[kSegmentBlocks * index + block]);
 }
 
-/// Upper bound of the pixel's transmittance in front of this segment: the product over the segments that are done. It
-/// is computed in the order in which transmittance_in_front() multiplies, so that it is a bound despite rounding. Must
-/// be called by all threads of a warp, including those of pixels outside the image.
+/// Returns an upper bound of the pixel's transmittance in front of this segment: the product over the segments that are
+/// done. The order of the factors is that of transmittance_in_front(), so it is a bound despite rounding. Must be
+/// called by all threads of a warp, including those of pixels outside the image.
 __device__ __forceinline__ float transmittance_bound(const Segments& segments, const ListSegment& segment) {
   constexpr int kAtOnce = 4;  // loads in flight
   float bound = 1;
@@ -162,7 +163,7 @@ __device__ __forceinline__ float transmittance_bound(const Segments& segments, c
     const bool is_ready =
         index < segment.index && is_done(segments, index, segment.block).load(::cuda::memory_order_acquire) != 0;
     unsigned ready = __ballot_sync(kFullWarp, is_ready);
-    __syncwarp();  // makes what one lane acquired visible to the whole warp
+    __syncwarp();  // makes data that one lane acquired visible to the whole warp
     while (ready != 0) {
       float factor[kAtOnce];
 #pragma unroll
@@ -178,8 +179,8 @@ __device__ __forceinline__ float transmittance_bound(const Segments& segments, c
   return bound;
 }
 
-/// Stores what forward_segmented_kernel has blended. Reads the task anew: kept in registers during blending, it would
-/// leave room for fewer blocks on a multiprocessor (sm_90: 86 registers instead of 72).
+/// Stores the result of forward_segmented_kernel. Reads the task again, because keeping it in registers during blending
+/// would allow fewer blocks per multiprocessor (sm_90: 86 registers instead of 72).
 __device__ __forceinline__ void store_segment(const BlendForwardCudaArgs& args, const PixelState<float>& pixel,
                                               std::int32_t last) {
   const Segments& segments = args.segments;
@@ -206,7 +207,7 @@ __global__ void __launch_bounds__(kStagedThreads) forward_segmented_kernel(const
   SegmentTask task;
   if (!take_segment(args, static_cast<std::int32_t>(blockIdx.x) / kStagedBlocks, task)) return;
   const ListSegment segment(args, task);
-  // Skip what cannot be visible.
+  // Skip a segment that cannot be visible.
   bool is_alive = segment.at.inside;
   if (segment.index > segment.first) {
     std::int32_t* const hidden_from = args.segments.hidden_from + kSegmentBlocks * segment.tile + segment.block;
@@ -224,7 +225,7 @@ __global__ void __launch_bounds__(kStagedThreads) forward_segmented_kernel(const
   store_segment(args, pixel, last);
 }
 
-/// Transmittance of the pixel in front of a segment; kClosedPixel if it finishes before.
+/// Returns the transmittance of the pixel in front of a segment, or kClosedPixel if the pixel finishes before it.
 __device__ __forceinline__ float transmittance_in_front(const Segments& segments, const ListSegment& segment) {
   constexpr int kAtOnce = 8;  // loads in flight
   float front = 1;
@@ -261,9 +262,9 @@ __device__ __forceinline__ std::int32_t join_segments(const Segments& segments, 
   return last;
 }
 
-/// Stores the pixels that finish in a listed segment, or whose list ends with it; forward_segmented has stored those
-/// that finish in the first. If a segment is blended again, its bucket parts are then absolute instead of relative to
-/// the segment.
+/// Stores the pixels that finish in a listed segment, or whose list ends with it. forward_segmented has stored those
+/// that finish in the first segment. If a segment is blended again, its bucket parts are absolute instead of relative
+/// to the segment.
 __global__ void __launch_bounds__(kStagedThreads) finish_pixels_kernel(const BlendForwardCudaArgs args) {
   __shared__ StagedSplats staged;
   const Segments& segments = args.segments;
@@ -276,7 +277,7 @@ __global__ void __launch_bounds__(kStagedThreads) finish_pixels_kernel(const Ble
   const std::int32_t pixel_of_segment = segment.pixel();
   const float front = at.inside ? transmittance_in_front(segments, segment) : kClosedPixel;
   const bool is_open = front > 0, ends = is_open && is_saturated(front * segments.transmittance[pixel_of_segment]);
-  // With transmittance 1 in front, the segment was blended exactly as it should be.
+  // With transmittance 1 in front, the segment was already blended correctly.
   const bool is_again = ends && front != 1;
   if (is_open && segments.fronts != nullptr) segments.fronts[pixel_of_segment] = is_again ? 1 : front;
 

@@ -1,8 +1,8 @@
-// Forward blend, sub-tile: our unbalanced kernel, a thread per pixel. Tiles are assigned statically, the longest list
-// first, so that none is left when the others are done. Splats are staged completely and culled by sub-tile
-// (staged_blend.cuh).
+// Forward blend, sub-tile: our unbalanced kernel, with a thread per pixel. Tiles are assigned statically, the longest
+// list first, so that no long list remains when the others are done. Splats are staged completely and culled by
+// sub-tile (staged_blend.cuh).
 //
-// Saved for the backward pass: final transmittance, last splat, and bucket parts (BucketParts).
+// Stored for the backward pass: final transmittance, last splat, and bucket parts (BucketParts).
 
 #include "raster/cuda/blend_kernels.h"
 #include "raster/cuda/forward/staged_blend.cuh"

@@ -7,7 +7,7 @@
 //   Cull: a warp queues the splats whose bounding box reaches its sub-tile, a lane per splat.
 //   Blend: each thread evaluates eight queued splats before blending them in order, because in a crowded tile the
 //     latency per splat determines the time.
-// Asynchronous copies, culling by sub-tile and evaluation in groups are not in the paper.
+// The paper has no asynchronous copies, no culling by sub-tile and no evaluation in groups.
 #pragma once
 
 #include <cuda_pipeline.h>
@@ -16,21 +16,21 @@
 
 namespace b3dgs::cuda {
 
-constexpr int kStagedThreads = kBucketEntries;  // a thread per pixel, and per splat that is staged
-constexpr int kQueueMargin = 4;                 // the last group, of four, is filled up with kNothing
+constexpr int kStagedThreads = kBucketEntries;  // a thread per pixel, and per staged splat
+constexpr int kQueueMargin = 4;                 // the last group, of four, is padded with kNothing
 
-constexpr int kStagedBlocks = kCudaTilePixels / kStagedThreads;  // for a tile
+constexpr int kStagedBlocks = kCudaTilePixels / kStagedThreads;  // per tile
 
 /// Shared memory of a block.
 struct StagedSplats {
   /// Index of a splat that contributes nowhere.
   static constexpr int kNothing = 2 * kStagedThreads;
-  // Two buckets, of which one is blended while the next arrives, and kNothing.
+  // Two buckets, of which one is blended while the other is loaded, and kNothing.
   float4 mean[kNothing + 1];
   float4 conic[kNothing + 1];
   float4 color[kNothing + 1];
   float2 extent[kNothing];
-  /// Of each warp: indices of the bucket's splats that reach its sub-tile, filled up with kNothing.
+  /// For each warp: indices of the bucket's splats that reach its sub-tile, padded with kNothing.
   alignas(16) int queue[kStagedThreads / kWarpSize][kBucketEntries + kQueueMargin];
 
   /// Starts copying splat `id`.
@@ -52,12 +52,12 @@ struct ListRange {
   std::int32_t begin, end;
 };
 
-/// The pixel that this thread blends, such that each warp has a sub-tile, in block `block` of the tile.
+/// Returns the pixel that this thread blends in block `block` of the tile, such that each warp has a sub-tile.
 __device__ __forceinline__ TilePixel staged_pixel(const TileGrid& grid, std::int32_t tile, int block) {
   return tile_pixel(grid, tile, sub_tile_pixel(block * kStagedThreads + static_cast<std::int32_t>(threadIdx.x)));
 }
 
-/// Queues those of the `count` splats from index `first` on that reach the warp's sub-tile, whose upper left pixel
+/// Queues those of the `count` splats from index `first` on that reach the sub-tile of the warp, whose upper left pixel
 /// centre is (left, top). Returns their number.
 __device__ __forceinline__ int queue_reaching(const StagedSplats& staged, int first, int count, float left, float top,
                                               int* queue) {
@@ -75,8 +75,8 @@ __device__ __forceinline__ int queue_reaching(const StagedSplats& staged, int fi
   return n_queued;
 }
 
-/// Blends kAtOnce queued splats: evaluates all before it blends them in order. Returns the index of the last one
-/// blended, or `last`.
+/// Blends kAtOnce queued splats. Evaluates all of them before it blends them in order. Returns the index of the last
+/// one blended, or `last`.
 template <int kAtOnce>
 __device__ __forceinline__ int blend_some(const StagedSplats& staged, const int* queued, float center_x, float center_y,
                                           PixelState<float>& part, int last) {
@@ -109,7 +109,7 @@ __device__ __forceinline__ int blend_some(const StagedSplats& staged, const int*
 __device__ __forceinline__ int blend_queued(const StagedSplats& staged, const int* queue, int n, float center_x,
                                             float center_y, PixelState<float>& part) {
   int last = -1, next = 0;
-  // Eight at a time while more than four are left: at most kQueueMargin - 1 behind the last.
+  // Eight at a time while more than four remain, which reads at most kQueueMargin - 1 entries past the last one.
   for (; next + 4 < n; next += 8) {
     if (next % kWarpSize == 0 && !__any_sync(kFullWarp, is_open(part.transmittance))) return last;
     last = blend_some<8>(staged, queue + next, center_x, center_y, part, last);
@@ -118,8 +118,8 @@ __device__ __forceinline__ int blend_queued(const StagedSplats& staged, const in
 }
 
 /// Blends entries of a tile's list onto this thread's pixel, which is staged_pixel(), and stores bucket parts if
-/// args.parts asks for them. A finished pixel keeps its state. Must be called by all threads of the block. Returns the
-/// position in the list of the last splat blended, or -1.
+/// args.parts has memory for them. A finished pixel keeps its state. Must be called by all threads of the block.
+/// Returns the position in the list of the last splat blended, or -1.
 __device__ __forceinline__ std::int32_t blend_staged(const BlendForwardCudaArgs& args, StagedSplats& staged,
                                                      std::int32_t tile, const ListRange& range, const TilePixel& at,
                                                      PixelState<float>& pixel) {
@@ -139,7 +139,7 @@ __device__ __forceinline__ std::int32_t blend_staged(const BlendForwardCudaArgs&
   std::int32_t next_id = thread + kStagedThreads < n ? ids[thread + kStagedThreads] : 0;
   for (std::int32_t start = 0; start < n; start += kStagedThreads) {
     __pipeline_wait_prior(0);
-    // The one barrier per bucket: this bucket is complete, and all threads have finished with the previous one.
+    // The one barrier per bucket. This bucket is complete, and all threads have finished with the previous one.
     if (__syncthreads_count(is_finished(pixel.transmittance)) == kStagedThreads) break;
     const int first = start / kStagedThreads % 2 * kStagedThreads;  // index of this bucket's first splat
     if (start + kStagedThreads + thread < n) staged.copy(kStagedThreads - first + thread, blend, next_id);

@@ -1,4 +1,4 @@
-// Device functions that the blend kernels share: loading splats, writing pixels and bucket parts.
+// Device functions shared by the blend kernels: loading splats, and writing pixels and bucket parts.
 #pragma once
 
 #include "raster/cuda/passes.h"
@@ -11,16 +11,16 @@ namespace b3dgs::cuda {
 
 static_assert(kSubTilePixels == kWarpSize, "a lane per pixel of a sub-tile");
 
-// The three 16-byte words of a Splat, each loaded with one instruction:
-// mean_x, mean_y, log2_opacity, depth
+// The three 16-byte words of a Splat, each loaded with one instruction.
+// First: mean_x, mean_y, log2_opacity, depth
 __device__ __forceinline__ float4 load_mean(const Splat* splats, std::int32_t id) {
   return __ldg(reinterpret_cast<const float4*>(splats + id));
 }
-// conic_xx, conic_xy, conic_yy, gaussian
+// Second: conic_xx, conic_xy, conic_yy, gaussian
 __device__ __forceinline__ float4 load_conic(const Splat* splats, std::int32_t id) {
   return __ldg(reinterpret_cast<const float4*>(splats + id) + 1);
 }
-// red, green, blue, clamped
+// Third: red, green, blue, clamped
 __device__ __forceinline__ float4 load_color(const Splat* splats, std::int32_t id) {
   return __ldg(reinterpret_cast<const float4*>(splats + id) + 2);
 }
@@ -28,11 +28,11 @@ __device__ __forceinline__ SplatShape<float> make_splat_shape(float4 mean, float
   return {mean.x, mean.y, mean.z, conic.x, conic.y, conic.z};
 }
 
-/// A pixel, in the image and in its tile.
+/// A pixel in the image and in its tile.
 struct TilePixel {
   std::int32_t x, y;   // in the image, px
-  std::int32_t index;  // in the tile, row by row
-  bool inside;         // the image
+  std::int32_t index;  // in the tile, counted row by row
+  bool inside;         // inside the image
   __device__ float center_x() const { return static_cast<float>(x) + 0.5f; }
   __device__ float center_y() const { return static_cast<float>(y) + 0.5f; }
 };
@@ -43,7 +43,7 @@ __device__ __forceinline__ TilePixel tile_pixel(const TileGrid& grid, std::int32
   return {x, y, index, x < grid.image_width && y < grid.image_height};
 }
 
-/// What two consecutive parts of a list add to a pixel; `back` was blended with the transmittance behind `front`.
+/// Returns the sum of two consecutive parts of a list. `back` was blended with the transmittance behind `front`.
 __device__ __forceinline__ PixelState<float> sum_of(const PixelState<float>& front, const PixelState<float>& back) {
   return {back.transmittance, front.red + back.red, front.green + back.green, front.blue + back.blue,
           front.depth + back.depth};
@@ -56,7 +56,7 @@ __device__ __forceinline__ void store_pixel(const BlendForwardArgs& args, const 
                 {pixel.red, pixel.green, pixel.blue, pixel.depth, magnitude(pixel.transmittance), last});
 }
 
-/// Index in BucketParts of a pixel's part for the bucket that contains list entry `position`.
+/// Returns the index in BucketParts of a pixel's part for the bucket that contains list entry `position`.
 __device__ __forceinline__ std::int64_t bucket_part_index(const BlendForwardCudaArgs& args, std::int32_t tile,
                                                           std::int64_t position, std::int32_t pixel_index) {
   const TileShape shape = args.blend.grid.tile;
@@ -64,7 +64,7 @@ __device__ __forceinline__ std::int64_t bucket_part_index(const BlendForwardCuda
   return bucket * (shape.width * shape.height) + pixel_index;
 }
 
-/// Stores a pixel's bucket part; part.transmittance is the transmittance behind the bucket.
+/// Stores the bucket part of a pixel. part.transmittance is the transmittance behind the bucket.
 __device__ __forceinline__ void store_bucket_part(const BlendForwardCudaArgs& args, std::int32_t tile,
                                                   std::int64_t position, std::int32_t pixel_index,
                                                   const PixelState<float>& part) {
@@ -73,12 +73,12 @@ __device__ __forceinline__ void store_bucket_part(const BlendForwardCudaArgs& ar
   if (args.parts.depth != nullptr) args.parts.depth[at] = part.depth;
 }
 
-/// Number of entries of a tile's list.
+/// Returns the number of entries of a tile's list.
 __device__ __forceinline__ std::int32_t list_length(const BinnedSplats& bins, std::int32_t tile) {
   return static_cast<std::int32_t>(bins.tile_offsets[tile + 1] - bins.tile_offsets[tile]);
 }
 
-/// Whether a splat's bounding box contains a pixel centre of the sub-tile whose upper left pixel centre is (left, top).
+/// Returns whether a splat's box contains a pixel centre of the sub-tile whose upper left pixel centre is (left, top).
 __device__ __forceinline__ bool reaches_sub_tile(float mean_x, float mean_y, float2 extent, float left, float top) {
   constexpr float kLastX = kSubTileWidth - 1, kLastY = kSubTileHeight - 1;
   return mean_x + extent.x >= left && mean_x - extent.x <= left + kLastX && mean_y + extent.y >= top &&

@@ -1,20 +1,20 @@
-// What a rendered view says about its load and its Gaussians.
+// Statistics of a rendered view: its load, and scores of its Gaussians.
 //
-// Both work on the tiles of either family: a block has as many threads as a tile has pixels, 256 or 128.
+// Both work on the tiles of either family. A block has as many threads as a tile has pixels, 256 or 128.
 //
-// Load counting, count_load. Grid: a block per tile; thread: one pixel; lists are read from global memory without
+// Load counting, count_load. Grid: a block per tile. Thread: one pixel. Lists are read from global memory without
 // staging. Training calls it only for its statistics, so it does not have to be fast.
 //
 // Scoring, kernel 1, score: sums for each splat.
 //   Grid: a block per tile, longest list first. Warp: a sub-tile of 8 x 4 pixels. Thread: one pixel.
-//   Stage and cull: as in staged_blend.cuh; each thread also zeroes the sums of the splat it stages.
-//   Score: a warp takes the remaining splats in order, evaluates four at once, and adds its 32 pixels' weights with
-//     integer reductions. Each lane keeps the sums of one of 32 splats and then adds them to the block's. A warp stops
-//     once all its pixels are finished.
-//   Barriers: one per batch. After it, each thread adds the block's sums of the splat it staged last time to memory: an
-//     integer atomic per sum, tile and splat. Integers add up to the same sum in any order.
+//   Stage and cull: as in staged_blend.cuh. Each thread also zeroes the sums of the splat that it stages.
+//   Score: a warp takes the remaining splats in order, evaluates four at once, and adds the weights of its 32 pixels
+//     with integer reductions. Each lane keeps the sums of one of 32 splats and then adds them to those of the block. A
+//     warp stops once all its pixels are finished.
+//   Barriers: one per batch. After it, each thread adds the block's sums of the splat that it staged before to memory,
+//     with an integer atomic per sum, tile and splat. Integer sums do not depend on the order.
 //
-// Scoring, kernel 2, add_scores: a thread per splat adds its sums to its Gaussian's.
+// Scoring, kernel 2, add_scores: a thread per splat adds its sums to those of its Gaussian.
 
 #include <cuda_pipeline.h>
 
@@ -48,16 +48,16 @@ __global__ void __launch_bounds__(kMostThreads) count_load_kernel(const CountLoa
   args.contributing[pixel] = load.contributing;
 }
 
-/// A batch of splats in shared memory, one per thread of the block, and what the block's pixels add up for them.
+/// A batch of splats in shared memory, one per thread of the block, and the sums of the block's pixels for them.
 struct ScoredBatch {
   static_assert(std::uint64_t{kMostThreads} * kScoreMax < std::uint64_t{1} << 32, "a tile's sums fit into 32 bits");
   float4 mean[kMostThreads];
   float4 conic[kMostThreads];
   float2 extent[kMostThreads];
   unsigned error[kMostThreads], weight[kMostThreads];
-  int max_weight[kMostThreads];  // bits of a float, which compare like it: weights are not negative
+  int max_weight[kMostThreads];  // bits of a float, which compare like it because weights are not negative
 
-  /// Starts copying a splat to this thread's entry.
+  /// Starts copying a splat to the entry of this thread.
   __device__ __forceinline__ void copy(const ScoreArgs& args, std::int32_t id) {
     const auto* const words = reinterpret_cast<const float4*>(args.splats + id);
     __pipeline_memcpy_async(mean + threadIdx.x, words, sizeof(float4));
@@ -76,11 +76,11 @@ struct ScoredBatch {
     atomicMax(reinterpret_cast<int*>(&sums->max_weight), max_weight[threadIdx.x]);
   }
 
-  /// Scores those of 32 splats from `first` on whose bit in `chosen` is set, in order.
+  /// Scores the splats from `first` on whose bit in `chosen` (32 bits) is set, in order.
   __device__ __forceinline__ void score(int first, unsigned chosen, float center_x, float center_y, float pixel_error,
                                         bool wants_weights, float& transmittance) {
     constexpr int kAtOnce = 4;  // independent evaluations that hide the latency of shared memory and the exponential
-    unsigned own_error = 0, own_weight = 0;  // of the splat `first` + lane
+    unsigned own_error = 0, own_weight = 0;  // of splat `first` + lane
     int own_largest = 0;
     while (chosen != 0) {
       int indices[kAtOnce];
@@ -115,7 +115,7 @@ struct ScoredBatch {
 
 __global__ void __launch_bounds__(kMostThreads)
     score_kernel(const ScoreArgs args, const std::int32_t* __restrict__ tiles_by_length, bool wants_weights) {
-  __shared__ ScoredBatch batches[2];  // one is scored while the next one arrives
+  __shared__ ScoredBatch batches[2];  // one is scored while the other is loaded
   const std::int32_t tile = tiles_by_length[blockIdx.x];
   const auto thread = static_cast<std::int32_t>(threadIdx.x), n_threads = static_cast<std::int32_t>(blockDim.x);
   const TilePixel at = tile_pixel(args.grid, tile, sub_tile_pixel(thread));
@@ -127,13 +127,13 @@ __global__ void __launch_bounds__(kMostThreads)
   const std::int32_t n = list_length(args.bins, tile);
 
   float transmittance = at.inside ? 1.0f : kClosedPixel;
-  // Splats that this thread has staged: of the batch before, of this one, and to be staged.
+  // Splats staged by this thread: of the previous batch, of this batch, and the next one to stage.
   std::int32_t before = -1, here = -1, next = thread < n ? ids[thread] : -1;
   int turn = 1;
   for (std::int32_t start = -n_threads;; start += n_threads, turn ^= 1) {
     ScoredBatch &batch = batches[turn], &other = batches[turn ^ 1];
     __pipeline_wait_prior(0);
-    // The one barrier per batch: this batch is complete, and all threads have finished with the one before.
+    // The one barrier per batch. This batch is complete, and all threads have finished with the previous one.
     const bool is_done = __syncthreads_and(is_finished(transmittance)) || start >= n;
     if (before >= 0) other.add_to(args.sums + before);
     if (is_done) break;

@@ -1,11 +1,11 @@
-// Backward blend on the paper's lists, as unbalanced as naive is in the forward pass. The paper leaves the backward
-// pass as it is in the original 3DGS code: a thread per pixel.
+// Backward blend on the paper's lists, as unbalanced as naive is in the forward pass. The paper does not change the
+// backward pass of the original 3DGS code, which has a thread per pixel.
 //   Grid: a block of 128 threads per patch, assigned statically. Warp: 8 x 4 pixels. Thread: one pixel.
-//   Start: the patch's last blended list entry, by an atomic maximum in shared memory.
+//   Start: finds the patch's last blended list entry with an atomic maximum in shared memory.
 //   Loop: batches of list entries from that one to the front, staged in shared memory, a splat per thread. Each thread
 //     steps over them back to front (blend_over_reverse()).
-//   Per splat: the warp sums its 32 pixels' gradients with shuffles, and one lane adds them to the splat with atomics.
-//     Sums of different warps arrive in any order, so results differ in rounding from run to run.
+//   Per splat: the warp sums the gradients of its 32 pixels with shuffles, and one lane adds them to the splat with
+//     atomics. Sums of different warps arrive in any order, so results differ in rounding from run to run.
 //   Barriers: two at the start, two per batch.
 
 #include "raster/cuda/backward/splat_grad.cuh"

@@ -1,8 +1,8 @@
 // (d) combined, the paper's fine-grained combined load balancing: dynamic and gaussian-wise together, with tasks of
 // four pixels, the paper's fine-grained tile. A patch becomes 32 tasks, so no block works longer than four pixels take.
-//   Grid: as many blocks as are resident at once; they take tasks from an atomic counter.
-//   Block: a task of 2 x 2 px; the paper does not say which four. It stages the patch's whole list, batch by batch, so
-//     the list is loaded 32 times.
+//   Grid: as many blocks as are resident at once, which take tasks from an atomic counter.
+//   Block: a task of 2 x 2 px (the paper does not say which four). It stages the whole list of the patch, batch by
+//     batch, so the list is loaded 32 times.
 //   Warp: one of the four pixels.
 
 #include "raster/cuda/paper/gaussian_wise.cuh"
@@ -39,7 +39,7 @@ __global__ void __launch_bounds__(kPatchThreads) combined_kernel(const PaperArgs
   __shared__ std::int32_t task;
   note_start(args);
   while (true) {
-    __syncthreads();  // all threads have read the number of the task before
+    __syncthreads();  // all threads have read the previous task number
     if (threadIdx.x == 0) task = atomicAdd(args.next_task, 1);
     __syncthreads();
     if (task >= kPatchQuads * args.blend.grid.n_tiles()) break;

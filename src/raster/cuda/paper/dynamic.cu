@@ -1,7 +1,7 @@
 // (b) dynamic, the paper's inter-block dynamic workload distribution (Algorithm 3): the body of naive inside a loop. As
-// many blocks as are resident at once take patches from an atomic counter until none is left. The hardware hands out
-// naive's blocks in nearly the same way, so the gain is small: a patch that costs more than a block's fair share still
-// determines the time.
+// many blocks as are resident at once take patches from an atomic counter until none is left. The hardware distributes
+// the blocks of naive in nearly the same way, so the gain is small. A patch that costs more than a block's fair share
+// still determines the time.
 
 #include "raster/cuda/paper/pixel_wise.cuh"
 
@@ -13,7 +13,7 @@ __global__ void __launch_bounds__(kPatchThreads) dynamic_kernel(const PaperArgs 
   __shared__ std::int32_t patch;
   note_start(args);
   while (true) {
-    __syncthreads();  // all threads have read the number of the patch before
+    __syncthreads();  // all threads have read the previous patch number
     if (threadIdx.x == 0) patch = atomicAdd(args.next_task, 1);
     __syncthreads();
     if (patch >= args.blend.grid.n_tiles()) break;

@@ -3,7 +3,7 @@
 // the other, with all lanes on one pixel. No lane waits for another pixel, but the block of the most crowded patch
 // still runs longest.
 //
-// Between batches, lane p keeps pixel p of the warp, so that it is stored coalesced.
+// Between batches, lane p keeps pixel p of the warp, so that stores are coalesced.
 
 #include "raster/cuda/paper/gaussian_wise.cuh"
 

@@ -1,17 +1,17 @@
 // The body of gaussian-wise and combined: a warp blends one pixel, 32 Gaussians at a time, a lane each (Algorithm 6 of
-// the paper). The transmittance in front of each lane is a prefix product of 1 - alpha over the lanes below it, where a
-// single thread would need 32 dependent steps.
+// the paper). The transmittance in front of each lane is a prefix product of 1 - alpha over the lanes below it. One
+// thread would need 32 dependent steps for that.
 //
-// As printed, the algorithm adds Gaussians at and behind the one that finishes the pixel, multiplies by 1 - alpha of
-// Gaussians that do not contribute, weights with the transmittance behind a Gaussian, and starts the sums anew in each
-// group. Here it does what the text means, so that the image is that of naive.
+// The printed algorithm adds Gaussians at and behind the one that finishes the pixel, multiplies by 1 - alpha of
+// Gaussians that do not contribute, weights with the transmittance behind a Gaussian, and restarts the sums in each
+// group. This code does what the text of the paper means, so that the image is that of naive.
 #pragma once
 
 #include "raster/cuda/paper/patch.cuh"
 
 namespace b3dgs::cuda {
 
-/// A pixel that a warp blends. Transmittance, last and finished are the same in all lanes; colour and depth are the
+/// A pixel that a warp blends. Transmittance, last and finished are the same in all lanes. Colour and depth are the
 /// lane's part of the sums.
 struct WarpPixel {
   float transmittance = 1;
@@ -20,13 +20,13 @@ struct WarpPixel {
   float4 color_depth{0, 0, 0, 0};
 };
 
-/// Blends entry group + lane of each lane, of a batch of `n` entries whose first is at position `first` of the list.
-/// The pixel must not be finished.
+/// Blends entry group + lane of each lane, from a batch of `n` entries that starts at list position `first`. The pixel
+/// must not be finished.
 __device__ __forceinline__ void blend_group(const BlendForwardArgs& blend, const StagedShapes& batch, int group, int n,
                                             std::int32_t first, float center_x, float center_y, WarpPixel& pixel) {
   const int j = group + lane_id();
   bool contributes = false;
-  float alpha = 0;  // of a splat that does not contribute: a factor of 1
+  float alpha = 0;  // of a splat that does not contribute, so its factor is 1
   if (j < n) {
     const Footprint<float> footprint = evaluate_footprint(batch.shape(j), center_x, center_y);
     contributes = footprint.contributes;
@@ -54,7 +54,7 @@ __device__ __forceinline__ void blend_group(const BlendForwardArgs& blend, const
       pixel.is_finished ? __shfl_sync(kFullWarp, before, stop) : __shfl_sync(kFullWarp, after, kWarpSize - 1);
 }
 
-/// All groups of a batch, until the pixel is finished.
+/// Blends all groups of a batch, until the pixel is finished.
 __device__ __forceinline__ void blend_batch(const BlendForwardArgs& blend, const StagedShapes& batch, int n,
                                             std::int32_t first, float center_x, float center_y, WarpPixel& pixel) {
   for (int group = 0; group < n && !pixel.is_finished; group += kWarpSize) {

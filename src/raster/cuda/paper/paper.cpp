@@ -37,7 +37,7 @@ std::int64_t n_blocks_of(const PaperKernel& kernel, const PaperArgs& args, const
   return per_multiprocessor * context.n_multiprocessors;
 }
 
-/// Fields that the CUDA occupancy calculator computes from the compiled kernel and the device.
+/// Returns the fields that the CUDA occupancy calculator computes from the compiled kernel and the device.
 KernelOccupancy calculate_occupancy(const PaperKernel& kernel) {
   int device = 0;
   cudaDeviceProp properties{};
@@ -66,7 +66,7 @@ KernelOccupancy calculate_occupancy(const PaperKernel& kernel) {
   return occupancy;
 }
 
-/// Time in which at least one of a multiprocessor's blocks ran. `runs` are sorted by their start.
+/// Returns the time in which at least one block of a multiprocessor ran. `runs` must be sorted by start.
 unsigned long long active_cycles(const std::vector<BlockRun>& runs) {
   unsigned long long active = 0, until = 0;
   for (const BlockRun& run : runs) {
@@ -106,7 +106,7 @@ KernelOccupancy measure_paper(ForwardKernel kernel, PaperArgs args, const Launch
 
   std::sort(runs.begin(), runs.end(), [](const BlockRun& a, const BlockRun& b) { return a.start < b.start; });
   std::vector<std::vector<BlockRun>> by_multiprocessor(static_cast<std::size_t>(context.n_multiprocessors));
-  double resident = 0, active = 0, longest = 0;  // cycles, of all blocks and of all multiprocessors
+  double resident = 0, active = 0, longest = 0;  // cycles, summed over blocks or multiprocessors
   for (const BlockRun& run : runs) {
     by_multiprocessor.at(run.multiprocessor).push_back(run);
     resident += static_cast<double>(run.end - run.start);

@@ -1,4 +1,4 @@
-// A patch of the paper's kernels: its pixels, a batch of its list in shared memory, and the record of a block's run.
+// A patch of the paper's kernels: its pixels, a batch of its list in shared memory, and the timing of a block.
 #pragma once
 
 #include "raster/cuda/forward/tile_blend.cuh"
@@ -6,15 +6,15 @@
 
 namespace b3dgs::cuda {
 
-/// Pixel `index` of a patch, row by row.
+/// Returns pixel `index` of a patch, counted row by row.
 __device__ __forceinline__ TilePixel patch_pixel(const TileGrid& grid, std::int32_t patch, std::int32_t index) {
   const std::int32_t x = patch % grid.columns * kPatchWidth + index % kPatchWidth;
   const std::int32_t y = patch / grid.columns * kPatchHeight + index / kPatchWidth;
   return {x, y, index, x < grid.image_width && y < grid.image_height};
 }
 
-/// What the paper's naive kernel keeps of a batch of 128 list entries in shared memory: point list, centres, and conics
-/// with opacities. Colours and depths stay in global memory.
+/// The data that the paper's naive kernel stages in shared memory for a batch of 128 list entries: point list, centres,
+/// and conics with opacities. Colours and depths stay in global memory.
 struct StagedShapes {
   std::int32_t id[kPatchThreads];
   float2 mean[kPatchThreads];
@@ -31,15 +31,16 @@ struct StagedShapes {
     const float4 conic = conic_opacity[j];
     return {mean[j].x, mean[j].y, conic.w, conic.x, conic.y, conic.z};
   }
-  /// Red, green, blue and depth.
+  /// Returns red, green, blue and depth.
   __device__ __forceinline__ float4 color_depth(const Splat* splats, int j) const {
     const float4 color = load_color(splats, id[j]);
     return make_float4(color.x, color.y, color.z, __ldg(&splats[id[j]].depth));
   }
 };
 
-/// Stages entries [start, end) of the lists, at most 128. One barrier before, so that no thread still reads the
-/// previous batch, and one after. Returns their number, or 0 if no pixel of the block is unfinished or none is left.
+/// Stages entries [start, end) of the lists, at most 128. Has one barrier before, so that no thread still reads the
+/// previous batch, and one after. Returns the number of entries, or 0 if all pixels of the block are finished or no
+/// entry is left.
 template <class Batch>
 __device__ __forceinline__ int stage_batch(const BlendForwardArgs& blend, Batch& batch, std::int64_t start,
                                            std::int64_t end, bool is_finished) {
@@ -49,7 +50,7 @@ __device__ __forceinline__ int stage_batch(const BlendForwardArgs& blend, Batch&
   return static_cast<int>(min(end - start, std::int64_t{kPatchThreads}));
 }
 
-/// Called by all threads of a block when it begins.
+/// Must be called by all threads of a block when it begins.
 __device__ __forceinline__ void note_start(const PaperArgs& args) {
   if (args.runs == nullptr || threadIdx.x != 0) return;
   BlockRun& run = args.runs[blockIdx.x];
@@ -57,7 +58,7 @@ __device__ __forceinline__ void note_start(const PaperArgs& args) {
   run.start = static_cast<unsigned long long>(clock64());
 }
 
-/// Called by all threads of a block when it ends: the last warp counts.
+/// Must be called by all threads of a block when it ends. The last warp determines the time.
 __device__ __forceinline__ void note_end(const PaperArgs& args) {
   if (args.runs == nullptr || lane_id() != 0) return;
   atomicMax(&args.runs[blockIdx.x].end, static_cast<unsigned long long>(clock64()));

@@ -5,10 +5,10 @@
 
 namespace b3dgs::cuda {
 
-/// Blends a patch with the whole block. `Batch` says what is staged: StagedShapes or StagedColors.
+/// Blends a patch with the whole block. `Batch` determines the staged data: StagedShapes or StagedColors.
 ///   Stage: each thread loads one splat of the batch to shared memory.
 ///   Blend: each thread evaluates the batch's splats in order. It stops early at the splat that would bring the
-///     transmittance of its pixel below 1e-4; the block stops when all its pixels have.
+///     transmittance of its pixel below 1e-4. The block stops when all its pixels have stopped.
 ///   Barriers: two per batch, which all threads reach, whether or not their pixel is finished.
 template <class Batch>
 __device__ __forceinline__ void blend_patch(const BlendForwardArgs& blend, Batch& batch, std::int32_t patch) {

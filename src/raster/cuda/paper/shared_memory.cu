@@ -1,12 +1,12 @@
-// (s) shared-memory, to which the paper's training switches at the inflection point: naive, with colours and depths
-// staged in shared memory, too, so that a contributing splat needs no access to global memory.
+// (s) shared-memory, to which the paper's training switches at the inflection point: naive with colours and depths also
+// staged in shared memory, so that a contributing splat needs no access to global memory.
 
 #include "raster/cuda/paper/pixel_wise.cuh"
 
 namespace b3dgs::cuda {
 namespace {
 
-/// Everything that blending needs.
+/// All data that blending needs.
 struct StagedColors : StagedShapes {
   float4 colors[kPatchThreads];  // red, green, blue, depth
 
