@@ -13,7 +13,7 @@ namespace {
 
 using Json = nlohmann::ordered_json;
 
-/// Clock frequencies and caches make times of the same kernel differ by about this share.
+/// Times of the same kernel differ by about this fraction, because of clock frequencies and caches.
 constexpr double kMinLead = 0.01;
 constexpr double kStandardErrors = 3;
 
@@ -44,9 +44,9 @@ KernelDecision KernelSelector::decide(int next_iteration, std::vector<ViewTimes>
   double in_use_ms = 0, other_ms = 0;
   for (const ViewTimes& view : views) in_use_ms += view.in_use_ms, other_ms += view.other_ms;
   const double lead_ms = in_use_ms - other_ms;
-  double squares = 0;  // of the differences' deviations from their mean
+  double squares = 0;  // squared deviations of the differences from their mean
   for (const ViewTimes& view : views) squares += std::pow(view.in_use_ms - view.other_ms - lead_ms / n, 2);
-  const double error_ms = views.size() > 1 ? std::sqrt(squares / (n - 1) * n) : 0;  // of the sum
+  const double error_ms = views.size() > 1 ? std::sqrt(squares / (n - 1) * n) : 0;  // standard error of the sum
 
   KernelDecision decision;
   decision.iteration = next_iteration;

@@ -1,6 +1,6 @@
 // Decides which of two kernels blends the training views, by the rule of Balanced 3DGS (arXiv 2412.17378): training
 // starts with the balanced kernel, and at every interval both kernels blend the same views and are timed. This is a
-// state machine over iterations and times. It knows neither clock nor device, and kernels only by name.
+// state machine over iterations and times. It has no clock and no device, and knows kernels only by name.
 #pragma once
 
 #include <map>
@@ -11,8 +11,8 @@
 namespace b3dgs {
 
 enum class KernelPolicy {
-  kAdaptive,   // switches whenever the other kernel is faster beyond doubt, back as well
-  kPublished,  // as in the paper: at the first check after an interval that finds the second kernel faster, for good
+  kAdaptive,   // switches whenever the other kernel is clearly faster, also back
+  kPublished,  // as in the paper: once, at the first check after an interval that finds the second kernel faster
   kFixed,      // times are only logged
 };
 
@@ -29,11 +29,11 @@ struct ViewTimes {
 
 /// The result of a check.
 struct KernelDecision {
-  int iteration = 0;  // the first one after the check
+  int iteration = 0;  // first iteration after the check
   int views = 0;
   std::map<std::string, double> times_ms;  // mean over the views
   double error_ms = 0;                     // standard error of the mean difference
-  double cost_ms = 0;                      // what the check added to training
+  double cost_ms = 0;                      // time that the check added to training
   std::string before, after;               // kernel in use
   std::string reason;
   std::string message;  // a line for the user if the kernel changes, else empty
@@ -42,36 +42,35 @@ struct KernelDecision {
 class KernelSelector {
  public:
   /// Views of a check, or fewer if the interval is shorter. The paper's balanced kernel, timed after the switch, may
-  /// take a quarter of a step: with five views, checks still cost at most 0.3 % of the training time
+  /// take a quarter of a step. With five views, checks still cost at most 0.3 % of the training time
   /// (docs/lab/kernels.md).
   static constexpr int kViews = 5;
-  static constexpr int kLoggedViews = 2;  // of one after which nothing can change
-  static constexpr int kMinViews = 3;     // from fewer, kAdaptive does not decide
+  static constexpr int kLoggedViews = 2;  // views of a check after which the kernel cannot change
+  static constexpr int kMinViews = 3;     // with fewer, kAdaptive does not decide
 
   /// @throws LogicError if the rule does not fit
   explicit KernelSelector(KernelRule rule);
 
-  /// The kernel in use.
+  /// Returns the kernel in use.
   const std::string& kernel() const { return is_second_ ? rule_.second : rule_.first; }
   const std::string& other() const { return is_second_ ? rule_.first : rule_.second; }
 
-  /// Number of the check that the view of this iteration belongs to, counted from 0, or -1 if it belongs to none. A
-  /// check takes the first views of the training and the first after each multiple of the interval.
+  /// Returns the number of the check that the view of this iteration belongs to, counted from 0, or -1 if there is
+  /// none. A check takes the first views of the training and the first after each multiple of the interval.
   int check_of(int iteration) const;
 
-  /// Decides by the sums of both kernels' times over the views. The other kernel is used from now on if its lead
-  /// exceeds 1 % of the sum and three standard errors of the paired differences, or, with kPublished, if it has any
-  /// lead. With kPublished, the check at the start of the training decides nothing. Views without valid times are left
-  /// out.
+  /// Decides by the sums of both kernels' times over the views. Switches to the other kernel if its lead exceeds 1 % of
+  /// the sum and three standard errors of the paired differences. kPublished switches for any lead, but not at the
+  /// check at the start of the training. Views without valid times are skipped.
   KernelDecision decide(int next_iteration, std::vector<ViewTimes> views);
 
-  /// The state, for checkpoints. restore() starts over if `json` is of another device or of other kernels.
+  /// State for checkpoints. restore() starts over if `json` is from another device or for other kernels.
   /// @throws InputError that starts with `place` if `json` was not written by to_json()
   nlohmann::ordered_json to_json(const std::string& device) const;
   void restore(const nlohmann::ordered_json& json, const std::string& device, const std::string& place);
 
  private:
-  /// Times are only logged.
+  /// Returns whether times are only logged.
   bool is_final() const {
     return rule_.policy == KernelPolicy::kFixed || (rule_.policy == KernelPolicy::kPublished && is_second_);
   }
@@ -80,7 +79,7 @@ class KernelSelector {
   bool is_second_ = false;
 };
 
-/// Fields of the log's "kernel_check" lines.
+/// Returns the fields of the log's "kernel_check" lines.
 nlohmann::ordered_json to_json(const KernelDecision& decision);
 
 }  // namespace b3dgs

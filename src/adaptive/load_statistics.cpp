@@ -32,7 +32,7 @@ LoadStatistics load_statistics(const Count* values, std::int64_t n) {
   const std::pair<double, std::int64_t*> quantiles[] = {
       {0.5, &statistics.median}, {0.9, &statistics.p90}, {0.99, &statistics.p99}};
   std::int64_t before = 0;         // number of values smaller than the current one
-  double total = 0, weighted = 0;  // sum of the values; of place in ascending order (from 1) times value
+  double total = 0, weighted = 0;  // sum of the values; sum of rank (from 1, ascending) times value
   for (std::int64_t value = *least; value <= *most; ++value) {
     const std::int64_t count = occurrences[static_cast<std::size_t>(value)];
     if (count == 0) continue;

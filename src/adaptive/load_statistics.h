@@ -1,4 +1,4 @@
-// Summary of a distribution of counts, such as Gaussians per tile: how evenly work is distributed.
+// Summary of a distribution of counts, such as Gaussians per tile. It shows how evenly work is distributed.
 #pragma once
 
 #include <cstdint>
@@ -7,7 +7,7 @@
 
 namespace b3dgs {
 
-/// Statistics of n non-negative counts; all zero and without bins if n is 0. Quantile q is the value at index
+/// Statistics of n non-negative counts. If n is 0, all are zero and there are no bins. Quantile q is the value at index
 /// floor(q (n - 1)) of the sorted counts.
 struct LoadStatistics {
   std::int64_t n = 0;
@@ -17,7 +17,7 @@ struct LoadStatistics {
   std::vector<std::int64_t> log2_bins;  // bin 0: zeros; bin k: counts in [2^(k-1), 2^k); ends with the bin of max
 };
 
-/// `values`: n counts, not negative; takes 8 bytes for each count up to the largest. Count is int32_t or int64_t.
+/// Summarises n counts, not negative. Needs 8 bytes for each count up to the largest. Count is int32_t or int64_t.
 template <class Count>
 LoadStatistics load_statistics(const Count* values, std::int64_t n);
 
@@ -34,7 +34,7 @@ void visit_load_figures(Load& load, Field&& field) {
   field("log2_bins", load.log2_bins);
 }
 
-/// An object with the names of visit_load_figures() as keys.
+/// Returns an object with the names of visit_load_figures() as keys.
 nlohmann::ordered_json to_json(const LoadStatistics& statistics);
 
 }  // namespace b3dgs
