@@ -1,4 +1,4 @@
-// Error types, and the functions that throw them. Depends on nothing else.
+// Error types, and the functions that throw them. Depends on no other header of the project.
 //
 // InputError        the user's input cannot be used: a damaged file, an unknown option, a missing GPU.
 // IoError           the operating system refused a read or write: a read-only folder, a full disk.
@@ -6,8 +6,8 @@
 // OutOfMemoryError  the GPU has less free memory than requested.
 // LogicError        a bug: a contract between modules was broken.
 //
-// app/main.cpp maps the first two to exit code 2 and the others to 1. Code that catches them elsewhere adds context to
-// the message, or continues without the part that failed.
+// app/main.cpp maps the first two to exit code 2 and the others to 1. Other code that catches them adds context to the
+// message, or continues without the part that failed.
 #pragma once
 
 #include <cstddef>
@@ -33,8 +33,8 @@ class ErrorOf : public Base {
   [[noreturn]] void rethrow_with(const std::string& more) const override { throw ErrorOf(this->what() + more); }
 };
 
-/// One line: "WHAT: WHERE (expected X, found Y); what to do", for example
-/// "scene folder not found: data/garden (expected images/ and sparse/0/)".
+/// An error with one line: "WHAT: WHERE (expected X, found Y); what to do", for example "scene folder not found:
+/// data/garden (expected images/ and sparse/0/)".
 using InputError = ErrorOf<struct InputKind>;
 using IoError = ErrorOf<struct IoKind>;
 using NumericError = ErrorOf<struct NumericKind>;
@@ -50,7 +50,7 @@ std::string concat(const Parts&... parts) {
   return text.str();
 }
 
-/// The first character of a text in UTF-8, and how many bytes it has. Other bytes are characters of their own.
+/// The first character of a UTF-8 text, and its number of bytes. Bytes that are not UTF-8 are separate characters.
 struct Character {
   char32_t code = 0;
   std::size_t bytes = 1;
@@ -89,8 +89,8 @@ inline bool has_control_characters(std::string_view text) {
   return false;
 }
 
-/// Replaces control characters and what is not UTF-8: names from files may contain line breaks and terminal escape
-/// sequences.
+/// Replaces control characters and bytes that are not UTF-8, because names from files may contain line breaks and
+/// terminal escape sequences.
 inline std::string one_line(std::string_view text) {
   std::string line;
   for (std::size_t at = 0; at < text.size();) {

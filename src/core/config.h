@@ -27,15 +27,15 @@
 
 namespace b3dgs {
 
-/// Options counted in iterations: those that shape the training, and those that say when something is measured, logged
-/// or saved.
+/// Options counted in iterations. kSchedule options shape the training. kOutput options determine when something is
+/// measured, logged or saved.
 enum class Steps { kNone, kSchedule, kOutput };
 
-/// Names of a field: JSON keys, and with two hyphens, command-line options. '-' and '_' are equivalent in both.
+/// Names of a field: JSON keys and, with two hyphens, command-line options. '-' and '_' are equivalent in both.
 struct Option {
   std::string_view name;                            // "source_path"
   char letter = '\0';                               // 's' for -s, or none
-  std::initializer_list<const char*> aliases = {};  // what other trainers call this option
+  std::initializer_list<const char*> aliases = {};  // names that other trainers use for this option
   bool is_common = false;
   const char* group_name = "";
   Steps steps = Steps::kNone;
@@ -45,10 +45,10 @@ struct Option {
   constexpr Option common() const { return with(&Option::is_common, true); }
   /// Puts this option, and those after it up to the next group(), under a heading in the help text.
   constexpr Option group(const char* heading) const { return with(&Option::group_name, heading); }
-  /// The option is counted in iterations.
+  /// Marks the option as counted in iterations.
   constexpr Option in_steps(Steps kind = Steps::kSchedule) const { return with(&Option::steps, kind); }
-  /// On the command line, a text option may be the empty word. Otherwise that is an error, since it is usually the
-  /// value of a shell variable that is not set.
+  /// Allows an empty word for a text option on the command line. Otherwise that is an error, because it usually comes
+  /// from a shell variable that is not set.
   constexpr Option may_be_empty() const { return with(&Option::is_empty_allowed, true); }
 
   template <class Member>
@@ -58,7 +58,7 @@ struct Option {
     return option;
   }
 
-  /// Whether `key` is one of the option's names, including its letter.
+  /// Returns whether `key` is one of the option's names, including its letter.
   bool has_name(std::string key) const {
     if (letter != '\0' && key == std::string(1, letter)) return true;
     std::replace(key.begin(), key.end(), '-', '_');
@@ -66,7 +66,7 @@ struct Option {
   }
 };
 
-/// The same list for a config that is not to be changed: fields are const.
+/// The same list for a config that must not be changed. Fields are const.
 template <class Config, class Visitor>
 std::enable_if_t<std::is_const_v<Config>> visit_fields(Config& config, Visitor&& field) {
   visit_fields(const_cast<std::remove_const_t<Config>&>(config),
@@ -88,7 +88,7 @@ inline bool is_among(const std::string& value, const std::vector<std::string>& v
 
 }  // namespace detail
 
-// Which values a field may have, and the same as text, such as "at least 1". Of a list of numbers, each entry.
+// Constraints on the values of a field, and their text, such as "at least 1". In a list, each number must meet them.
 struct Any {
   template <class Value>
   bool allows(const Value&) const {
@@ -130,14 +130,14 @@ bool is_allowed(const Constraint& constraint, const Value& value) {
   }
 }
 
-/// " from -2147483648 to 2147483647", for the message about a number that does not fit.
+/// Returns " from -2147483648 to 2147483647", for the message about a number that does not fit.
 template <class Number>
 std::string limits_text() {
   return concat(" from ", std::numeric_limits<Number>::min(), " to ", std::numeric_limits<Number>::max());
 }
 
-/// Converts a JSON value without rounding or wrapping. Returns what was expected, "a whole number", if it does not fit,
-/// else an empty text.
+/// Converts a JSON value without rounding or wrapping. If it does not fit, returns the expected type, such as "a whole
+/// number", otherwise an empty text.
 template <class Value>
 std::string take_json(const nlohmann::ordered_json& json, Value& value) {
   if constexpr (is_vector<Value>::value) {
@@ -165,7 +165,7 @@ std::string take_json(const nlohmann::ordered_json& json, Value& value) {
   return "";
 }
 
-/// `place` is the file that the value is from; empty: the command line.
+/// `place` is the file that the value is from, or empty for the command line.
 [[noreturn]] inline void invalid_value(const std::string& place, std::string_view option, const std::string& expected,
                                        const std::string& found) {
   const std::string what = place.empty() ? concat("--", option) : concat(option, ": ", place);
@@ -174,8 +174,8 @@ std::string take_json(const nlohmann::ordered_json& json, Value& value) {
 
 }  // namespace detail
 
-/// Throws an InputError for the first value out of range. `place` is the file that the values are from; empty: the
-/// command line.
+/// Throws an InputError for the first value out of range. `place` is the file that the values are from, or empty for
+/// the command line.
 template <class Config>
 void check_ranges(const Config& config, const std::string& place) {
   visit_fields(config, [&](const Option& option, const auto& value, const auto& constraint, const char*) {
@@ -194,9 +194,9 @@ nlohmann::ordered_json config_to_json(const Config& config) {
   return json;
 }
 
-/// Sets the fields that `json` names, by any of their names, and leaves the others unchanged. Throws an InputError with
-/// `place` (a file; empty: the command line) and the key for unknown keys, options given twice, wrong types and values
-/// out of range.
+/// Sets the fields that `json` names, by any of their names, and keeps the others. Throws an InputError with `place` (a
+/// file, or empty for the command line) and the key for unknown keys, options given twice, wrong types and values out
+/// of range.
 template <class Config>
 void config_from_json(Config& config, const nlohmann::ordered_json& json, const std::string& place) {
   if (!json.is_object())
@@ -220,7 +220,7 @@ void config_from_json(Config& config, const nlohmann::ordered_json& json, const 
   check_ranges(config, place);
 }
 
-/// One line per field that differs: "iterations: 7000 -> 30000".
+/// Returns one line per field that differs: "iterations: 7000 -> 30000".
 template <class Config>
 std::vector<std::string> config_differences(const Config& before, const Config& after) {
   const nlohmann::ordered_json a = config_to_json(before), b = config_to_json(after);

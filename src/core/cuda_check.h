@@ -1,4 +1,5 @@
-// Error checks for CUDA calls: a failure becomes an exception with the call, its place, and CUDA's error name and text.
+// Error checks for CUDA calls. A failure becomes an exception with the call, its location, and CUDA's error name and
+// text.
 #pragma once
 
 #include <cuda_runtime_api.h>
@@ -16,7 +17,7 @@ class CudaError : public Error {
 namespace detail {
 
 [[noreturn]] inline void fail_cuda(cudaError_t code, const char* expression, const char* file, int line) {
-  cudaGetLastError();  // clears the error: the next check must not report it again
+  cudaGetLastError();  // clears the error, so that the next check does not report it again
   if (code == cudaErrorMemoryAllocation) throw OutOfMemoryError(concat(expression, ": out of memory"));
   throw CudaError(
       concat(file, ":", line, ": ", expression, ": ", cudaGetErrorName(code), ": ", cudaGetErrorString(code)));

@@ -21,7 +21,7 @@ inline Event make_event(unsigned flags = cudaEventDisableTiming) {
   return Event(event);
 }
 
-/// Waits for the stream's work before it is gone: declared last, it protects the members that the work uses.
+/// Waits for the work of a stream before destroying it. Declare it last to protect the members that the work uses.
 struct FinishStream {
   void operator()(cudaStream_t stream) const {
     cudaStreamSynchronize(stream);
@@ -30,7 +30,7 @@ struct FinishStream {
 };
 using Stream = std::unique_ptr<std::remove_pointer_t<cudaStream_t>, FinishStream>;
 
-/// Non-blocking: does not synchronise with the default stream, on which LibTorch computes.
+/// Makes a non-blocking stream, which does not synchronise with the default stream, on which LibTorch computes.
 inline Stream make_stream() {
   cudaStream_t stream = nullptr;
   B3DGS_CUDA_CHECK(cudaStreamCreateWithFlags(&stream, cudaStreamNonBlocking));
@@ -48,7 +48,7 @@ inline PinnedMemory make_pinned_memory(std::size_t bytes) {
   return PinnedMemory(static_cast<std::uint8_t*>(memory));
 }
 
-/// Freeing it waits for kernels that read it.
+/// Frees memory on the device, which waits for kernels that read it.
 struct FreeOnDevice {
   void operator()(std::uint8_t* memory) const { cudaFree(memory); }
 };

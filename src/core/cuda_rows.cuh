@@ -9,13 +9,13 @@
 
 namespace b3dgs::cuda {
 
-/// The row of this thread, in a kernel that launch_rows<kThreads>() has launched. May be past the last row.
+/// Returns the row of this thread, in a kernel launched by launch_rows<kThreads>(). May be past the last row.
 template <int kThreads>
 __device__ __forceinline__ std::int64_t own_row() {
   return static_cast<std::int64_t>(blockIdx.x) * kThreads + threadIdx.x;
 }
 
-/// Launches a kernel with a thread for each of `n_rows` rows, in blocks of kThreads; none if there are no rows.
+/// Launches a kernel with a thread for each of `n_rows` rows, in blocks of kThreads. Does nothing if there are no rows.
 /// Asynchronous. @throws CudaError
 template <int kThreads, class Args>
 void launch_rows(void (*kernel)(Args), const std::remove_const_t<Args>& args, std::int64_t n_rows,
@@ -31,8 +31,8 @@ __global__ void __launch_bounds__(kThreads) row_kernel(const __grid_constant__ A
   if (i < n) row(args, i);
 }
 
-/// Defines cuda::for_rows<row>() (gpu_rows.h) for rows that take `Args`, in blocks of `threads`. At namespace scope of
-/// b3dgs::cuda.
+/// Defines cuda::for_rows<row>() (gpu_rows.h) for rows that take `Args`, in blocks of `threads`. Use it at namespace
+/// scope of b3dgs::cuda.
 #define B3DGS_ROW_KERNEL(row, threads, Args)                                                     \
   template <>                                                                                    \
   void for_rows<row>(const Args& args, std::int64_t n, cudaStream_t stream) {                    \

@@ -42,7 +42,7 @@ class Waker {
   }
   int fd() const { return event_.fd(); }
   void wake() const { eventfd_write(event_.fd(), 1); }
-  /// After poll(), which returns at once until then.
+  /// Call after poll(), which returns at once until then.
   void reset() const {
     eventfd_t count = 0;
     eventfd_read(event_.fd(), &count);

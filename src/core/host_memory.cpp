@@ -13,7 +13,8 @@ namespace fs = std::filesystem;
 
 constexpr std::int64_t kUnknown = std::numeric_limits<std::int64_t>::max();
 
-/// The number in a file, or in its line "KEY NUMBER" or "KEY NUMBER UNIT"; nothing if there is none, as in "max".
+/// Returns the number in a file, or in its line "KEY NUMBER" or "KEY NUMBER UNIT". Returns nullopt if there is none, as
+/// in "max".
 std::optional<std::int64_t> read_number(const fs::path& file, const std::string& wanted = "") {
   std::ifstream in(file);
   std::string key, rest;
@@ -36,8 +37,8 @@ std::int64_t group_available(const fs::path& folder, const ControlGroupFiles& fi
   return std::max<std::int64_t>(0, *limit - in_use);
 }
 
-/// The minimum over a group and its parents. In a container the path of the group may not exist below `mount`; the
-/// mount itself is then the container's group.
+/// Returns the minimum over a group and its parents. In a container, the path of the group may not exist below `mount`.
+/// Then the mount itself is the container's group.
 std::int64_t hierarchy_available(const fs::path& mount, const fs::path& group, const ControlGroupFiles& files) {
   std::int64_t least = group_available(mount, files);
   fs::path folder = mount;

@@ -1,5 +1,5 @@
-// For JSON in files: text for names of any bytes, parsing without exceptions, integers with range checks, and short
-// excerpts for error messages.
+// Helpers for JSON in files: text for names of any bytes, parsing without exceptions, integers with range checks, and
+// short excerpts for error messages.
 #pragma once
 
 #include <charconv>
@@ -18,13 +18,13 @@
 
 namespace b3dgs {
 
-/// Deeper nesting is rejected, since copying, comparing and printing a JSON value recurse.
+/// Deeper nesting is rejected, because copying, comparing and printing a JSON value recurse.
 inline constexpr int kMaxJsonDepth = 64;
 
 // JSON is UTF-8, but the name of a file can be any bytes. dump_json() writes such strings with an escape for each byte
 // that is not part of a UTF-8 character, and parse_json() restores the bytes. Other strings are written as they are.
 
-/// Starts an escape, and is followed by two hexadecimal digits. Names of photographs have no control characters.
+/// Starts an escape, followed by two hexadecimal digits. Names of photographs have no control characters.
 inline constexpr char kByteEscape = '\x1a';
 
 /// Returns UTF-8 from which unescape_bytes() restores `bytes`. Valid UTF-8 without kByteEscape stays as it is.
@@ -43,7 +43,7 @@ inline std::string escape_bytes(std::string_view bytes) {
   return text;
 }
 
-/// The inverse of escape_bytes(). Leaves alone what escape_bytes() does not write.
+/// The inverse of escape_bytes(). Does not change text that escape_bytes() does not write.
 inline std::string unescape_bytes(std::string_view text) {
   std::string bytes;
   while (!text.empty()) {
@@ -60,7 +60,7 @@ inline std::string unescape_bytes(std::string_view text) {
 
 namespace detail {
 
-/// Replaces each string of a document, keys of objects too, by convert(string).
+/// Replaces each string of a document, including keys of objects, by convert(string).
 template <class Convert>
 void convert_strings(nlohmann::ordered_json& json, const Convert& convert) {
   using Json = nlohmann::ordered_json;
@@ -81,13 +81,13 @@ void convert_strings(nlohmann::ordered_json& json, const Convert& convert) {
 
 }  // namespace detail
 
-/// Returns the text of a document, with strings of any bytes. `indent` -1: on one line.
+/// Returns the text of a document, with strings of any bytes. An `indent` of -1 gives one line.
 inline std::string dump_json(nlohmann::ordered_json json, int indent = -1) {
   detail::convert_strings(json, escape_bytes);
   return json.dump(indent);
 }
 
-/// A value for an error message: its text, at most 80 characters of it, or "an object", "an array of 20 values".
+/// Returns a value for an error message: at most 80 characters of its text, or "an object", "an array of 20 values".
 inline std::string json_excerpt(const nlohmann::ordered_json& json) {
   if (json.is_object()) return "an object";
   if (json.is_array() && json.size() > 16) return detail::concat("an array of ", json.size(), " values");
@@ -99,14 +99,14 @@ inline std::string json_excerpt(const nlohmann::ordered_json& json) {
   return text.substr(0, end) + "...";
 }
 
-/// The document, or a discarded value (is_discarded()) if `input`, a string or a stream, is not valid JSON, is nested
-/// too deeply, or has an object with the same key twice. `repeated_key` then gets an excerpt of this key.
+/// Parses a string or a stream. Returns a discarded value (is_discarded()) if `input` is not valid JSON, is nested too
+/// deeply, or has an object with the same key twice. `repeated_key` then gets an excerpt of this key.
 template <class Input>
 nlohmann::ordered_json parse_json(Input&& input, bool ignore_comments = false, std::string* repeated_key = nullptr) {
   using Json = nlohmann::ordered_json;
   using Event = Json::parse_event_t;
   bool is_refused = false;
-  std::vector<std::set<std::string>> keys;  // of the objects around the current place
+  std::vector<std::set<std::string>> keys;  // of the objects around the current position
   const auto check = [&](int depth, Event event, Json& parsed) {
     if (is_refused) return false;
     if (event == Event::object_start) keys.emplace_back();
@@ -126,7 +126,7 @@ nlohmann::ordered_json parse_json(Input&& input, bool ignore_comments = false, s
   return json;
 }
 
-/// Why parse_json(), ignoring comments, has discarded a text: "parse error at line 3, column 5: ...".
+/// Returns why parse_json(), ignoring comments, discarded a text: "parse error at line 3, column 5: ...".
 inline std::string json_damage(std::string_view text) {
   std::string repeated_key;
   parse_json(text, /*ignore_comments=*/true, &repeated_key);
@@ -136,13 +136,14 @@ inline std::string json_damage(std::string_view text) {
         nlohmann::ordered_json::parse(text, nullptr, /*allow_exceptions=*/true, /*ignore_comments=*/true);
     return detail::concat("nesting of more than ", kMaxJsonDepth, " levels");
   } catch (const nlohmann::json::exception& error) {
-    constexpr std::size_t kMaxLength = 200;  // it quotes what was read last
+    constexpr std::size_t kMaxLength = 200;  // it quotes the text that was read last
     const std::string reason = error.what();
-    return reason.substr(reason.find("] ") + 2, kMaxLength);  // without the library's number
+    return reason.substr(reason.find("] ") + 2, kMaxLength);  // without the library's error number
   }
 }
 
-/// An integer in [min, max]. @throws InputError naming `place` and `what` for any other value, including 1.0 and true
+/// Returns an integer in [min, max]. @throws InputError naming `place` and `what` for other values, including 1.0 and
+/// true
 template <class Integer>
 Integer json_integer(const nlohmann::ordered_json& json, const char* what, const std::string& place,
                      Integer min = std::numeric_limits<Integer>::min(),

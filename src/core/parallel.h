@@ -1,5 +1,5 @@
-// Parallel loops with OpenMP: over equal chunks or rows, one chunk per thread, or over tasks that threads take one by
-// one. An exception in a loop body is rethrown in the caller.
+// Parallel loops with OpenMP: over equal chunks or rows with one chunk per thread, or over tasks that threads take one
+// by one. An exception in a loop body is rethrown in the caller.
 #pragma once
 
 #include <omp.h>
@@ -11,7 +11,7 @@
 
 namespace b3dgs {
 
-/// Number of threads that the functions below use; set_thread_count(0) sets the number of cores.
+/// Returns the number of threads that the functions below use. set_thread_count(0) selects the number of cores.
 inline int thread_count() {
   return omp_get_max_threads();
 }
@@ -54,14 +54,14 @@ void parallel_pool(std::int64_t n, Body&& body) {
   });
 }
 
-/// [0, n) divided into `count` nearly equal ranges.
+/// The range [0, n), divided into `count` nearly equal parts.
 struct Chunks {
   std::int64_t n = 0, count = 0;
   std::int64_t begin(std::int64_t chunk) const { return n * chunk / count; }
   std::int64_t end(std::int64_t chunk) const { return n * (chunk + 1) / count; }
 };
 
-/// One chunk per thread, or fewer so that each has at least `grain` elements.
+/// Makes one chunk per thread, or fewer so that each has at least `grain` elements.
 inline Chunks make_chunks(std::int64_t n, std::int64_t grain) {
   const std::int64_t most = std::max<std::int64_t>(1, n / std::max<std::int64_t>(1, grain));
   return {n, std::min<std::int64_t>(thread_count(), most)};

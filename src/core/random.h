@@ -1,4 +1,4 @@
-// Counter-based random numbers: each is a function of (seed, stream, iteration, row). They do not depend on the order
+// Counter-based random numbers. Each is a function of (seed, stream, iteration, row). They do not depend on the order
 // of calls, the number of threads or the device, and there is no state to save in a checkpoint.
 #pragma once
 
@@ -25,7 +25,8 @@ B3DGS_HD std::array<std::uint32_t, 4> philox4x32(std::array<std::uint32_t, 4> co
   return counter;
 }
 
-/// Numbers of different streams are independent. Add at the end: the value is part of every number.
+/// Numbers of different streams are independent. Add streams only at the end, because the value is part of every
+/// number.
 enum class RandomStream : std::uint32_t {
   kViewOrder,
   kBackground,
@@ -43,7 +44,7 @@ struct RandomKey {
   std::uint32_t iteration = 0;  // or another counter of the stream
 };
 
-/// Four independent 32-bit words for each row.
+/// Returns four independent 32-bit words for each row.
 B3DGS_HD std::array<std::uint32_t, 4> random_bits(const RandomKey& key, std::uint64_t row) {
   const auto seed = static_cast<std::uint64_t>(key.seed);
   return philox4x32({static_cast<std::uint32_t>(row), static_cast<std::uint32_t>(row >> 32), key.iteration,
@@ -51,7 +52,7 @@ B3DGS_HD std::array<std::uint32_t, 4> random_bits(const RandomKey& key, std::uin
                     {static_cast<std::uint32_t>(seed), static_cast<std::uint32_t>(seed >> 32)});
 }
 
-/// In [0, 1), multiples of 2^-24.
+/// Returns numbers in [0, 1), multiples of 2^-24.
 B3DGS_HD std::array<float, 4> random_uniform(const RandomKey& key, std::uint64_t row) {
   const std::array<std::uint32_t, 4> bits = random_bits(key, row);
   std::array<float, 4> values{};
@@ -59,7 +60,8 @@ B3DGS_HD std::array<float, 4> random_uniform(const RandomKey& key, std::uint64_t
   return values;
 }
 
-/// Mean 0, standard deviation 1 (Box-Muller, in double so that devices round to the same float).
+/// Returns numbers with mean 0 and standard deviation 1 (Box-Muller, in double so that devices round to the same
+/// float).
 B3DGS_HD std::array<float, 4> random_normal(const RandomKey& key, std::uint64_t row) {
   const std::array<std::uint32_t, 4> bits = random_bits(key, row);
   std::array<float, 4> values{};

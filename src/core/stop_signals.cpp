@@ -21,7 +21,7 @@ std::array<std::atomic<char*>, 1024> removed_paths;
 std::atomic<bool> has_ended_by_signal{false};
 static_assert(std::atomic<char*>::is_always_lock_free && std::atomic<bool>::is_always_lock_free);
 
-// Only functions that a signal handler may call from here on: no memory is allocated.
+// From here on, only functions that a signal handler may call. No memory is allocated.
 
 bool is_dots(const char* name) {
   return std::strcmp(name, ".") == 0 || std::strcmp(name, "..") == 0;
@@ -63,7 +63,7 @@ extern "C" void end_by_signal(int signal) {
     if (const char* const path = slot.exchange(nullptr)) remove_at(AT_FDCWD, path);
   }
   set_handler(signal, SIG_DFL);
-  sigset_t only;  // it is blocked while its handler runs
+  sigset_t only;  // the signal is blocked while its handler runs
   sigemptyset(&only);
   sigaddset(&only, signal);
   pthread_sigmask(SIG_UNBLOCK, &only, nullptr);
@@ -89,7 +89,7 @@ RemovedBySignal::RemovedBySignal(const std::filesystem::path& path) {
     if (removed_paths[i].compare_exchange_strong(none, copy)) slot_ = static_cast<int>(i);
   }
   if (slot_ < 0) std::free(copy);
-  while (has_ended_by_signal) ::pause();  // what is written from now on would stay
+  while (has_ended_by_signal) ::pause();  // files written from now on would remain
 }
 
 RemovedBySignal::~RemovedBySignal() {

@@ -1,18 +1,18 @@
-// What SIGINT, SIGTERM and SIGHUP do to this process, and the temporary files that they must not leave behind.
+// Handles SIGINT, SIGTERM and SIGHUP, and removes the temporary files that they must not leave behind.
 #pragma once
 
 #include <filesystem>
 
 namespace b3dgs {
 
-/// Lets `handler` handle SIGINT, SIGTERM and SIGHUP. System calls that wait then fail with EINTR instead of going on.
-/// A SIGHUP that is ignored, as after nohup, stays ignored.
+/// Sets `handler` for SIGINT, SIGTERM and SIGHUP. System calls that wait then fail with EINTR instead of continuing. A
+/// SIGHUP that is ignored, as after nohup, stays ignored.
 void handle_stop_signals(void (*handler)(int signal));
 
-/// Handles each of these signals that is not ignored by end_by_signal().
+/// Sets end_by_signal() as the handler of those of these signals that are not ignored.
 void end_by_stop_signals();
 
-/// Removes all files and folders that a RemovedBySignal names, and ends the process by the signal. A signal handler.
+/// A signal handler that removes all files and folders of RemovedBySignal objects, and ends the process by the signal.
 extern "C" void end_by_signal(int signal);
 
 /// While it exists, end_by_signal() removes a file, or a folder with its content.

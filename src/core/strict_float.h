@@ -1,6 +1,6 @@
 // A float type that rounds after every operation. A GPU compiler may contract a multiplication and an addition into one
-// fused operation with a single rounding, and may decide differently at each place where a function is inlined. Kernels
-// that must compute identical bits use this type. For CPU code, contraction is disabled in cmake/CompileOptions.cmake.
+// fused operation with a single rounding, and may decide differently wherever a function is inlined. Kernels that must
+// compute identical bits use this type. For CPU code, cmake/CompileOptions.cmake disables contraction.
 #pragma once
 
 #include <cmath>
@@ -18,7 +18,7 @@ __device__ __forceinline__ float rounded_product(float a, float b) {
   return __fmul_rn(a, b);
 }
 __device__ __forceinline__ float rounded_quotient(float a, float b) {
-  return a / b;  // as __fdiv_rn(), by nvcc's default -prec-div=true; a constant power of two becomes a factor
+  return a / b;  // like __fdiv_rn(), by nvcc's default -prec-div=true; a constant power of two becomes a factor
 }
 __device__ __forceinline__ float rounded_root(float a) {
   return __fsqrt_rn(a);

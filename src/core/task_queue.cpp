@@ -8,7 +8,7 @@ namespace b3dgs {
 TaskQueue::TaskQueue(int threads, std::size_t capacity) : capacity_(capacity) {
   try {
     for (int i = 0; i < threads; ++i) threads_.emplace_back([this] { run(); });
-  } catch (const std::system_error&) {  // no more threads
+  } catch (const std::system_error&) {  // the system has no more threads
     if (threads_.empty()) throw;
   }
 }

@@ -1,4 +1,4 @@
-// Threads with a bounded queue of tasks: files are written while the next images are computed.
+// Threads with a bounded queue of tasks. They write files, for example, while the next images are computed.
 #pragma once
 
 #include <condition_variable>
@@ -14,22 +14,22 @@ namespace b3dgs {
 
 class TaskQueue {
  public:
-  /// At most `capacity` tasks wait; push() blocks beyond that. Tasks begin in the order in which they were pushed; with
-  /// one thread they also end in it. Fewer threads do if the system has no more. @throws std::system_error if it has
-  /// none
+  /// At most `capacity` tasks wait, and push() blocks beyond that. Tasks begin in the order in which they were pushed.
+  /// With one thread, they also end in it. Starts fewer threads if the system has no more.
+  /// @throws std::system_error if it has none
   TaskQueue(int threads, std::size_t capacity);
-  /// Waits for the tasks that have begun; drops the others.
+  /// Waits for the tasks that have begun, and drops the others.
   ~TaskQueue();
   TaskQueue(const TaskQueue&) = delete;
   TaskQueue& operator=(const TaskQueue&) = delete;
 
-  /// Waits for room. @throws what a task has thrown, after which no task begins
+  /// Waits for capacity. @throws the exception of a task, after which no task begins
   void push(std::function<void()> task);
 
-  /// Waits until all tasks have ended. @throws as push()
+  /// Waits until all tasks have ended. @throws like push()
   void finish();
 
-  /// Whether a task waits or has not ended.
+  /// Returns whether a task waits or has not ended.
   bool is_busy() const;
 
  private:

@@ -26,9 +26,9 @@ std::string print_to_string(const char* format, Args... args) {
   return text;
 }
 
-// Counts, sizes and durations as text; lower case.
+// Counts, sizes and durations as text, in lower case.
 
-/// "1,234,567".
+/// Returns "1,234,567".
 inline std::string format_count(std::int64_t n) {
   std::string text = std::to_string(n);
   for (std::ptrdiff_t at = static_cast<std::ptrdiff_t>(text.size()) - 3; at > (n < 0 ? 1 : 0); at -= 3) {
@@ -37,7 +37,7 @@ inline std::string format_count(std::int64_t n) {
   return text;
 }
 
-/// "1.23 GB", "45.6 MB" or "7.8 kB", with decimal units: 1 GB is 10^9 bytes.
+/// Returns "1.23 GB", "45.6 MB" or "7.8 kB", with decimal units: 1 GB is 10^9 bytes.
 inline std::string format_bytes(std::int64_t bytes) {
   const auto value = static_cast<double>(bytes);
   if (bytes >= 1000000000) return print_to_string("%.2f GB", 1e-9 * value);
@@ -45,7 +45,7 @@ inline std::string format_bytes(std::int64_t bytes) {
   return print_to_string("%.1f kB", 1e-3 * value);
 }
 
-/// "1:02:03" or "2:03".
+/// Returns "1:02:03" or "2:03".
 inline std::string format_duration(double seconds) {
   const long long total = std::llround(std::clamp(seconds, 0.0, 3.6e8));
   const int hours = static_cast<int>(total / 3600), minutes = static_cast<int>(total / 60 % 60);
@@ -53,7 +53,7 @@ inline std::string format_duration(double seconds) {
   return hours > 0 ? print_to_string("%d:%02d:%02d", hours, minutes, rest) : print_to_string("%d:%02d", minutes, rest);
 }
 
-/// "1, 2, 3".
+/// Returns "1, 2, 3".
 template <class Item>
 std::string list_text(const std::vector<Item>& items, const char* separator = ", ") {
   std::ostringstream text;
@@ -61,21 +61,21 @@ std::string list_text(const std::vector<Item>& items, const char* separator = ",
   return text.str();
 }
 
-/// Of ASCII letters.
+/// Converts ASCII letters to lower case.
 inline std::string lower_case(std::string text) {
   std::transform(text.begin(), text.end(), text.begin(), [](unsigned char c) { return std::tolower(c); });
   return text;
 }
 
-/// Of an error's text: LibTorch appends a stack trace.
+/// Returns the first line of an error's text, because LibTorch appends a stack trace.
 inline std::string first_line(const std::string& text) {
   return text.substr(0, text.find('\n'));
 }
 
 // Words of commands that are printed to be copied into a shell.
 
-/// The word as a POSIX shell reads it back: unchanged if it has only characters without a meaning there, else in single
-/// quotes. A name that begins with "-" is to be written "./-name" before.
+/// Returns the word such that a POSIX shell reads it back: unchanged if it has no special characters, otherwise in
+/// single quotes. Before the call, write a name that begins with "-" as "./-name".
 inline std::string shell_quote(const std::string& word) {
   constexpr const char* kPlain = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789_-+./:,=@%";
   if (!word.empty() && word.find_first_not_of(kPlain) == std::string::npos) return word;
@@ -93,7 +93,7 @@ class TextFields {
 
   bool empty() const { return rest_.empty(); }
 
-  /// The next field; empty at the end of the line.
+  /// Returns the next field, empty at the end of the line.
   std::string_view word() {
     const std::size_t end = std::min(rest_.find_first_of(kSeparators), rest_.size());
     const std::string_view field = rest_.substr(0, end);
@@ -102,13 +102,13 @@ class TextFields {
     return field;
   }
 
-  /// The rest of the line without trailing blanks, for names, which may contain blanks and commas.
+  /// Returns the rest of the line without trailing blanks, for names, which may contain blanks and commas.
   std::string_view rest() const {
     const std::size_t last = rest_.find_last_not_of(" \t\r");
     return last == std::string_view::npos ? std::string_view() : rest_.substr(0, last + 1);
   }
 
-  /// The next field as a number. @throws InputError naming place() and `what` if it is not one
+  /// Returns the next field as a number. @throws InputError naming place() and `what` if it is not one
   template <class T, class Place>
   T number(const char* what, const Place& place) {
     std::string_view field = word();

@@ -1,4 +1,4 @@
-// What host and device code share: pi, small vectors and matrices with the operators that the project needs, and
+// Shared by host and device code: pi, small vectors and matrices with the operators that the project needs, and
 // declarations.
 #pragma once
 
@@ -8,7 +8,7 @@
 #define B3DGS_HD inline
 #endif
 
-// As in CUDA's headers, so that builds without CUDA can declare what its kernels do.
+// As in CUDA's headers, so that builds without CUDA can declare the functions of its kernels.
 struct CUstream_st;
 using cudaStream_t = CUstream_st*;
 

@@ -30,7 +30,7 @@ namespace fs = std::filesystem;
 
 constexpr const char *kTemporaryPrefix = ".b3dgs-", *kTemporarySuffix = ".tmp";
 
-// " (No space left on device); free some disk space"; `what`: what was to be done.
+// Returns " (No space left on device); free some disk space". `what` describes the operation that failed.
 std::string with_remedy(int error, const std::string& what = "") {
   const std::string reason = " (" + what + std::strerror(error) + ")";
   if (error == ENOSPC || error == EDQUOT) return reason + "; free some disk space";
@@ -38,7 +38,7 @@ std::string with_remedy(int error, const std::string& what = "") {
   return reason;
 }
 
-// Where process IDs mean the same processes as here: this start of this machine, and this container.
+// Identifies the space in which process IDs are unique: this boot of this machine, and this container.
 unsigned process_space() {
   static const unsigned space = [] {
     std::string text;
@@ -50,7 +50,7 @@ unsigned process_space() {
   return space;
 }
 
-// Not derived from the target's name, which may already have the maximum length.
+// The name is not derived from the target's name, which may already have the maximum length.
 fs::path temporary_name(const fs::path& folder) {
   static std::atomic<unsigned> counter{0};
   return folder / (kTemporaryPrefix + std::to_string(process_space()) + "-" + std::to_string(::getpid()) + "-" +
@@ -75,8 +75,8 @@ int remove_entry_if_left_behind(const char* path, const struct stat* status, int
   return 0;
 }
 
-/// Removes what killed processes left in a folder, but not below it. Once for each folder, before this process has a
-/// file open there.
+/// Removes files that killed processes left in a folder, but not below it. Runs once for each folder, before this
+/// process has a file open there.
 void clean_once(const fs::path& folder) {
   static std::mutex mutex;
   static std::set<fs::path> cleaned;
@@ -107,7 +107,7 @@ void create_folders(const fs::path& folder, const std::string& target) {
   for (; !fs::exists(path, error) && path.has_relative_path(); path = path.parent_path()) {
     if (path.has_filename()) parents.push_back(path.parent_path());
   }
-  if (!fs::is_directory(path, error)) make_way(path);  // a file of the user's where a folder is needed
+  if (!fs::is_directory(path, error)) make_way(path);  // moves a user's file aside if a folder is needed there
   fs::create_directories(folder, error);
   if (error) {
     const std::string purpose = target == folder.string() ? "" : ", needed for " + target;
@@ -124,7 +124,7 @@ AtomicFile::AtomicFile(fs::path target) : target_(std::move(target)) {
   const fs::path folder = target_.has_parent_path() ? target_.parent_path() : fs::path(".");
   create_folders(folder, target_.string());
   clean_once(folder);
-  do {  // the name may be taken, by a file that a killed process with the same ID left
+  do {  // a killed process with the same ID may have left a file with this name
     temporary_ = temporary_name(folder);
     removed_by_signal_.emplace(temporary_);
     // The usual mode of a new file: 0666 without the bits of the umask.

@@ -1,4 +1,4 @@
-// Atomic file writes: a temporary file in the target's folder is written, fsynced and renamed over the target, so a
+// Atomic file writes. A temporary file in the target's folder is written, fsynced and renamed over the target, so a
 // reader never sees a partly written file.
 #pragma once
 
@@ -14,8 +14,8 @@ namespace b3dgs {
 
 class AtomicFile {
  public:
-  /// Opens a temporary file in the target's folder. Creates that folder if it is missing, and then syncs it and its
-  /// parent. Removes temporary files that killed processes left in the folder. @throws IoError
+  /// Opens a temporary file in the target's folder. If that folder is missing, creates it and syncs it and its parent.
+  /// Removes temporary files that killed processes left in the folder. @throws IoError
   explicit AtomicFile(std::filesystem::path target);
   /// Removes the temporary file unless commit() has renamed it.
   ~AtomicFile();
@@ -29,11 +29,11 @@ class AtomicFile {
   /// Overwrites bytes that were written before, starting at `offset`. @throws IoError
   void rewrite(std::uint64_t offset, const void* data, std::size_t bytes);
 
-  /// The temporary file, for another program that writes it in place.
+  /// Returns the temporary file, for another program that writes it in place.
   const std::filesystem::path& temporary() const { return temporary_; }
 
-  /// Fsyncs the file, renames it over the target, and fsyncs the folder. In a folder with a record (own_files.h), a
-  /// file of the user's at the target is moved aside first. @throws IoError
+  /// Fsyncs the file, renames it over the target, and fsyncs the folder. In a folder that tracks its files
+  /// (own_files.h), a user's file at the target is moved aside first. @throws IoError
   void commit();
 
  private:
@@ -46,16 +46,16 @@ class AtomicFile {
 /// Writes a file atomically. @throws IoError
 void write_file(const std::filesystem::path& path, std::string_view content);
 
-/// Checks, before long work whose result goes to `file`, that the file can be made or replaced. Leaves nothing behind.
-/// `remedy`: what to do otherwise. @throws InputError
+/// Checks that `file` can be made or replaced, before long work whose result goes there. Leaves nothing behind.
+/// `remedy` tells the user what to do if not. @throws InputError
 void require_writable(const std::filesystem::path& file, std::string_view remedy);
 
 /// Creates a folder and its missing parents, and syncs them to disk. @throws IoError
 void create_folder(const std::filesystem::path& folder);
 
-/// Removes temporary files that killed processes left in `folder` and its subfolders: of processes of this machine and
-/// container if they have ended, of others after a day without a change. No AtomicFile of this process may be open
-/// there. Files that cannot be removed are skipped.
+/// Removes temporary files that killed processes left in `folder` and its subfolders. Files of this machine and
+/// container are removed if their process has ended, others after a day without a change. No AtomicFile of this process
+/// may be open there. Files that cannot be removed are skipped.
 void remove_unfinished_files(const std::filesystem::path& folder);
 
 }  // namespace b3dgs

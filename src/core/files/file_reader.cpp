@@ -30,7 +30,7 @@ void require_regular(const std::filesystem::path& path, mode_t mode) {
               "); copy its content into a file");
 }
 
-/// The number N of a path /dev/fd/N, or -1.
+/// Returns the number N of a path /dev/fd/N, or -1.
 int inherited_file(const std::filesystem::path& path) {
   constexpr std::string_view kFolder = "/dev/fd/";
   const std::string& text = path.native();
@@ -58,9 +58,9 @@ std::string read_pipe(const std::filesystem::path& path, int pipe) {
 
 Descriptor open_for_reading(const std::filesystem::path& path) {
   struct stat status {};
-  // Before it is opened, because that fails for a socket and may start something in a device.
+  // Check before opening, because opening fails for a socket and may start something in a device.
   if (::stat(path.c_str(), &status) == 0) require_regular(path, status.st_mode);
-  // O_NONBLOCK: a FIFO may have taken the file's place meanwhile.
+  // O_NONBLOCK, because a FIFO may have replaced the file meanwhile.
   Descriptor file(::open(path.c_str(), O_RDONLY | O_NONBLOCK | O_NOCTTY | O_CLOEXEC));
   if (!file || ::fstat(file.fd(), &status) != 0) fail_to_open(path, std::strerror(errno));
   require_regular(path, status.st_mode);

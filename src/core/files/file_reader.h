@@ -1,5 +1,5 @@
-// Sequential reading of a file, or of bytes in memory. The reader knows how many bytes remain, so counts and sizes in a
-// damaged file are checked before memory is allocated for them.
+// Sequential reading of a file, or of bytes in memory. The reader knows how many bytes remain, so it checks counts and
+// sizes in a damaged file before memory is allocated for them.
 #pragma once
 
 #include <cstdint>
@@ -15,16 +15,16 @@
 
 namespace b3dgs {
 
-/// Opens a file for reading, without waiting for anything. @throws InputError if the file is missing or unreadable, or
-/// is a folder, FIFO, device or socket
+/// Opens a file for reading, without waiting for anything. @throws InputError if the file is missing, unreadable, or a
+/// folder, FIFO, device or socket
 Descriptor open_for_reading(const std::filesystem::path& path);
 
 /// Returns the content of a file that open_for_reading() accepts, or of a pipe that the shell has opened for this
 /// process, as in `--config <(...)`. @throws InputError
 std::string read_whole_file(const std::filesystem::path& path);
 
-/// Returns the content of a file, or nothing if there is none at this place. @throws InputError for anything else that
-/// cannot be read
+/// Returns the content of a file, or nullopt if it does not exist. @throws InputError for anything else that cannot be
+/// read
 std::optional<std::string> read_file_if_there(const std::filesystem::path& path);
 
 class FileReader {
@@ -47,7 +47,7 @@ class FileReader {
   /// @throws InputError if bytes follow the last record
   void expect_end() const;
 
-  /// The next bytes as a number in the machine's byte order. @throws InputError if the file is too short
+  /// Returns the next bytes as a number in the machine's byte order. @throws InputError if the file is too short
   template <class T>
   T read() {
     static_assert(std::is_arithmetic_v<T>);
@@ -63,13 +63,13 @@ class FileReader {
   }
   void read_bytes(void* to, std::size_t bytes);
   void skip(std::uint64_t bytes);
-  /// Characters up to a zero byte, which is skipped.
+  /// Returns the characters up to a zero byte, which is skipped.
   std::string read_c_string();
 
-  /// The next line without "\n" or "\r\n", the first without a byte order mark; false at the end of the file. The view
-  /// is valid until the next call.
+  /// Reads the next line without "\n" or "\r\n", and the first without a byte order mark. Returns false at the end of
+  /// the file. The view is valid until the next call.
   bool read_line(std::string_view& line);
-  /// "FILE:LINE" of the line that was read last.
+  /// Returns "FILE:LINE" of the last line that was read.
   std::string place() const;
 
  private:
@@ -78,11 +78,11 @@ class FileReader {
   [[noreturn]] void fail_truncated(std::uint64_t wanted) const;
 
   std::filesystem::path path_;
-  Descriptor file_;                        // none: the bytes are in memory
+  Descriptor file_;                        // empty if the bytes are in memory
   std::uint64_t size_ = 0, position_ = 0;  // bytes
   std::vector<char> buffer_;               // part of the file
   const char* data_ = nullptr;             // buffer_, or the bytes in memory
-  std::size_t next_ = 0, end_ = 0;         // in data_
+  std::size_t next_ = 0, end_ = 0;         // positions in data_
   const char* record_kind_ = "";
   std::uint64_t record_ = 0, record_count_ = 0, line_number_ = 0;
   std::string long_line_;  // a line that does not fit into the buffer

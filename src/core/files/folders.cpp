@@ -31,7 +31,7 @@ std::string host_name() {
   return ::gethostname(name.data(), name.size() - 1) == 0 ? name.data() : "";
 }
 
-/// Of a process on this machine.
+/// Returns the command line of a process on this machine.
 std::string command_of(int process) {
   constexpr std::size_t kMost = 200;
   std::ifstream file("/proc/" + std::to_string(process) + "/cmdline", std::ios::binary);
@@ -41,7 +41,8 @@ std::string command_of(int process) {
   return command.size() > kMost ? command.substr(0, kMost) + "..." : command;
 }
 
-/// `lock`: has the number of the process that holds it and the name of its host, which is also that of a container.
+/// The file `lock` has the ID of the process that locks the folder, and its host name, which is also that of a
+/// container.
 [[noreturn]] void refuse(const fs::path& folder, int lock, const std::string& kind) {
   std::array<char, HOST_NAME_MAX + 32> text{};
   const ssize_t bytes = ::pread(lock, text.data(), text.size() - 1, 0);
@@ -60,7 +61,7 @@ std::string command_of(int process) {
               "); wait until it ends, or choose another folder", kind == "model folder" ? " with -m" : "");
 }
 
-/// Whether the open file is still the one at `path`: the previous holder removes it before releasing the lock.
+/// Returns whether the open file is still the one at `path`. The previous owner removes it before releasing the lock.
 bool is_at(int file, const fs::path& path) {
   struct stat own {
   }, there{};
@@ -83,7 +84,7 @@ FolderLock::FolderLock(const fs::path& folder, const char* kind) : path_(folder 
     if (failed == EWOULDBLOCK) refuse(folder, file_.fd(), kind);
   } while (!is_at(file_.fd(), path_));
   const std::string process = std::to_string(::getpid()) + " " + host_name() + "\n";
-  // These serve error messages only, so a full disk is ignored here.
+  // This text is only for error messages, so a full disk is ignored here.
   if (::ftruncate(file_.fd(), 0) != 0 || ::write(file_.fd(), process.data(), process.size()) < 0) errno = 0;
   remove_unfinished_files(folder);
   own_files_.emplace(folder);

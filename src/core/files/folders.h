@@ -1,4 +1,4 @@
-// Locking, removing and temporary folders.
+// Locks, removes and makes temporary folders.
 #pragma once
 
 #include <filesystem>
@@ -14,11 +14,10 @@ namespace b3dgs {
 /// the lock when the process ends, even if it crashes.
 class FolderLock {
  public:
-  /// Creates the folder if it is missing, locks it, and removes temporary files that killed processes left in it. Does
-  /// nothing else on a file system without locks. The record of the program's own files (own_files.h) is kept
-  /// meanwhile. A folder that was created, and stays empty, is removed at the end.
-  /// `kind`: of folder, for errors. @throws InputError naming the process that holds the lock; IoError if the folder
-  /// cannot be written to
+  /// Creates the folder if it is missing, locks it, and removes temporary files that killed processes left in it. On a
+  /// file system without locks, it does nothing else. Meanwhile, the program's own files are tracked (own_files.h). If
+  /// the folder was created and stays empty, it is removed at the end. `kind` names the folder in errors.
+  /// @throws InputError naming the process that has the lock, or IoError if the folder is not writable
   explicit FolderLock(const std::filesystem::path& folder, const char* kind = "model folder");
   ~FolderLock();
   FolderLock(const FolderLock&) = delete;
@@ -31,14 +30,14 @@ class FolderLock {
   std::optional<OwnFiles> own_files_;
 };
 
-/// Removes a file or a folder with its content. Symbolic links are removed, not followed. True if nothing is left,
-/// including if there was nothing; else errno has the reason. A replacement for std::filesystem::remove_all: LibTorch
-/// of the Python packages contains parts of a C++ standard library, and when it is loaded, remove_all resolves to a
-/// broken copy in it and crashes.
+/// Removes a file or a folder with its content. Symbolic links are removed, not followed. Returns true if nothing is
+/// left, including if there was nothing. Otherwise errno has the reason. This replaces std::filesystem::remove_all,
+/// because LibTorch of the Python packages contains parts of a C++ standard library. When it is loaded, remove_all
+/// resolves to a broken copy in it and crashes.
 bool remove_tree(const std::filesystem::path& path);
 
-/// A new folder for intermediate files inside another one, with a name that nothing has; removed with its content at
-/// the end of the scope, or by end_by_signal().
+/// A new folder for intermediate files inside another one, with an unused name. It is removed with its content at the
+/// end of the scope, or by end_by_signal().
 class WorkFolder {
  public:
   /// @throws IoError

@@ -1,4 +1,4 @@
-// Reading of JSON files.
+// Reads JSON files.
 #pragma once
 
 #include <filesystem>
@@ -11,8 +11,8 @@ namespace b3dgs {
 /// @throws InputError if it cannot be read, or an object in it has the same key twice
 nlohmann::ordered_json read_json(const std::filesystem::path& path, bool ignore_comments = false);
 
-/// Returns the path of the file `name` in `folder`, where the name was read from a JSON file. `place`: what has the
-/// name, for errors. @throws InputError if it is not a plain file name, or a link leads out of the folder
+/// Returns the path of the file `name` in `folder`, where the name comes from a JSON file. `place` is where the name is
+/// used, for errors. @throws InputError if it is not a plain file name, or a link leads out of the folder
 std::filesystem::path file_in(const std::filesystem::path& folder, const std::string& name, const std::string& place);
 
 }  // namespace b3dgs

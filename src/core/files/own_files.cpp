@@ -37,7 +37,7 @@ Registry& registry() {
   return one;
 }
 
-/// Folders whose lock this process holds, and which thread may change that.
+/// Folders that this process has locked, and the mutex of the thread that may change them.
 struct Turns {
   std::recursive_mutex mutex;
   std::set<fs::path> held;
@@ -56,7 +56,7 @@ void report(const std::string& line) {
   std::fprintf(stderr, "warning: %s\n", line.c_str());
 }
 
-/// With the folders' links followed, but not that of the last name.
+/// Resolves links in the path of the folder, but not a link in the last name.
 fs::path resolved(const fs::path& path) {
   const fs::path absolute = fs::absolute(path).lexically_normal();
   const fs::path file = absolute.has_filename() ? absolute : absolute.parent_path();
@@ -73,12 +73,12 @@ std::int64_t time_of(const struct stat& status) {
   return std::int64_t{status.st_mtim.tv_sec} * 1'000'000'000 + status.st_mtim.tv_nsec;
 }
 
-/// Whether a file is also in another place, as a hard link.
+/// Returns whether a file also exists elsewhere as a hard link.
 bool has_copies(const struct stat& status) {
   return S_ISREG(status.st_mode) && status.st_nlink > 1;
 }
 
-/// A name in one line: "\n" and "\\" are escaped.
+/// Returns a name in one line, with "\n" and "\\" escaped.
 std::string escaped(const std::string& name) {
   std::string text;
   for (const char c : name) text += c == '\\' ? "\\\\" : c == '\n' ? "\\n" : std::string(1, c);
@@ -151,7 +151,7 @@ void FolderTurn::lock_record(const fs::path& record) {
     if (::fstat(file_.fd(), &own) != 0 || !there) continue;
     if (own.st_ino != there->st_ino || own.st_dev != there->st_dev) continue;  // replaced meanwhile
     if (!has_copies(own)) return;
-    try {  // a copy of the folder by hard links keeps the record as it is
+    try {  // replace it, so that a copy of the folder by hard links keeps its version
       write_file(record, read_whole_file(record));
     } catch (const Error&) {
       return;
@@ -169,7 +169,7 @@ void OwnFiles::read_record() {
   entries_.clear();
   std::istringstream file(read_file_if_there(root_ / kRecord).value_or(""));
   for (std::string line; std::getline(file, line);) {
-    // "SIZE TIME KIND NAME": kind is "f", "g" for a growing file, or "-" for one that is no longer there.
+    // "SIZE TIME KIND NAME", where kind is "f", "g" for a growing file, or "-" for a removed one.
     std::istringstream words(line);
     Entry entry;
     std::string kind;
@@ -194,7 +194,7 @@ std::string OwnFiles::name_of(const fs::path& file) const {
     return name.empty() || *name.begin() == ".." || *name.begin() == "." ? "" : name.string();
   };
   const std::string name = below(resolved(file), root_);
-  // A link in the folder may lead out of it; what is written through the link is recorded here all the same.
+  // A link in the folder may lead out of it. Files that are written through the link are tracked here nevertheless.
   return name.empty() ? below(fs::absolute(file).lexically_normal(), given_) : name;
 }
 
@@ -220,8 +220,8 @@ bool OwnFiles::is_own(const fs::path& file) {
   return is_own(name_of(file));
 }
 
-/// Appends to the record; `entry` null: removed. If a failure loses a line, the file counts as the user's, which is
-/// safe.
+/// Appends to the log of own files. A null `entry` means removed. If a failure loses a line, the file counts as the
+/// user's, which is safe.
 void OwnFiles::record(const std::string& name, const Entry* entry) {
   const Entry values = entry != nullptr ? *entry : Entry{};
   const char* kind = entry == nullptr ? "-" : values.is_growing ? "g" : "f";
@@ -282,7 +282,7 @@ void OwnFiles::remove_known(const fs::path& path) {
     inside.push_back(it->path());
   }
   for (const fs::path& entry : inside) remove_known(entry);
-  ::rmdir(path.c_str());  // fails where something is left
+  ::rmdir(path.c_str());  // fails if something is left
 }
 
 void OwnFiles::remove(const fs::path& path) {

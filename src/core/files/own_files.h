@@ -1,4 +1,4 @@
-// Which files of a folder this program has written. It removes and replaces no others.
+// Tracks which files of a folder this program has written. It removes and replaces no others.
 #pragma once
 
 #include <cstdint>
@@ -13,9 +13,9 @@
 
 namespace b3dgs {
 
-/// Holds the lock of a folder while shared files in it are read, changed and written, so that no change of another
-/// process or thread is lost. Waits until the lock is free. A thread that holds it may take it again. The lock is that
-/// of the record OwnFiles::kRecord. It is skipped where the record cannot be opened, and on file systems without locks.
+/// Locks a folder while shared files in it are read, changed and written, so that no change of another process or
+/// thread is lost. Waits until the lock is free. A thread that has the lock may take it again. The locked file is
+/// OwnFiles::kRecord. Does nothing if that file cannot be opened, or on file systems without locks.
 class FolderTurn {
  public:
   /// @throws IoError if another process does not release the lock
@@ -28,58 +28,58 @@ class FolderTurn {
   void lock_record(const std::filesystem::path& record);
 
   std::unique_lock<std::recursive_mutex> thread_turn_;
-  std::filesystem::path root_;  // empty if this thread held the lock before
+  std::filesystem::path root_;  // empty if this thread already had the lock
   Descriptor file_;
 };
 
-/// The path without symbolic links, as far as it exists. Instead of std::filesystem::weakly_canonical(), for the reason
-/// in folders.h.
+/// Returns the path without symbolic links, as far as it exists. Replaces std::filesystem::weakly_canonical(), for the
+/// reason in folders.h.
 std::filesystem::path real_path(const std::filesystem::path& path);
 
-/// The first of PATH.previous, PATH.previous.2, ... that is not taken.
+/// Returns the first of PATH.previous, PATH.previous.2, ... that does not exist.
 std::filesystem::path previous_name(const std::filesystem::path& path);
 
-/// The files that the program has written below a folder, with their sizes and modification times, kept in
-/// FOLDER/kRecord. A file is the program's own while both are as recorded; one that is not recorded, or was
-/// changed since, is the user's, and so is a symbolic link.
+/// The files that the program has written below a folder, with their sizes and modification times, stored in
+/// FOLDER/kRecord. A file is the program's own while both match. A file that is not listed, or was changed since,
+/// belongs to the user, and so does a symbolic link.
 ///
-/// While an object exists, AtomicFile and make_way() follow it for files below its folder: what is the user's is moved
-/// aside before a file takes its place. A record that cannot be written, or is lost, costs nothing: files are then
-/// taken for the user's. Thread-safe.
+/// While an object exists, AtomicFile and make_way() use it for files below its folder: before a file replaces one of
+/// the user's, that file is moved aside. If the list cannot be written or is lost, files count as the user's, so
+/// nothing is lost. Thread-safe.
 class OwnFiles {
  public:
   static constexpr const char* kRecord = ".b3dgs-files";
 
-  /// Reads the record of `folder`, if there is one. Writes nothing.
+  /// Reads the list of `folder`, if there is one. Writes nothing.
   explicit OwnFiles(const std::filesystem::path& folder);
   ~OwnFiles();
   OwnFiles(const OwnFiles&) = delete;
   OwnFiles& operator=(const OwnFiles&) = delete;
 
-  /// The folder, with symbolic links followed.
+  /// Returns the folder, with symbolic links followed.
   const std::filesystem::path& root() const { return root_; }
 
   bool is_own(const std::filesystem::path& file);
 
-  /// Records the file, which the program has just written. `is_growing`: other lines will be appended to it; it stays
-  /// the program's own while it only grows.
+  /// Adds a file that the program has just written. `is_growing` means that more lines will be appended. It then stays
+  /// the program's own as long as it only grows.
   void add(const std::filesystem::path& file, bool is_growing = false);
 
-  /// Moves a file that is the user's to previous_name(), and reports it. Does nothing where there is no file, or one of
-  /// the program's own. @throws IoError
+  /// Moves a user's file to previous_name(), and reports it. Does nothing if there is no file, or if it is the
+  /// program's own. @throws IoError
   void make_way(const std::filesystem::path& file);
 
   /// Removes a file, or the files in a folder and then the folder, as far as they are the program's own.
   void remove(const std::filesystem::path& path);
 
-  /// Renames a file or a folder in the folder; make_way() for a file that is at `to`. Own files stay own.
+  /// Renames a file or a folder in the folder, after make_way() for a file at `to`. Own files stay own.
   /// @throws IoError
   void move(const std::filesystem::path& from, const std::filesystem::path& to);
 
-  /// The object for the innermost folder that contains the file; null if there is none.
+  /// Returns the object for the innermost folder that contains the file, or null.
   static OwnFiles* of(const std::filesystem::path& file);
 
-  /// What gets the lines of make_way(): standard error, unless this is called.
+  /// Sets the receiver of the lines of make_way(). The default is standard error.
   static void set_reporter(std::function<void(const std::string& line)> report);
 
  private:
@@ -96,16 +96,16 @@ class OwnFiles {
   void record(const std::string& name, const Entry* entry);
   void remove_known(const std::filesystem::path& path);
 
-  std::filesystem::path root_, given_;  // with and without links followed
+  std::filesystem::path root_, given_;  // with links followed, and as given
   std::map<std::string, Entry> entries_;
   std::mutex mutex_;
 };
 
-/// Before a file is written at `file` other than by an AtomicFile: OwnFiles::make_way() of its folder, if there is one.
+/// Must be called before a file is written without AtomicFile. Calls OwnFiles::make_way() for its folder, if any.
 void make_way(const std::filesystem::path& file);
-/// After it: OwnFiles::add().
+/// Must be called after the file is written. Calls OwnFiles::add().
 void add_own_file(const std::filesystem::path& file);
-/// Removes a file if a record says that it is the program's own. True if it has.
+/// Removes a file if it is the program's own. Returns whether it did.
 bool remove_own_file(const std::filesystem::path& file);
 
 }  // namespace b3dgs

@@ -26,7 +26,7 @@ struct PlyTypeRow {
   double (*decode)(const char* bytes);
 };
 
-/// In the order of PlyType.
+/// Properties of the types, in the order of PlyType.
 constexpr PlyTypeRow kTypes[] = {
     {"char", "int8", 1, to_double<std::int8_t>},    {"uchar", "uint8", 1, to_double<std::uint8_t>},
     {"short", "int16", 2, to_double<std::int16_t>}, {"ushort", "uint16", 2, to_double<std::uint16_t>},
@@ -59,7 +59,7 @@ double decode(PlyType type, const char* bytes, PlyFormat format) {
   return row_of(type).decode(swapped.data());
 }
 
-// Smallest size of a row: empty lists, ASCII values of one digit with a separator.
+// Returns the smallest size of a row: empty lists, and ASCII values of one digit with a separator.
 std::uint64_t min_row_bytes(const PlyElement& element, PlyFormat format) {
   std::uint64_t bytes = 0;
   for (const PlyProperty& property : element.properties) {
@@ -84,7 +84,7 @@ PlyProperty parse_property(TextFields& fields, const std::string& place) {
   return property;
 }
 
-/// `most` is the number of elements that the rest of the file could hold.
+/// Checks a list length. `most` is the number of elements that fit into the rest of the file.
 std::uint64_t list_length(double length, std::uint64_t most, const FileReader& file) {
   if (!(length >= 0 && length <= static_cast<double>(most))) {
     input_error(file.name(), ": expected a list of length 0 to ", most, ", found length ", length,

@@ -21,7 +21,7 @@ struct PlyProperty {
   std::ptrdiff_t target = -1;            // index in the requested columns; -1: not requested
 };
 
-/// Returns the factor by which values of a colour become 0 to 255.
+/// Returns the factor that scales values of a colour to 0 to 255.
 inline double color_factor(const PlyProperty& color) {
   return color.type >= PlyType::kFloat32 ? 255.0 : color.type == PlyType::kUint16 ? 1.0 / 257.0 : 1.0;
 }
@@ -31,27 +31,27 @@ struct PlyElement {
   std::uint64_t count = 0;
   std::vector<PlyProperty> properties;
 
-  /// Null if there is no such property.
+  /// Returns null if there is no such property.
   const PlyProperty* find(const std::string& property) const;
 };
 
 class PlyReader {
  public:
-  /// Reads the header of `file`, which has to outlive the reader. @throws InputError
+  /// Reads the header of `file`, which must outlive the reader. @throws InputError
   explicit PlyReader(FileReader& file);
 
   std::string name() const { return file_.name(); }
 
-  /// The element "vertex". @throws InputError if the file has none
+  /// Returns the element "vertex". @throws InputError if the file has none
   const PlyElement& vertices() const;
 
-  /// The texts of the header's comment lines.
+  /// Returns the texts of the header's comment lines.
   const std::vector<std::string>& comments() const { return comments_; }
 
   /// `values` is [n_rows, columns.size()], starting at row `first_row`.
   using RowsFn = std::function<void(std::uint64_t first_row, std::uint64_t n_rows, const double* values)>;
 
-  /// Reads the vertices once, front to back, and passes them to `on_rows` in blocks of some thousand rows.
+  /// Reads the vertices once, front to back, and passes them to `on_rows` in blocks of a few thousand rows.
   /// @throws InputError if a column is missing or a list, or the file is too short or too long
   void read_vertices(const std::vector<std::string>& columns, const RowsFn& on_rows);
 

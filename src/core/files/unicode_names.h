@@ -1,5 +1,5 @@
-// Names of files in Unicode. A letter such as U+00FC can also be written as u and a combining mark: macOS writes names
-// so, other systems do not, and Linux takes the two for different names.
+// File names in Unicode. A letter such as U+00FC can also be written as u and a combining mark. macOS writes such
+// names, other systems do not, and Linux treats the two as different names.
 #pragma once
 
 #include <filesystem>
@@ -10,8 +10,8 @@ namespace b3dgs {
 /// Returns the name with composed letters (NFC), or unchanged if it is not valid UTF-8.
 std::string composed_name(const std::string& name);
 
-/// Returns the file `name` of the folder, which may be there with composed or decomposed letters; empty if there is
-/// none.
+/// Returns the file `name` of the folder, which may be stored with composed or decomposed letters, or empty if it does
+/// not exist.
 std::filesystem::path find_in_any_form(const std::filesystem::path& folder, const std::string& name);
 
 }  // namespace b3dgs

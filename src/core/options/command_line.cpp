@@ -33,7 +33,7 @@ bool is_truth_value(const std::string& word) {
   return word == "true" || word == "false";
 }
 
-/// As from `-m $OUT --eval`, where the variable OUT is not set. A choice may begin with "-": `--up -y`.
+/// Refuses an option as a value, as from `-m $OUT --eval` if OUT is not set. A choice may begin with "-": `--up -y`.
 void require_value(const OptionSpec& spec, const std::string& value) {
   if (spec.lists_choices || !is_option(value)) return;
   input_error("missing value: --", spec.name, " is followed by ", value,
@@ -43,7 +43,7 @@ void require_value(const OptionSpec& spec, const std::string& value) {
                   : " (expected a number)");
 }
 
-/// "a,b" "c d" "e, f" -> a b c d e f; an empty entry stays, to be reported.
+/// "a,b" "c d" "e, f" -> a b c d e f. An empty entry is kept, so that it is reported.
 std::vector<std::string> list_entries(const std::vector<std::string>& words) {
   std::vector<std::string> entries;
   for (const std::string& word : words) {
@@ -58,7 +58,7 @@ std::vector<std::string> list_entries(const std::vector<std::string>& words) {
   return entries;
 }
 
-/// What a word of the command line stands for.
+/// The meaning of a word of the command line.
 struct Named {
   const OptionSpec* spec = nullptr;
   bool is_negated = false;  // --no_eval
@@ -183,7 +183,7 @@ bool CommandLine::parse(std::vector<std::string> words) {
       values[spec.name] = spec.parse(own) != named.is_negated;
       continue;
     }
-    if (spec.is_list) {  // "0,1,2" is a whole list, but not "0,"; the last value of any option counts, also of a list
+    if (spec.is_list) {  // "0,1,2" is a whole list, but not "0,"; the last value of an option counts, also of a list
       const auto is_whole = [](const std::string& text) {
         return text.find(',') != std::string::npos && text.back() != ',';
       };
@@ -197,7 +197,7 @@ bool CommandLine::parse(std::vector<std::string> words) {
     }
     values[spec.name] = spec.parse(own);
   }
-  // The value of an unknown option is left over, too; the message is about the option.
+  // The value of an unknown option is also unexpected, but the message is about the option.
   if (!unknown.empty() || !unexpected.empty()) reject(unknown.empty() ? unexpected : unknown);
   for (const OptionSpec& spec : options_) {
     if (values.count(spec.name) > 0) given_[spec.name] = values[spec.name];
@@ -208,7 +208,7 @@ bool CommandLine::parse(std::vector<std::string> words) {
 
 namespace {
 
-/// The known name of what other trainers call by this name; empty if there is none.
+/// Returns the known option for a name that other trainers use, or an empty text.
 std::string name_of_other_trainers(const std::string& name, const std::vector<std::string>& known) {
   static const std::pair<const char*, std::vector<std::string>> kNames[] = {
       {"iterations", {"total_steps", "num_steps", "max_num_iterations", "num_iterations"}},

@@ -1,5 +1,5 @@
-// Command-line parsing, from the field lists of configs (config.h). Option names are written with underscores; hyphens
-// are accepted as well: --test-iterations is --test_iterations.
+// Parses command lines with the field lists of configs (config.h). Option names are written with underscores, but
+// hyphens are accepted too: --test-iterations is --test_iterations.
 #pragma once
 
 #include <cstddef>
@@ -36,7 +36,7 @@ struct OptionSpec {
   bool is_empty_allowed = false;
 
   bool is_flag() const { return kind == Kind::kFlag; }
-  /// Whether this is the option's name or an alias.
+  /// Returns whether this is the option's name or an alias.
   bool has_name(const std::string& word) const { return word == name || detail::is_among(word, aliases); }
 
   template <class Value>
@@ -55,7 +55,7 @@ struct OptionSpec {
     }
   }
 
-  /// The value that these words stand for. @throws InputError that names the option
+  /// Returns the value of these words. @throws InputError that names the option
   nlohmann::json parse(const std::vector<std::string>& words) const;
 };
 
@@ -68,26 +68,26 @@ class CommandLine {
 
   /// Adds every field of a config. Those before the first Option::group() are listed under `heading` in the help text.
   /// Fields named in `positional` may also be given without their name, in that order. Those in `ignored` are accepted
-  /// without effect and not listed, for commands that accept another command's options. parse() sets the fields of a
-  /// config that may be changed, which must then still be there.
+  /// without effect and not listed, for commands that accept another command's options. If the config is not const,
+  /// parse() sets its fields, so it must live until then.
   template <class Config>
   void add(Config&& defaults, const std::string& heading, const std::vector<std::string>& positional = {},
            const std::vector<std::string>& ignored = {});
 
   void add(const OptionSpec& spec) { options_.push_back(spec); }
 
-  /// Replaces the help text of an option, where a command treats it differently from the others.
+  /// Replaces the help text of an option that a command treats differently.
   void set_help(const std::string& name, const std::string& help);
 
   /// Adds a text to the end of --help-all.
   void set_notes(const std::string& notes) { notes_ = notes; }
 
-  /// Parses the words after the command's name. False if they ask for help, which is then printed to standard output.
+  /// Parses the words after the command's name. If they ask for help, prints it to standard output and returns false.
   /// @throws InputError for an unknown option (suggesting the nearest known one), for a missing or malformed value, and
-  /// for one that is out of the range of a config to be set
+  /// for one that is out of the range of a config
   bool parse(std::vector<std::string> words);
 
-  /// Sets the fields of `config` that were given, and leaves the others. @throws InputError if one is out of range
+  /// Sets the fields of `config` that were given, and keeps the others. @throws InputError if one is out of range
   template <class Config>
   void apply(Config& config) const {
     nlohmann::ordered_json mine = nlohmann::ordered_json::object();
@@ -98,15 +98,15 @@ class CommandLine {
   }
 
   bool was_given(const std::string& name) const { return given_.contains(name); }
-  /// All values that were given, by the option's primary name. Not yet checked against the options' ranges.
+  /// Returns all given values by primary option name, not yet checked against the options' ranges.
   const nlohmann::ordered_json& given() const { return given_; }
 
-  /// The text of --help: all options if there are at most kMaxShortHelp, else the common ones.
+  /// Returns the text of --help: all options if there are at most kMaxShortHelp, otherwise the common ones.
   std::string help() const;
   static constexpr std::size_t kMaxShortHelp = 20;
-  /// The text of --help-all: all options, with ranges and aliases.
+  /// Returns the text of --help-all: all options, with ranges and aliases.
   std::string help_all() const;
-  /// The text of --help-markdown, which is not listed: this command's section of docs/options.md.
+  /// Returns the text of --help-markdown, which is not listed: this command's section of docs/options.md.
   std::string help_markdown() const;
 
  private:
@@ -122,12 +122,12 @@ class CommandLine {
   nlohmann::ordered_json given_ = nlohmann::ordered_json::object();
 };
 
-/// Reads a --config file, or another that a user may have written: // comments are allowed. `expected`: what it should
-/// be, in errors. @throws InputError
+/// Reads a --config file or another file that a user may have written, so // comments are allowed. `expected` describes
+/// the file in errors. @throws InputError
 nlohmann::ordered_json read_json_file(const std::string& path,
                                       const char* expected = "a JSON file with option names as keys");
 
-/// The value as on the command line; "none" for an empty text or list, "on" or "off" for a flag.
+/// Returns the value as on the command line: "none" for an empty text or list, "on" or "off" for a flag.
 std::string option_value_text(const nlohmann::ordered_json& value);
 
 template <class Config>
@@ -158,7 +158,7 @@ void CommandLine::add(Config&& defaults, const std::string& heading, const std::
                });
 }
 
-/// The known name that a mistyped one most likely stands for; empty if none is similar.
+/// Returns the known name that a mistyped one most likely stands for, or an empty text if none is similar.
 std::string nearest_name(const std::string& name, const std::vector<std::string>& known);
 
 }  // namespace b3dgs

@@ -14,7 +14,7 @@ namespace {
 constexpr std::size_t kNameColumns = 36;
 constexpr std::size_t kTextColumns = 84;
 
-/// Breaks the text at blanks into lines of at most `columns`, each but the first indented by `indent`.
+/// Breaks the text at blanks into lines of at most `columns`. All lines but the first are indented by `indent`.
 std::string wrap(const std::string& text, std::size_t columns, std::size_t indent) {
   std::istringstream words(text);
   std::string wrapped, word;
@@ -31,19 +31,19 @@ std::string wrap(const std::string& text, std::size_t columns, std::size_t inden
   return wrapped;
 }
 
-/// "--a, --b", or in Markdown "`--a`, `--b`".
+/// Returns "--a, --b", or in Markdown "`--a`, `--b`".
 std::string alias_list(const OptionSpec& spec, const std::string& quote = "") {
   std::vector<std::string> names;
   for (const std::string& name : spec.aliases) names.push_back(quote + "--" + name + quote);
   return list_text(names);
 }
 
-/// The default value; empty for an empty text and for a flag that is off.
+/// Returns the default value, empty for an empty text and for a flag that is off.
 std::string default_text(const OptionSpec& spec) {
   return spec.default_value == false || spec.default_value == "" ? "" : option_value_text(spec.default_value);
 }
 
-/// "training iterations (default 30000; at least 1; also --max_steps)"; without ranges and aliases unless `all`.
+/// Returns "training iterations (default 30000; at least 1; also --max_steps)", with ranges and aliases only if `all`.
 std::string description(const OptionSpec& spec, bool all) {
   std::vector<std::string> notes;
   if (const std::string text = default_text(spec); !text.empty()) notes.push_back("default " + text);
@@ -51,7 +51,7 @@ std::string description(const OptionSpec& spec, bool all) {
   if (!spec.range.empty() && (all || spec.lists_choices)) notes.push_back(spec.range);
   if (all && !spec.aliases.empty()) notes.push_back("also " + alias_list(spec));
   if (notes.empty()) return spec.help;
-  // A note at the end of the help text, "(0 = never)", and these share one pair of parentheses.
+  // A note at the end of the help text, such as "(0 = never)", and these notes share one pair of parentheses.
   const bool has_note = !spec.help.empty() && spec.help.back() == ')' && spec.help.find(" (") != std::string::npos;
   return (has_note ? spec.help.substr(0, spec.help.size() - 1) + "; " : spec.help + " (") + list_text(notes, "; ") +
          ")";
@@ -63,7 +63,7 @@ std::string value_name(const OptionSpec& spec) {
   return std::string(is_name ? "NAME" : kNames[static_cast<std::size_t>(spec.kind)]) + (spec.is_list ? "..." : "");
 }
 
-/// One option of a help text: "  -s, --source_path TEXT  ...", its description starting at a fixed column.
+/// Returns one option of a help text: "  -s, --source_path TEXT  ...". The description starts at a fixed column.
 std::string help_entry(const OptionSpec& spec, bool all) {
   std::string names = spec.letter == '\0' ? "      " : std::string("  -") + spec.letter + ", ";
   names += "--" + spec.name + (spec.is_flag() ? "" : " ") + value_name(spec);
@@ -86,7 +86,7 @@ std::string markdown_row(const OptionSpec& spec) {
          cell(spec.is_flag() ? "flag" : spec.range) + cell(spec.help) + "\n";
 }
 
-/// The options by group, in the order in which the groups begin.
+/// Returns the options by group, in the order in which the groups begin.
 std::vector<std::pair<std::string, std::vector<const OptionSpec*>>> grouped(const std::vector<const OptionSpec*>& all) {
   std::vector<std::pair<std::string, std::vector<const OptionSpec*>>> groups;
   for (const OptionSpec* spec : all) {

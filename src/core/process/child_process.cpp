@@ -27,9 +27,9 @@ namespace b3dgs {
 namespace {
 
 constexpr std::chrono::seconds kGrace{5};  // from SIGTERM to SIGKILL
-constexpr int kPollMs = 20;                // how long an end of the child or a change of `stop` may go unnoticed
+constexpr int kPollMs = 20;                // longest delay until an end of the child or a change of `stop` is noticed
 constexpr std::size_t kReadBytes = 1 << 16, kMaxLine = 1 << 16;
-constexpr int kLastReads = 64;  // what a pipe may hold; children that an ended program left behind may write for ever
+constexpr int kLastReads = 64;  // enough for a full pipe; children that an ended program left behind may write forever
 
 constexpr std::array kSignals{SIGINT, SIGTERM, SIGHUP};
 
@@ -43,7 +43,7 @@ bool is(const struct sigaction& action, void (*handler)(int)) {
   return (action.sa_flags & SA_SIGINFO) == 0 && action.sa_handler == handler;
 }
 
-/// Whether the signal ends the process at once.
+/// Returns whether the signal ends the process at once.
 bool ends_process_at_once(const struct sigaction& action) {
   return is(action, SIG_DFL) || is(action, end_by_signal);
 }
@@ -97,9 +97,9 @@ bool begins_as_program(const std::string& file) {
   return std::memcmp(first.data(), "\177ELF", 4) == 0 || std::memcmp(first.data(), "#!", 2) == 0;
 }
 
-/// Starts a program. It ends if this process is killed, where util-linux is installed: otherwise COLMAP, for
-/// example, would go on alone, and keep its database locked. `input` -1: none. Both outputs may be the same. @return
-/// the error number, or 0
+/// Starts a program. If util-linux is installed, the program ends when this process is killed. Otherwise COLMAP, for
+/// example, would continue alone and keep its database locked. `input` -1 means none. Both outputs may be the same.
+/// @return the error number, or 0
 int spawn(std::string program, std::vector<std::string> words, int input, int output, int errors, pid_t& pid) {
   words.front() = program;
   const std::string setpriv = find_program("setpriv");
@@ -122,7 +122,7 @@ int spawn(std::string program, std::vector<std::string> words, int input, int ou
   posix_spawn_file_actions_adddup2(&actions, output, STDOUT_FILENO);
   posix_spawn_file_actions_adddup2(&actions, errors, STDERR_FILENO);
 #if __GLIBC_PREREQ(2, 34)
-  // Files that a library opened without O_CLOEXEC.
+  // Close files that a library opened without O_CLOEXEC.
   posix_spawn_file_actions_addclosefrom_np(&actions, STDERR_FILENO + 1);
 #endif
   posix_spawnattr_t attributes{};
@@ -186,8 +186,8 @@ Child::Child(const std::vector<std::string>& argv, OnChildLine on_line, const st
   Pipe text = open_pipe(), input, data;
   if (has_input) input = open_pipe();
   if (on_bytes_) data = open_pipe();
-  // Lets these pipes hold 1 MiB, which Linux lets every user have, instead of 64 KiB: writing a frame of 25 MB (3840 x
-  // 2160 px) then waits a sixteenth as often. If refused, they stay as they are.
+  // Enlarge these pipes from 64 KiB to 1 MiB, which Linux allows every user, so that writing a frame of 25 MB (3840 x
+  // 2160 px) waits a sixteenth as often. If this fails, they stay as they are.
   for (const Descriptor* bulk : {&input.write_end, &data.write_end}) {
     if (*bulk) fcntl(bulk->fd(), F_SETPIPE_SZ, 1 << 20);
   }
@@ -240,7 +240,7 @@ ChildResult Child::finish() {
   for (int i = 0; i < kLastReads && read_output(); ++i) {
   }
   if (!line_.empty()) end_line();
-  // While the ended program is not reaped, no other process group can have its number.
+  // While the ended program is not reaped, no other process group can have its ID.
   if (is_ending_) kill(-pid_, SIGKILL);
   ChildResult result = reap();
   if (is_ending_ && result.signal == 0) result = {0, SIGTERM};
@@ -263,12 +263,12 @@ void Child::end_if_asked() {
 }
 
 void Child::wait_for_io(bool wants_to_write) {
-  // poll() passes over closed ones, which are negative.
+  // poll() skips closed descriptors, which are negative.
   pollfd files[]{{text_.fd(), POLLIN, 0}, {data_.fd(), POLLIN, 0}, {wants_to_write ? input_.fd() : -1, POLLOUT, 0}};
   poll(files, std::size(files), kPollMs);
 }
 
-/// Reads one buffer of each output. False if there is nothing to read at the moment.
+/// Reads one buffer of each output. Returns false if there is nothing to read at the moment.
 bool Child::read_output() {
   const auto read_some = [](Descriptor& from, const auto& take) {
     std::array<char, kReadBytes> buffer;

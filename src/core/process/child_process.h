@@ -14,9 +14,9 @@
 
 namespace b3dgs {
 
-/// While one exists, SIGINT, SIGTERM and SIGHUP do not end this process. Signals that it ignored stay ignored. Handlers
-/// that it had are called as before. Where there was none, or end_by_signal(), the signal is raised again at the end of
-/// the last EndingSignals, so that the process ends as it would have. Any thread may create one.
+/// While one exists, SIGINT, SIGTERM and SIGHUP do not end this process. Signals that it ignored stay ignored, and its
+/// own handlers are called as before. If there was no handler, or end_by_signal(), the signal is raised again at the
+/// end of the last EndingSignals, so that the process ends as it would have. Any thread may create one.
 class EndingSignals {
  public:
   EndingSignals();
@@ -24,35 +24,34 @@ class EndingSignals {
   EndingSignals(const EndingSignals&) = delete;
   EndingSignals& operator=(const EndingSignals&) = delete;
 
-  /// The last signal that came while any EndingSignals existed; 0 if none did.
+  /// Returns the last signal that came while any EndingSignals existed, or 0.
   int received() const;
 };
 
 /// How a program ended.
 struct ChildResult {
   int exit_code = 0;
-  int signal = 0;  // the signal that ended it; 0 if it exited
+  int signal = 0;  // signal that ended it, 0 if it exited
 
   bool succeeded() const { return exit_code == 0 && signal == 0; }
 };
 
-/// "exit code 3" or "ended by signal 9 (Killed)", for messages.
+/// Returns "exit code 3" or "ended by signal 9 (Killed)", for messages.
 std::string describe(const ChildResult& result);
 
-/// Is called for each line of a child's standard output and standard error, which come through one pipe in the order
-/// in which they were written. Without the line's end: "\n", "\r\n" or "\r". Lines above 64 KiB come in parts.
+/// Called for each line of a child's standard output and standard error, which share one pipe, so their order is kept.
+/// The line end ("\n", "\r\n" or "\r") is removed. Lines above 64 KiB come in parts.
 using OnChildLine = std::function<void(const std::string& line)>;
-/// Takes what a child writes to its standard output, where that is not text.
+/// Receives the standard output of a child if it is not text.
 using OnChildBytes = std::function<void(const char* data, std::size_t bytes)>;
 
-/// Starts the program argv[0], a path or a name in PATH, with empty standard input, and waits until it has ended.
-/// Processes that it leaves behind are not waited for. With `on_bytes`, only the lines of standard error go to
-/// `on_line`.
+/// Starts the program argv[0], a path or a name in PATH, with empty standard input, and waits until it has ended. Does
+/// not wait for processes that it leaves behind. With `on_bytes`, only the lines of standard error go to `on_line`.
 ///
-/// If `*stop` becomes other than 0, or this process gets SIGINT, SIGTERM or SIGHUP, the program and its children get
-/// SIGTERM, and SIGKILL after 5 s; ChildResult::signal is then not 0, even if the program exited. A signal for which
-/// this process has no handler ends this process thereafter; a handler is called at once, and this function returns
-/// (EndingSignals). If `on_line` throws, the program and its children are killed.
+/// If `*stop` becomes nonzero, or this process gets SIGINT, SIGTERM or SIGHUP, the program and its children get
+/// SIGTERM, and SIGKILL after 5 s. ChildResult::signal is then not 0, even if the program exited. If this process has
+/// no handler for the signal, it then ends too. A handler is called at once, and this function returns (EndingSignals).
+/// If `on_line` throws, the program and its children are killed.
 /// @throws InputError if there is no such program, IoError if it cannot be started
 ChildResult run_program_lines(const std::vector<std::string>& argv, const OnChildLine& on_line,
                               const std::atomic<int>* stop = nullptr, const OnChildBytes& on_bytes = {});
@@ -60,8 +59,7 @@ ChildResult run_program_lines(const std::vector<std::string>& argv, const OnChil
 /// A running program. If `has_input`, the caller writes its standard input, for example frames for ffmpeg.
 class Child {
  public:
-  /// Starts it; arguments, signals and errors as for run_program_lines(). The functions are called from write() and
-  /// finish().
+  /// Starts it, with the arguments, signals and errors of run_program_lines(). write() and finish() call the functions.
   explicit Child(const std::vector<std::string>& argv, OnChildLine on_line = {}, const std::atomic<int>* stop = nullptr,
                  OnChildBytes on_bytes = {}, bool has_input = true);
   /// Kills the program and its children, unless finish() has been called.
@@ -69,8 +67,8 @@ class Child {
   Child(const Child&) = delete;
   Child& operator=(const Child&) = delete;
 
-  /// Waits until the program has taken the bytes. False if it has closed its input, has ended, or was told to end:
-  /// finish() then says how it ended. SIGPIPE is never raised.
+  /// Waits until the program has taken the bytes. Returns false if it has closed its input, has ended, or was told to
+  /// end. Then finish() returns how it ended. SIGPIPE is never raised.
   bool write(const void* data, std::size_t bytes);
 
   /// Ends the program's input, passes on the rest of its output and waits until it has ended. Call it once.
@@ -90,14 +88,14 @@ class Child {
   const OnChildBytes on_bytes_;
   const std::atomic<int>* const stop_;
   Descriptor text_, data_, input_;
-  std::string line_;           // its beginning
+  std::string line_;           // beginning of the current line
   bool after_return_ = false;  // the last character was "\r"
   pid_t pid_ = -1;
   bool is_reaped_ = false, is_ending_ = false;
   std::chrono::steady_clock::time_point kill_at_{};
 };
 
-/// Full path of an executable program: `name` itself if it has a slash, else the first in PATH. Empty if there is none.
+/// Returns the full path of a program: `name` itself if it has a slash, else the first in PATH. Empty if there is none.
 std::string find_program(const std::string& name);
 
 }  // namespace b3dgs
