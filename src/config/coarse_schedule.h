@@ -1,4 +1,4 @@
-// Coarse-to-fine training (--coarse_scale): views grow from reduced to full size, as in DashGaussian (Chen et al. 2025,
+// Coarse-to-fine training (--coarse_scale). Views grow from reduced to full size, as in DashGaussian (Chen et al. 2025,
 // arXiv 2503.18402), but with a schedule that does not depend on the content of the photographs.
 #pragma once
 
@@ -8,11 +8,10 @@
 
 namespace b3dgs {
 
-/// Scale s in `iteration` (counted from 1): a view of W x H pixels is trained at W / s x H / s, rounded down. The
-/// fraction of pixels grows linearly from 1 / coarse_scale^2 to 1 at coarse_until, and s = 1 / sqrt(fraction) is
-/// rounded down to an integer; so full size is reached once the fraction exceeds 1/4. The scale changes only after a
-/// multiple of densification_interval, so that the statistics of a round of density control come from views of one
-/// size.
+/// Returns the scale s in `iteration` (counted from 1). A view of W x H pixels is trained at W / s x H / s, rounded
+/// down. The fraction of pixels grows linearly from 1 / coarse_scale^2 to 1 at coarse_until, and s = 1 / sqrt(fraction)
+/// is rounded down to an integer. So full size is reached once the fraction exceeds 1/4. The scale changes only after a
+/// multiple of densification_interval, so that the statistics of a density control round come from views of one size.
 inline int coarse_scale_at(const TrainConfig& config, int iteration) {
   const std::int64_t largest = config.coarse_scale, until = config.coarse_until;
   const std::int64_t last_round = std::int64_t{iteration - 1} / config.densification_interval;
@@ -25,7 +24,8 @@ inline int coarse_scale_at(const TrainConfig& config, int iteration) {
   return static_cast<int>(scale);
 }
 
-/// `scale`, lowered for small views: the shorter side keeps at least 16 pixels, or the view its full size.
+/// Returns `scale`, reduced for small views so that the shorter side keeps at least 16 pixels, or the view its full
+/// size.
 inline int coarse_scale_of(int scale, int width, int height) {
   constexpr int kMinSide = 16;  // px; SSIM has a window of 11
   const int side = width < height ? width : height;

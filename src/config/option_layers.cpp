@@ -10,18 +10,18 @@
 namespace b3dgs {
 namespace {
 
-/// The values of the row with this name; none if there is no such row.
+/// Returns the values of the preset or strategy with this name, none if it does not exist.
 GivenOptions values_of(const std::vector<OptionRow>& rows, const std::string& name) {
   const auto row = std::find_if(rows.begin(), rows.end(), [&](const OptionRow& own) { return own.name == name; });
   return row == rows.end() ? GivenOptions::object() : row->values;
 }
 
-/// --iterations without --max_epochs: that many are trained, however few photographs there are.
+/// Returns whether all iterations are trained, however few photographs there are: --iterations without --max_epochs.
 bool wants_all_iterations(const GivenOptions& given) {
   return given.contains("iterations") && !given.contains("max_epochs");
 }
 
-/// Sets the values. If `iterations` is among them, scales the options of the schedule that are not by new / old
+/// Sets the values. If they include `iterations`, scales the schedule options that they do not include by new / old
 /// iterations. Returns that factor.
 double apply_scaled(TrainConfig& config, const GivenOptions& values) {
   const double before = config.iterations;
@@ -52,7 +52,7 @@ GivenOptions given_options(const CommandLine& line, const std::string& config_fi
 OptionLayers resolve_options(const GivenOptions& given) {
   OptionLayers layers;
   layers.given = given;
-  TrainConfig named;  // its preset, its strategy
+  TrainConfig named;  // the preset and strategy that are named
   const GivenOptions usual = values_of(presets(), kDefaultPreset);
   const bool is_other = given.contains("strategy") && given.at("strategy") != usual.at("strategy");
   named.preset = is_other ? kPresetNames[0] : kDefaultPreset;

@@ -1,4 +1,4 @@
-// What a training writes, and when.
+// The outputs of a training, and their times.
 #pragma once
 
 #include <algorithm>
@@ -16,7 +16,7 @@ struct OutputPlan {
   bool checkpoint = false;
 };
 
-/// What falls on any of the iterations from `first` to `last`, which are one step.
+/// Returns the outputs of the iterations from `first` to `last`, which are one step.
 inline OutputPlan output_plan(const TrainConfig& config, int first, int last, bool has_test_views) {
   constexpr int kLogInterval = 10;
   const auto is_in = [&](const std::vector<int>& list) {

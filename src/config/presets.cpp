@@ -8,7 +8,7 @@ namespace b3dgs {
 const std::vector<OptionRow>& presets() {
   static const std::vector<OptionRow> kPresets{
       {"inria", "the options of the original 3DGS code, for comparison", nlohmann::ordered_json::object()},
-      // fast and quality repeat max_epochs: the scaling of the schedule would lower it.
+      // fast and quality repeat max_epochs, because the scaling of the schedule would reduce it.
       {"fast",
        "a first look, in a fifth of the iterations of best",
        {{"strategy", "budget"},
@@ -36,7 +36,7 @@ const std::vector<OptionRow>& presets() {
 
 const std::vector<OptionRow>& strategy_defaults() {
   static const std::vector<OptionRow> kStrategyDefaults{
-      // The schedule of preset inria x 0.9, with growth until five sixths of it.
+      // The schedule of preset inria x 0.9, with growth during the first five sixths of it.
       {"mcmc",
        "",
        {{"iterations", 27000},
@@ -54,7 +54,7 @@ const std::vector<OptionRow>& strategy_defaults() {
         {"lr_decay_from_iter", 13500}}},
       {"budget",
        "",
-       {{"iterations", 30000},  // that of inria, too, but here --iterations scales the schedule
+       {{"iterations", 30000},  // as in inria, but here --iterations scales the schedule
         {"max_epochs", 400},
         {"densify_until_iter", 20000},
         {"densification_interval", 300},
@@ -75,7 +75,7 @@ const std::vector<OptionRow>& strategy_defaults() {
 
 namespace {
 
-/// "  fast        a first look: strategy budget, iterations 6000, ...", in lines.
+/// Returns "  fast        a first look: strategy budget, iterations 6000, ...", in lines.
 std::string help_entry(const OptionRow& row) {
   std::vector<std::string> parts;
   for (const auto& [name, value] : row.values.items()) parts.push_back(name + " " + option_value_text(value));
@@ -88,8 +88,8 @@ std::string help_entry(const OptionRow& row) {
   return text;
 }
 
-/// A row for each option that a column names, in the order of the field list. The first column, `others`, has the
-/// values that apply where a cell is empty.
+/// Returns a row for each option that a column names, in the order of the field list. The first column, `others`, has
+/// the values that apply where a cell is empty.
 std::string table(const std::string& others, const std::vector<OptionRow>& columns) {
   std::string head = "| Option | " + others + " |", rule = "|---|---|", rows;
   for (const OptionRow& column : columns) {

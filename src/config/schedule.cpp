@@ -15,8 +15,8 @@
 namespace b3dgs {
 namespace {
 
-/// Rounded to the nearest whole number, but a positive number of iterations does not become 0. @throws InputError that
-/// names the option, for a product that is too large
+/// Rounds to the nearest integer, but a positive number of iterations does not become 0. @throws InputError that names
+/// the option if the product is too large
 template <class Integer>
 Integer scaled(std::string_view option, Integer steps, double factor) {
   constexpr Integer kMost = std::numeric_limits<Integer>::max();
@@ -29,13 +29,13 @@ Integer scaled(std::string_view option, Integer steps, double factor) {
   return std::max(Integer{1}, static_cast<Integer>(product));
 }
 
-/// Iterations that use each photograph so often; any number of photographs does not overflow.
+/// Returns the number of iterations that use each photograph so often, without overflow for any number of photographs.
 std::int64_t iterations_of(int uses, std::size_t n_photographs) {
   constexpr std::size_t kMost = std::numeric_limits<int>::max();
   return static_cast<std::int64_t>(std::min(n_photographs, kMost)) * uses;
 }
 
-/// How often each photograph is used, where --max_epochs is not given.
+/// Returns how often each photograph is used if --max_epochs is not given.
 int uses_by_overlap(int max_epochs, const Photographs& photographs) {
   constexpr double kEnough = 50, kLeastIterations = 500;
   const double n = static_cast<double>(std::max<std::size_t>(1, photographs.n));
@@ -57,8 +57,8 @@ void scale_steps(TrainConfig& config, double factor, const std::function<bool(co
       for (int& entry : value) entry = scaled(option.name, entry, factor);
     }
   });
-  // Rounds that came together still do. Rounded by itself, the interval of resets or removals would be no multiple any
-  // more, and its rounds would fall between those of growth.
+  // Rounds that coincided before still do. If the interval of resets or removals were rounded separately, it would no
+  // longer be a multiple, and its rounds would fall between those of growth.
   const bool were_scaled = config.densification_interval != before.densification_interval &&
                            config.opacity_reset_interval != before.opacity_reset_interval;
   if (were_scaled && before.opacity_reset_interval % before.densification_interval == 0) {

@@ -65,7 +65,7 @@ void for_each_option(TrainConfig& c, const std::function<void(const TrainOption&
   field(Option{"batch"}, c.batch, InRange{1, kMaxBatch},
         "views per step: mean gradient, rates x sqrt(B); default with several ranks: one each");
   field(Option{"seed"}.common(), c.seed, AtLeast{0}, "random seed");
-  constexpr AtLeast output{-1};  // full_eval.py of the original code gives --test_iterations -1: none
+  constexpr AtLeast output{-1};  // full_eval.py of the original code passes --test_iterations -1 for none
   field(Option{"test_iterations", '\0', {"eval_steps"}}.common().in_steps(Steps::kOutput), c.test_iterations, output,
         "evaluate the test views after these iterations, and at the end");
   field(Option{"save_iterations", '\0', {"save_steps"}}.common().in_steps(Steps::kOutput), c.save_iterations, output,
@@ -146,7 +146,7 @@ void for_each_option(TrainConfig& c, const std::function<void(const TrainOption&
 
   field(Option{"kernel"}.group("Kernels"), c.kernel, kernels,
         "blending kernel; adaptive: segmented or sub-tile, timed; published: as in the paper");
-  // Not .in_steps(): a check costs the same in a shorter schedule.
+  // Not .in_steps(), because a check costs the same in a shorter schedule.
   field(Option{"kernel_check_interval"}, c.kernel_check_interval, AtLeast{1},
         "adaptive, published: time both kernels at the start and every N iterations");
   field(Option{"culling"}, c.culling, OneOf{{"ellipse", "square"}},

@@ -1,5 +1,6 @@
-// The options of training: their names, ranges and help texts, which train_options.cpp lists, so that a changed help
-// text compiles one file. Only for those who read, write or show options; others include train_config.h.
+// The names, ranges and help texts of the training options. train_options.cpp lists them, so that only one file is
+// compiled after a help text changes. Only for code that reads, writes or shows options. Other code includes
+// train_config.h.
 #pragma once
 
 #include <cstdint>
@@ -13,7 +14,7 @@
 
 namespace b3dgs {
 
-/// One option. Its references end with the call that hands it out.
+/// One option. Its references are valid only during the call that receives it.
 template <class Value, class Constraint>
 struct OptionOf {
   const Option& option;
@@ -22,13 +23,13 @@ struct OptionOf {
   const char* help;
 };
 
-/// With the pairs of types that occur.
+/// The combinations of types that occur.
 using TrainOption =
     std::variant<OptionOf<bool, Any>, OptionOf<int, AtLeast>, OptionOf<int, InRange>, OptionOf<std::int64_t, AtLeast>,
                  OptionOf<double, AtLeast>, OptionOf<double, Above>, OptionOf<double, InRange>,
                  OptionOf<std::string, Any>, OptionOf<std::string, OneOf>, OptionOf<std::vector<int>, AtLeast>>;
 
-/// In the order of help texts and config.json.
+/// Calls take() for each option, in the order of help texts and config.json.
 void for_each_option(TrainConfig& config, const std::function<void(const TrainOption&)>& take);
 
 /// The field list of core/config.h.

@@ -1,4 +1,4 @@
-// The order of the training views: drawn without replacement from a shuffled stack, which is refilled when empty.
+// The order of the training views, drawn without replacement from a shuffled stack that is refilled when empty.
 #pragma once
 
 #include <algorithm>
@@ -10,12 +10,12 @@
 
 namespace b3dgs {
 
-/// Both members are part of a checkpoint.
+/// The order so far. Both members are part of a checkpoint.
 struct ViewOrder {
   std::uint32_t n_refills = 0;
   std::vector<std::int32_t> remaining;  // the next view is the last element
 
-  /// Takes the next view: an index in [0, n_views).
+  /// Takes the next view, an index in [0, n_views).
   std::int32_t next(std::int64_t seed, std::int32_t n_views) {
     if (remaining.empty()) refill(seed, n_views);
     const std::int32_t view = remaining.back();
@@ -23,7 +23,7 @@ struct ViewOrder {
     return view;
   }
 
-  /// The next n views that next() will return, without taking them.
+  /// Returns the next n views that next() will return, without taking them.
   std::vector<std::int32_t> upcoming(std::int64_t seed, std::int32_t n_views, std::size_t n) const {
     std::vector<std::int32_t> views(remaining.rbegin(),
                                     remaining.rbegin() + static_cast<std::ptrdiff_t>(std::min(n, remaining.size())));

@@ -1,4 +1,4 @@
-// How many splats and (tile, splat) pairs the views of a training have per Gaussian, from which memory is planned.
+// The number of splats and (tile, splat) pairs per Gaussian in the views of a training, used to plan memory.
 #pragma once
 
 #include <algorithm>
@@ -8,17 +8,17 @@
 namespace b3dgs {
 
 /// The maximum over the views since the last but one round of density control. Earlier views are not representative,
-/// since Gaussians become smaller as they become more. Part of a checkpoint: where memory ends the growth follows from
-/// it.
+/// because Gaussians get smaller as their number grows. Part of a checkpoint, because it determines at which size
+/// memory stops the growth.
 class ViewRatios {
  public:
-  /// Per Gaussian; 0: no view yet.
+  /// Values per Gaussian, 0 before the first view.
   struct Largest {
     double splats = 0, pairs = 0;
   };
 
   ViewRatios() = default;
-  /// As they were: the views before the last round, and those since.
+  /// Restores the values of the views before the last round, and of those since.
   ViewRatios(const Largest& before, const Largest& now) : before_(before), now_(now) {}
 
   void add(std::int64_t n_splats, std::int64_t n_pairs, std::int64_t n_gaussians) {
@@ -30,9 +30,9 @@ class ViewRatios {
   /// Call at each round of density control.
   void begin_round() { before_ = std::exchange(now_, {}); }
 
-  /// Fraction of the Gaussians that a view sees; 1 before the first view.
+  /// Returns the fraction of the Gaussians that a view sees, 1 before the first view.
   double splats() const { return ratio(&Largest::splats, 1); }
-  /// (tile, splat) pairs per Gaussian; an estimate before the first view.
+  /// Returns the (tile, splat) pairs per Gaussian, an estimate before the first view.
   double pairs() const { return ratio(&Largest::pairs, 4); }
 
   const Largest& before() const { return before_; }
