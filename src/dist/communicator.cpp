@@ -18,7 +18,7 @@
 namespace b3dgs {
 namespace {
 
-/// The same memory as a 1-D tensor of another type: c10d's groups differ in which types they know.
+/// Returns the same memory as a 1-D tensor of another type, because c10d's groups support different types.
 torch::Tensor as_type(const torch::Tensor& tensor, torch::ScalarType type) {
   const std::int64_t size = static_cast<std::int64_t>(torch::elementSize(type));
   const bool is_aligned = tensor.storage_offset() * static_cast<std::int64_t>(tensor.element_size()) % size == 0;
@@ -29,7 +29,8 @@ std::int64_t sum_of(const std::vector<std::int64_t>& counts) {
   return std::accumulate(counts.begin(), counts.end(), std::int64_t{0});
 }
 
-/// What an all-to-all counts. c10d (1.13) counts no further than 2^31 - 1, so the largest type that divides a row.
+/// The unit that an all-to-all counts: the largest type that divides a row, because c10d (1.13) counts only to 2^31 -
+/// 1.
 struct Unit {
   torch::ScalarType type;
   std::int64_t per_row;
@@ -48,11 +49,11 @@ struct Unit {
   }
 };
 
-/// What ranks tell each other of their devices.
+/// The data that ranks exchange about their devices.
 struct DeviceRecord {
   c10::DeviceType type;
   Transport fastest;
-  std::array<char, 16> gpu{};  // what tells it from all others, on all machines
+  std::array<char, 16> gpu{};  // unique among all GPUs of all machines
 };
 
 DeviceRecord describe(const torch::Device& device) {
@@ -67,8 +68,8 @@ DeviceRecord describe(const torch::Device& device) {
   return record;
 }
 
-/// Gloo writes to sockets without MSG_NOSIGNAL, since Python ignores SIGPIPE: by default, a rank whose peer has ended
-/// would be killed before it could say which one. A handler of the program stays.
+/// Gloo writes to sockets without MSG_NOSIGNAL, because Python ignores SIGPIPE. By default, a rank whose peer has ended
+/// would be killed before it could report which one. A handler of the program is kept.
 void ignore_broken_pipes() {
   struct sigaction current {};
   if (sigaction(SIGPIPE, nullptr, &current) == 0 && current.sa_handler == SIG_DFL) signal(SIGPIPE, SIG_IGN);
@@ -163,7 +164,7 @@ torch::Tensor Communicator::all_to_all_rows(const torch::Tensor& rows, const std
 
 torch::Tensor Communicator::all_gather_rows(const torch::Tensor& rows, const std::vector<std::int64_t>& counts) {
   // c10d's own gathering takes the same number of rows from each rank, and Gloo's is slow (a ring with copies). Within
-  // a machine this sends as many bytes.
+  // a machine, this sends the same number of bytes.
   const std::vector<torch::Tensor> to_each(static_cast<std::size_t>(size_), rows);
   return all_to_all_rows(torch::cat(to_each), std::vector(to_each.size(), rows.size(0)), counts);
 }

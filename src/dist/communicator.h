@@ -1,4 +1,4 @@
-// What several processes (ranks) that work on one job exchange with each other.
+// Communication between the processes (ranks) of one training.
 #pragma once
 
 #include <torch/types.h>
@@ -17,31 +17,32 @@
 
 namespace b3dgs {
 
-/// Of a tensor with n such rows.
+/// Returns the sizes of a tensor that has n rows shaped like those of `rows`.
 std::vector<std::int64_t> sizes_with_rows(const torch::Tensor& rows, std::int64_t n);
 
-/// All ranks call the same functions in one order. Every function throws a PeerError within 30 s after another rank has
-/// failed: it called stop_others(), destroyed its Communicator because of an exception, ended, or was silent.
+/// All ranks call the same functions in the same order. Every function throws a PeerError within 30 s after another
+/// rank has failed. A rank fails if it calls stop_others(), destroys its Communicator because of an exception, ends, or
+/// is silent.
 ///
-/// There is no floating-point reduction: its result would depend on the number of ranks. Gather, then add in a fixed
-/// order.
+/// There is no floating-point reduction, because its result would depend on the number of ranks. Gather instead, then
+/// add in a fixed order.
 ///
-/// Small records on the host (exchange() and what is built on it) go through a TCP connection to rank 0, tensors by
-/// Transport. With NCCL, functions for tensors do not wait on the host: the current stream does.
+/// Small host messages (exchange() and functions that use it) go through a TCP connection to rank 0, and tensors by
+/// Transport. With NCCL, functions for tensors do not wait on the host, but the current stream does.
 class Communicator {
  public:
-  /// The only rank of 1: every function returns its input, nothing is connected.
+  /// Returns the only rank of 1. Every function returns its input, and nothing is connected.
   static std::unique_ptr<Communicator> alone();
 
-  /// Joins the other ranks. alone() if place.size is 1; otherwise, SIGPIPE is ignored from here on, unless the program
-  /// handles it.
-  /// @param device  of the tensors: the CPU, or this rank's GPU, with index
-  /// @param relays  send tensors through rank 0 in any case; the same on all ranks
+  /// Joins the other ranks. Returns alone() if place.size is 1. Otherwise SIGPIPE is ignored from now on, unless the
+  /// program handles it.
+  /// @param device  device of the tensors: the CPU, or this rank's GPU, with index
+  /// @param relays  always send tensors through rank 0; must be the same on all ranks
   /// @throws InputError if the ranks' devices differ, the address is not available or this rank is refused
   static std::unique_ptr<Communicator> connect(RankPlace place, const torch::Device& device,
                                                const RankLimits& limits = {}, bool relays = false);
 
-  /// If an exception is the reason, tells the others. Otherwise rank 0 waits here until all ranks have finished.
+  /// Tells the others if an exception is the reason. Otherwise rank 0 waits here until all ranks have finished.
   ~Communicator();
   Communicator(const Communicator&) = delete;
   Communicator& operator=(const Communicator&) = delete;
@@ -51,16 +52,16 @@ class Communicator {
   bool is_first() const { return rank_ == 0; }
   const torch::Device& device() const { return device_; }
 
-  /// How tensors travel; the same on all ranks.
+  /// Returns how tensors travel. The same on all ranks.
   Transport transport() const { return transport_; }
-  /// Whether any ranks share a GPU; the same on all ranks.
+  /// Returns whether any ranks share a GPU. The same on all ranks.
   bool shares_gpus() const { return shares_gpus_; }
-  /// Ranks that use the GPU of this one, including it; 1 on a CPU.
+  /// Returns the number of ranks that use the GPU of this one, including it. 1 on a CPU.
   int n_on_own_gpu() const { return n_on_own_gpu_; }
 
-  // Records on the host. `label` says what is exchanged; it must be the same on all ranks, or all of them fail.
+  // Messages on the host. `label` names the exchange and must be the same on all ranks, otherwise all of them fail.
 
-  /// The bytes of every rank, by rank.
+  /// Returns the bytes of every rank, by rank.
   std::vector<std::string> exchange(const std::string& label, const std::string& bytes) {
     return size_ == 1 ? std::vector{bytes} : link_->exchange(label, {bytes});
   }
@@ -81,15 +82,16 @@ class Communicator {
   std::int64_t max(const std::string& label, std::int64_t value);
   void barrier(const std::string& label) { exchange(label, ""); }
 
-  // Tensors: contiguous, of any type, on the device of connect(). Rows are along the first dimension; all ranks agree
-  // on the type and on the other dimensions. Results are new tensors; all_to_all_rows() of one rank returns its input.
+  // Tensors are contiguous, of any type, on the device of connect(). Rows are along the first dimension. All ranks must
+  // use the same type and the same other dimensions. Results are new tensors, except that all_to_all_rows() of one rank
+  // returns its input.
 
-  /// The first send[0] rows go to rank 0, the next send[1] to rank 1, and so on. Returns what comes, receive[r] rows
-  /// from rank r, in this order.
+  /// Sends the first send[0] rows to rank 0, the next send[1] to rank 1, and so on. Returns the received rows,
+  /// receive[r] from rank r, in this order.
   torch::Tensor all_to_all_rows(const torch::Tensor& rows, const std::vector<std::int64_t>& send,
                                 const std::vector<std::int64_t>& receive);
 
-  /// The rows of all ranks in the order of the ranks, counts[r] from rank r.
+  /// Returns the rows of all ranks in the order of the ranks, counts[r] from rank r.
   torch::Tensor all_gather_rows(const torch::Tensor& rows, const std::vector<std::int64_t>& counts);
 
   /// Tells the others that this rank stops. Afterwards, only the destructor may be called.
@@ -113,14 +115,14 @@ class Communicator {
   bool shares_gpus_ = false;
   int n_on_own_gpu_ = 1;
   int n_exceptions_ = std::uncaught_exceptions();
-  std::unique_ptr<RankHub> hub_;  // of rank 0
+  std::unique_ptr<RankHub> hub_;  // only on rank 0
   std::unique_ptr<RankLink> link_;
   std::unique_ptr<TensorGroup> group_;
 };
 
-/// Calls body(). If it throws, tells the other ranks why before the exception goes on. If another rank has failed
-/// before, throws that PeerError instead: what follows a failed exchange is a consequence. A PeerError waits for what
-/// the rank that failed says at its end.
+/// Calls body(). If it throws, tells the other ranks why before the exception continues. If another rank failed before,
+/// throws that PeerError instead, because errors after a failed exchange are consequences. A PeerError waits for the
+/// last message of the rank that failed.
 template <class Body>
 auto run_as_rank(Communicator& communicator, Body&& body) {
   try {

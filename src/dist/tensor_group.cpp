@@ -6,7 +6,7 @@
 #include "core/check.h"
 
 #if B3DGS_GLOO && !defined(USE_C10D_GLOO)
-#define USE_C10D_GLOO  // the header is empty without it
+#define USE_C10D_GLOO  // otherwise the header is empty
 #endif
 #if B3DGS_NCCL && !defined(USE_C10D_NCCL)
 #define USE_C10D_NCCL
@@ -54,8 +54,8 @@ namespace {
 
 using std::chrono::milliseconds;
 
-/// The table of RankHub for c10d. LibTorch's own TCPStore (1.13) listens at all addresses of the machine, and does not
-/// notice a rank that has ended.
+/// Gives c10d the key-value table of RankHub. LibTorch's own TCPStore (1.13) listens at all addresses of the machine,
+/// and does not notice a rank that has ended.
 class LinkStore final : public c10d::Store {
  public:
   explicit LinkStore(RankLink& link) : link_(link) {}
@@ -81,20 +81,20 @@ class LinkStore final : public c10d::Store {
   void wait(const std::vector<std::string>& keys, const milliseconds& limit) override {
     for (const std::string& key : keys) link_.request(MessageKind::kGet, {key}, limit);
   }
-  /// Pure virtual in LibTorch since 2.7, unknown before.
+  /// Pure virtual in LibTorch since 2.7, does not exist before.
   c10::intrusive_ptr<c10d::Store> clone() { return c10::make_intrusive<LinkStore>(link_); }
 
  private:
   RankLink& link_;
 };
 
-// A rank may wait long for another one that writes a checkpoint. That a rank has failed is found out by RankLink, so
-// the groups' own limit is only there for what nobody foresaw.
+// A rank may wait long for another one that writes a checkpoint. RankLink notices that a rank has failed, so the limit
+// of the groups is only for unforeseen cases.
 constexpr milliseconds kGroupLimit = std::chrono::hours(24);
 constexpr char kCannotConnect[] = "ranks cannot connect to each other";
 
-/// Calls work(). If that fails because another rank has, throws the error of that rank: it closes its connections to
-/// all others, and rank 0 knows in a moment which it was.
+/// Calls work(). If that fails because another rank has failed, throws the error of that rank. That rank closes its
+/// connections to all others, and rank 0 soon knows which one it was.
 template <class Work>
 auto run_with(RankLink& link, const char* failure, Work&& work) {
   try {
@@ -108,7 +108,7 @@ auto run_with(RankLink& link, const char* failure, Work&& work) {
   }
 }
 
-/// What both kinds of groups share. `Group` is a c10d::ProcessGroup (LibTorch 1) or a c10d::Backend (2).
+/// Shared by both kinds of groups. `Group` is a c10d::ProcessGroup (LibTorch 1) or a c10d::Backend (2).
 template <class Group>
 class C10dGroup : public TensorGroup {
  public:
@@ -124,7 +124,7 @@ class C10dGroup : public TensorGroup {
  protected:
   virtual void wait(c10d::Work& work) = 0;
 
-  /// For a group whose destructor would wait for a rank that has failed.
+  /// Leaks the group if its destructor would wait for a rank that has failed.
   void leak() { static_cast<void>(group_.release()); }
 
   c10::intrusive_ptr<Group> group_;
@@ -144,7 +144,7 @@ class GlooGroup final : public C10dGroup<c10d::ProcessGroupGloo> {
  private:
   static c10::intrusive_ptr<c10d::ProcessGroupGloo> make(RankLink& link) {
     const auto options = c10d::ProcessGroupGloo::Options::create(kGroupLimit);
-    // The network that leads to rank 0, and no other.
+    // Use only the network that leads to rank 0.
     options->devices = {c10d::ProcessGroupGloo::createDeviceForHostname(link.own_address())};
     options->threads = 1;
     return c10::make_intrusive<c10d::ProcessGroupGloo>(c10::make_intrusive<LinkStore>(link), link.rank(), link.size(),
@@ -158,7 +158,7 @@ class GlooGroup final : public C10dGroup<c10d::ProcessGroupGloo> {
       try {
         work.wait(std::chrono::seconds(1));
       } catch (const std::exception&) {
-        if (work.isCompleted()) throw;  // failed; otherwise the time is over
+        if (work.isCompleted()) throw;  // failed; otherwise the time limit is over
       }
     }
     is_waiting_ = false;
@@ -170,12 +170,12 @@ class GlooGroup final : public C10dGroup<c10d::ProcessGroupGloo> {
 #endif
 
 #if B3DGS_NCCL
-// Where LibTorch has no CUDA, scripts/check_torch_cuda.sh type-checks this against the headers of 1.13, so the lines
-// for LibTorch 2 are compiled on GPU machines only.
+// If LibTorch has no CUDA, scripts/check_torch_cuda.sh type-checks this against the headers of 1.13, so the lines for
+// LibTorch 2 are compiled only on GPU machines.
 class NcclGroup final : public C10dGroup<c10d::ProcessGroupNCCL> {
  public:
   NcclGroup(const torch::Device& device, RankLink& link) : C10dGroup(make(device, link), link) {
-    // Operations that wait for a rank that has failed never end, and so does the host in its next wait for the GPU.
+    // Operations that wait for a failed rank never end, and then the host hangs in its next wait for the GPU.
 #if TORCH_VERSION_MAJOR >= 2
     link_.on_failure([group = group_] { group->abort(); });
 #endif
@@ -194,10 +194,10 @@ class NcclGroup final : public C10dGroup<c10d::ProcessGroupNCCL> {
 
  private:
   static c10::intrusive_ptr<c10d::ProcessGroupNCCL> make(const torch::Device& device, RankLink& link) {
-    // NCCL's watchdog would end the process before it can say which rank has failed.
+    // Otherwise NCCL's watchdog would end the process before it can report which rank has failed.
     setenv("TORCH_NCCL_ASYNC_ERROR_HANDLING", "0", /*overwrite=*/0);
     setenv("TORCH_NCCL_ENABLE_MONITORING", "0", /*overwrite=*/0);
-    // Without this, NCCL takes the first network that is not the loopback, also on one machine.
+    // Without this, NCCL takes the first network that is not the loopback, even on one machine.
     const std::string interface = interface_with(link.own_address());
     if (!interface.empty()) setenv("NCCL_SOCKET_IFNAME", ("=" + interface).c_str(), /*overwrite=*/0);
     const c10::cuda::CUDAGuard guard(device);
@@ -224,8 +224,8 @@ class NcclGroup final : public C10dGroup<c10d::ProcessGroupNCCL> {
 
 namespace {
 
-/// Every byte passes rank 0: without a library that a build may lack, and, unlike NCCL, also for ranks that share a
-/// GPU. On a GPU, the host waits for the current stream, and results are written in it.
+/// Sends every byte through rank 0. It needs no library that a build may lack and, unlike NCCL, supports ranks that
+/// share a GPU. On a GPU, the host waits for the current stream, and results are written in it.
 class RelayGroup final : public TensorGroup {
  public:
   explicit RelayGroup(RankLink& link) : link_(link) {}
@@ -237,11 +237,11 @@ class RelayGroup final : public TensorGroup {
     std::vector<Bytes> parts = split(sent, in_counts), room = split(received, out_counts);
     const auto own = static_cast<std::size_t>(link_.rank());
     room[own].put(parts[own].take(parts[own].size));
-    // Rounds bound the memory of rank 0.
-    constexpr std::size_t kRoundBytes = 4 << 20;  // that a rank sends in a message
+    // Rounds limit the memory of rank 0.
+    constexpr std::size_t kRoundBytes = 4 << 20;  // that a rank sends in one message
     const std::size_t limit = std::max<std::size_t>(1, kRoundBytes / parts.size());
     for (bool needs_round = true; needs_round;) {
-      // A rank knows only its own parts: the first byte says whether its sender needs another round.
+      // A rank knows only its own parts, so the first byte tells whether its sender needs another round.
       const bool has_more =
           std::any_of(parts.begin(), parts.end(), [&](const Bytes& part) { return part.size > limit; });
       std::vector<std::string> messages;
@@ -262,12 +262,12 @@ class RelayGroup final : public TensorGroup {
   }
 
  private:
-  /// What has not been sent or received yet.
+  /// Data that has not been sent or received yet.
   struct Bytes {
     char* data;
     std::size_t size;
 
-    /// Removes the first n.
+    /// Removes the first n bytes.
     std::string_view take(std::size_t n) {
       size -= n;
       return {std::exchange(data, data + n), n};

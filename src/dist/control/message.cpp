@@ -13,12 +13,12 @@
 namespace b3dgs {
 namespace {
 
-constexpr std::size_t kMaxBytes = std::size_t{1} << 30;  // of a message
+constexpr std::size_t kMaxBytes = std::size_t{1} << 30;  // per message
 constexpr int kMaxReads = 16;                            // an endless sender must not starve the others
 constexpr char kVanished[] = "its process ended without saying why (killed?), or the network to it failed";
 
 struct Header {
-  std::uint32_t bytes;  // that follow: each part after its size
+  std::uint32_t bytes;  // bytes that follow: each part after its size
   MessageKind kind;
   std::uint32_t id;
 };
@@ -31,7 +31,7 @@ Value value_at(std::string_view bytes) {
   return value;
 }
 
-/// The first message, removed from `bytes`; nothing if it is not complete.
+/// Removes the first message from `bytes` and returns it, or nullopt if it is not complete.
 std::optional<Message> next_message(std::string_view& bytes, std::size_t max_bytes) {
   if (bytes.size() < sizeof(Header)) return std::nullopt;
   const auto header = value_at<Header>(bytes);

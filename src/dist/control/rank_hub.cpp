@@ -22,11 +22,11 @@ constexpr std::chrono::milliseconds kAcceptPause{500};
 struct Peer {
   Peer(Socket socket, const RankLimits& limits) : connection(std::move(socket), limits, /*is_trusted=*/false) {}
 
-  Connection connection;    // closed: lost
-  int rank = -1;            // -1: has not joined
-  bool is_refused = false;  // it is told why; what it sends from then on is ignored
+  Connection connection;    // closed if it is lost
+  int rank = -1;            // -1 before it joins
+  bool is_refused = false;  // it is told why, and later messages are ignored
   bool has_left = false;
-  std::optional<Message> gather;  // its request of the round under way, in which others are missing
+  std::optional<Message> gather;  // its request of the current round, in which others are missing
 };
 
 class Server final : public RankHub {
@@ -80,19 +80,19 @@ class Server final : public RankHub {
     wake_.reset();
   }
 
-  /// One at a time: endless connections must not starve the others.
+  /// Accepts one connection at a time, because endless connections must not starve the others.
   void accept_one() {
-    // A launcher may start all ranks anew while this rank 0 still ends: they have to wait for the next one.
+    // A launcher may restart all ranks while this rank 0 still ends. They have to wait for the next rank 0.
     if (failure_ && n_joined_ == size()) listening_.close();
     Socket socket(accept4(listening_.fd(), nullptr, nullptr, SOCK_CLOEXEC));
     if (socket) {
       peers_.emplace_back(std::move(socket), limits_);
     } else if (errno == EMFILE || errno == ENFILE || errno == ENOBUFS || errno == ENOMEM) {
-      accept_from_ = Clock::now() + kAcceptPause;  // the connection goes on waiting, and poll() returns at once for it
+      accept_from_ = Clock::now() + kAcceptPause;  // the connection keeps waiting, so poll() would return at once
     }
   }
 
-  /// What goes wrong with a connection is a failure of its rank.
+  /// Treats an error of a connection as a failure of its rank.
   template <class Work>
   void attempt(Peer& peer, Work&& work) {
     if (!peer.connection.socket()) return;
@@ -112,7 +112,7 @@ class Server final : public RankHub {
     if (peer.is_refused) peer.connection.queue({MessageKind::kRefused, 0, {refusal}});
   }
 
-  /// Returns why it may not, or "".
+  /// Returns why the rank may not join, or "".
   std::string join(Peer& peer, const Message& message) {
     if (message.kind != MessageKind::kHello || message.parts.at(0) != kProtocol) {
       return "rank 0 runs another version of b3dgs";
@@ -251,12 +251,12 @@ class Server final : public RankHub {
   std::string job_;
   RankLimits limits_;
   std::list<Peer> peers_;
-  std::vector<Peer*> members_;  // by rank; null: has not joined
+  std::vector<Peer*> members_;  // by rank; null before it joins
   int n_joined_ = 0;
   Clock::time_point accept_from_{};
   std::optional<Message> failure_;
   std::map<std::string, std::string> values_;
-  std::multimap<std::string, std::pair<Peer*, std::uint32_t>> waiting_;  // by key: who asks, and the id of the request
+  std::multimap<std::string, std::pair<Peer*, std::uint32_t>> waiting_;  // by key: the peer, and the id of its request
   std::atomic<bool> is_stopping_{false};
   std::thread thread_;
 };

@@ -34,12 +34,12 @@ RankLink::RankLink(const std::string& address, int port, int rank, int size, con
       size_(size),
       limits_(limits),
       place_(detail::concat(address, " port ", port)),
-      // An inherited socket accepts before the hub has started: rank 0 may be slow to open its GPU.
+      // An inherited socket accepts before the hub has started, because rank 0 may be slow to open its GPU.
       connection_(connect_until(address, port, Clock::now() + limits.join), limits, /*is_trusted=*/true, limits.join) {
   own_address_ = own_address_of(connection_.socket());
   thread_ = std::thread([this] { run(); });
   try {
-    // The hub gives up after limits.join; this rank may have started later.
+    // The hub gives up after limits.join, but this rank may have started later.
     request(MessageKind::kHello, {kProtocol, job, std::to_string(rank), std::to_string(size)},
             limits.join + limits.silence);
   } catch (...) {
@@ -105,7 +105,7 @@ void RankLink::leave(MessageKind kind, const std::string& cause) noexcept {
       on_failure_ = nullptr;
     }
     request(kind, {first_line(cause).substr(0, 2000)}, kFarewell);
-  } catch (const std::exception&) {  // another rank has failed before, or rank 0 does not answer
+  } catch (const std::exception&) {  // another rank failed before, or rank 0 does not answer
   }
 }
 
@@ -115,7 +115,7 @@ void RankLink::throw_if_failed_locked() {
   std::rethrow_exception(failure_);
 }
 
-/// The thread: reads, sends heartbeats and what is left, and notices that rank 0 is lost.
+/// The thread reads, sends heartbeats and unsent data, and notices that rank 0 is lost.
 void RankLink::run() {
   std::unique_lock lock(mutex_);
   while (!is_stopping_) {
@@ -167,7 +167,7 @@ void RankLink::note_failure(std::exception_ptr failure) {
   if (!has_left_) stuck_at_ = Clock::now() + limits_.stuck;
   changed_.notify_all();
   connection_.queue({MessageKind::kBye, next_id_++, {}});                      // rank 0 waits for this before it ends
-  if (on_failure_) std::thread(std::exchange(on_failure_, nullptr)).detach();  // this thread must go on if it hangs
+  if (on_failure_) std::thread(std::exchange(on_failure_, nullptr)).detach();  // this thread must continue if it hangs
 }
 
 void RankLink::stop() {

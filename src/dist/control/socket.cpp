@@ -28,7 +28,7 @@ Addresses look_up(const std::string& address, int port) {
   return {found, &freeaddrinfo};
 }
 
-/// The numeric address and the port; "" and 0 if it is none of IP.
+/// Returns the numeric address and the port, or "" and 0 if it is not an IP address.
 std::pair<std::string, int> numbers_of(const sockaddr* address) {
   const bool is_v4 = address->sa_family == AF_INET;
   if (!is_v4 && address->sa_family != AF_INET6) return {"", 0};
@@ -40,7 +40,7 @@ std::pair<std::string, int> numbers_of(const sockaddr* address) {
   return {host.data(), std::stoi(service.data())};
 }
 
-/// Of what the socket is bound to.
+/// Returns the address and port that the socket is bound to.
 std::pair<std::string, int> own_numbers_of(const Socket& socket) {
   sockaddr_storage own{};
   socklen_t length = sizeof own;
@@ -94,7 +94,7 @@ std::optional<Socket> try_to_connect(const std::string& address, int port, std::
   const Addresses addresses = look_up(address, port);
   for (const addrinfo* row = addresses.get(); row != nullptr; row = row->ai_next) {
     Socket socket(::socket(row->ai_family, row->ai_socktype | SOCK_CLOEXEC, row->ai_protocol));
-    const timeval time{limit.count() / 1000, limit.count() % 1000 * 1000};  // also of connect()
+    const timeval time{limit.count() / 1000, limit.count() % 1000 * 1000};  // also the limit of connect()
     if (socket && setsockopt(socket.fd(), SOL_SOCKET, SO_SNDTIMEO, &time, sizeof time) == 0 &&
         connect(socket.fd(), row->ai_addr, row->ai_addrlen) == 0) {
       return socket;

@@ -11,18 +11,19 @@ namespace b3dgs {
 
 using Socket = Descriptor;
 
-/// Listens at this address only. Port 0: a free one. @throws InputError if the address is unknown or the port occupied
+/// Listens at this address only. Port 0 means a free one. @throws InputError if the address is unknown or the port in
+/// use
 Socket listen_at(const std::string& address, int port);
 
 int port_of(const Socket& socket);
 
-/// The numeric address of this machine that the socket is bound to.
+/// Returns the numeric address of this machine that the socket is bound to.
 std::string own_address_of(const Socket& socket);
 
-/// The network interface of this machine that has this numeric address ("lo"); "" if none has.
+/// Returns the network interface of this machine that has this numeric address ("lo"), or "".
 std::string interface_with(const std::string& own_address);
 
-/// nullopt if nobody answers, yet. @throws InputError if the address is unknown
+/// Returns nullopt if nobody answers yet. @throws InputError if the address is unknown
 std::optional<Socket> try_to_connect(const std::string& address, int port, std::chrono::milliseconds limit);
 
 }  // namespace b3dgs

@@ -11,8 +11,8 @@ namespace {
 
 constexpr int kMaxRanks = 65536;
 
-/// A port that all ranks of a job can compute, and that other jobs on the machine hardly share (FNV-1a hash). Below
-/// 32768, where Linux takes ports for outgoing connections.
+/// Returns a port that all ranks of a job can compute, and that other jobs on the machine are unlikely to share (FNV-1a
+/// hash). It is below 32768, where Linux begins to take ports for outgoing connections.
 int port_of_job(const std::string& job) {
   std::uint64_t hash = 14695981039346656037u;
   for (const char byte : job) hash = (hash ^ static_cast<unsigned char>(byte)) * 1099511628211u;
@@ -25,7 +25,7 @@ class Variables {
   Variables(const Environment& environment, std::string launcher)
       : environment_(environment), launcher_(std::move(launcher)) {}
 
-  /// "" if it is not set.
+  /// Returns "" if the variable is not set.
   std::string text(const char* name) const {
     const char* const value = environment_(name);
     return value == nullptr ? "" : value;
@@ -67,7 +67,7 @@ class Variables {
     return place;
   }
 
-  /// MASTER_ADDR and MASTER_PORT, which mpirun and srun do not set.
+  /// Reads MASTER_ADDR and MASTER_PORT, which mpirun and srun do not set.
   void read_optional_address(bool has_several_machines, RankPlace& place) const {
     place.port = number("MASTER_PORT", 1, 65535, place.job.empty() ? place.port : port_of_job(place.job));
     if (has("MASTER_ADDR")) {
@@ -83,7 +83,7 @@ class Variables {
   std::string launcher_;
 };
 
-/// RANK and WORLD_SIZE, as torchrun, start_ranks() and scripts set them.
+/// Reads RANK and WORLD_SIZE, which torchrun, start_ranks() and scripts set.
 RankPlace read_torch_variables(const Environment& environment, bool is_own, bool is_torchrun) {
   const Variables variables(environment, is_own        ? "b3dgs --ranks"
                                          : is_torchrun ? "torchrun"
@@ -96,10 +96,10 @@ RankPlace read_torch_variables(const Environment& environment, bool is_own, bool
     place.listening_socket = variables.number("B3DGS_LISTENING_SOCKET", 0, 1 << 20, -1);
     return place;
   }
-  // Without the count of restarts: agents of several machines may count differently. Run identifiers are often equal.
+  // Without the count of restarts, because agents of several machines may count differently. Run IDs are often equal.
   if (is_torchrun) place.job = variables.text("TORCHELASTIC_RUN_ID") + "/" + variables.text("MASTER_PORT");
-  // At MASTER_PORT, torchrun's agent listens then. It could tell the ranks a free port, but only to clients of about
-  // the same version of PyTorch.
+  // In this case torchrun's agent listens at MASTER_PORT. It could tell the ranks a free port, but only to clients of
+  // about the same version of PyTorch.
   if (variables.text("TORCHELASTIC_USE_AGENT_STORE") == "True") place.port = port_of_job(place.job);
   return place;
 }
@@ -131,7 +131,8 @@ std::optional<RankPlace> read_rank_place(const Environment& environment) {
   if (variables.has("RANK") || variables.has("WORLD_SIZE")) {
     const bool is_own = variables.has("B3DGS_JOB"), is_torchrun = variables.has("TORCHELASTIC_RUN_ID");
     const RankPlace place = read_torch_variables(environment, is_own, is_torchrun);
-    // mpirun and srun may start torchrun on each machine, and this program's own launcher: their ranks count others.
+    // mpirun and srun may start torchrun, or this program's own launcher, on each machine. Their ranks count other
+    // processes.
     if (!has_openmpi || is_own || is_torchrun) return place;
     const RankPlace other = read_openmpi_variables(environment);
     if (place.rank == other.rank && place.size == other.size) return place;
@@ -140,7 +141,7 @@ std::optional<RankPlace> read_rank_place(const Environment& environment) {
                 "; unset those of the launcher that is not used");
   }
   if (has_openmpi) return read_openmpi_variables(environment);
-  // A batch script of SLURM, too, has SLURM_PROCID and the number of tasks; only srun sets SLURM_STEP_ID.
+  // A batch script of SLURM also has SLURM_PROCID and the number of tasks. Only srun sets SLURM_STEP_ID.
   if (variables.has("SLURM_PROCID") && variables.has("SLURM_STEP_ID")) return read_slurm_variables(environment);
   return std::nullopt;
 }

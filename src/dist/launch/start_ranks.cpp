@@ -26,9 +26,9 @@ namespace {
 using Clock = std::chrono::steady_clock;
 
 constexpr char kAddress[] = "127.0.0.1";
-constexpr int kCannotStart = 127;  // as shells say it
+constexpr int kCannotStart = 127;  // as in shells
 
-/// Holds back SIGCHLD and the signals to pass on, for sigtimedwait().
+/// Blocks SIGCHLD and the signals to pass on, for sigtimedwait().
 class BlockedSignals {
  public:
   BlockedSignals() {
@@ -42,7 +42,7 @@ class BlockedSignals {
 
   void restore() const { pthread_sigmask(SIG_SETMASK, &before_, nullptr); }
 
-  /// The next signal to pass on; 0 if a process has ended, or after a while.
+  /// Returns the next signal to pass on, or 0 if a process has ended or after a while.
   int wait() const {
     const timespec limit{0, 200000000};
     const int signal = sigtimedwait(&set_, nullptr, &limit);
@@ -53,7 +53,7 @@ class BlockedSignals {
   sigset_t set_{}, before_{};
 };
 
-/// Keeps strangers' processes from joining by mistake.
+/// Prevents unrelated processes from joining by mistake.
 std::string random_job() {
   std::random_device random;
   std::string text;
@@ -75,7 +75,7 @@ class WordArray {
   std::vector<char*> pointers_;
 };
 
-/// This process's environment, with `variables` ("NAME=value") in place of its own.
+/// Returns the environment of this process, with `variables` ("NAME=value") replacing its own.
 std::vector<std::string> environment_with(std::vector<std::string> variables) {
   const auto name_of = [](const std::string& variable) { return variable.substr(0, variable.find('=')); };
   std::set<std::string> names{"B3DGS_LISTENING_SOCKET"};
@@ -86,10 +86,10 @@ std::vector<std::string> environment_with(std::vector<std::string> variables) {
   return variables;
 }
 
-/// In the child: only calls that are safe after fork().
+/// Runs in the child, so it only makes calls that are safe after fork().
 [[noreturn]] void become_rank(const char* program, char* const* words, char* const* variables, pid_t parent,
                               int inherited_socket, const BlockedSignals& signals) {
-  setpgid(0, 0);  // Ctrl-C in a terminal reaches the parent alone, which passes it on
+  setpgid(0, 0);  // Ctrl-C in a terminal reaches only the parent, which passes it on
   prctl(PR_SET_PDEATHSIG, SIGTERM);
   if (getppid() != parent) _exit(1);
   const int nothing = open("/dev/null", O_RDONLY);
@@ -103,7 +103,7 @@ std::vector<std::string> environment_with(std::vector<std::string> variables) {
 class RankProcesses {
  public:
   explicit RankProcesses(std::chrono::milliseconds grace) : grace_(grace) {}
-  ~RankProcesses() {  // only after an exception do any run still
+  ~RankProcesses() {  // only after an exception are any still running
     kill_all(SIGKILL);
     for (const pid_t pid : pids_) {
       if (pid > 0) waitpid(pid, nullptr, 0);
@@ -133,7 +133,7 @@ class RankProcesses {
     }
   }
 
-  /// @return whether any still runs
+  /// @return whether any is still running
   bool note_ends() {
     for (std::size_t rank = 0; rank < pids_.size(); ++rank) {
       int status = 0;
@@ -165,7 +165,7 @@ class RankProcesses {
     if (result_ == 0 || result_ == PeerError::kExitCode) result_ = code;
   }
 
-  std::vector<pid_t> pids_;  // by rank; 0: has ended
+  std::vector<pid_t> pids_;  // by rank; 0 if it has ended
   std::chrono::milliseconds grace_;
   std::set<int> passed_on_;
   int result_ = 0;
