@@ -1,5 +1,5 @@
-// `orbit`: coloured solids on a chequered ground, made of flat Gaussians on the surfaces; cameras on a ring of varying
-// height around them. World frame: +z up, the ground at z = 0.
+// `orbit`: coloured solids on a chequered ground, made of flat Gaussians on the surfaces, and cameras on a ring of
+// varying height around them. In the world frame, +z is up and the ground is at z = 0.
 #include <algorithm>
 #include <cmath>
 
@@ -14,11 +14,11 @@ namespace {
 constexpr double kGroundRadius = 2.6;
 constexpr double kOrbitRadius = 4.4;
 constexpr double kFieldOfView = 50 * kPi / 180;    // horizontal
-constexpr Vec3<double> kTarget{0, 0, 0.35};        // cameras look here
+constexpr Vec3<double> kTarget{0, 0, 0.35};        // the cameras look here
 constexpr Vec3<double> kLight{0.48, -0.36, 0.80};  // unit vector towards the light, for highlights
-constexpr double kPointShare = 0.5;                // of the Gaussians, found as points by structure from motion
-constexpr double kPointNoise = 0.01;               // of the points' positions, world units
-constexpr double kColorNoise = 8;                  // of the points' colours, in 8-bit levels
+constexpr double kPointShare = 0.5;                // fraction of the Gaussians that are also points of the scene
+constexpr double kPointNoise = 0.01;               // of the positions of the points, world units
+constexpr double kColorNoise = 8;                  // of the colours of the points, in 8-bit levels
 
 using Vec = Vec3<double>;
 
@@ -46,7 +46,7 @@ SurfacePoint ground(Random& random) {
   return {at, {0, 0, 1}, color};
 }
 
-/// Banded and glossy.
+/// Returns a point on a banded, glossy ball.
 SurfacePoint ball(Random& random) {
   const double height = random.uniform(-1, 1), angle = random.uniform(0, 2 * kPi);
   const double ring = std::sqrt(1 - height * height);
@@ -55,7 +55,8 @@ SurfacePoint ball(Random& random) {
   return {Vec{-0.9, -0.5, 0.6} + 0.6 * normal, normal, color, 0.25};
 }
 
-/// Each face in two shades of one colour. No bottom face: the box stands on the ground.
+/// Returns a point on a box. Each face has two shades of one colour. There is no bottom face, because the box stands on
+/// the ground.
 SurfacePoint box(Random& random) {
   constexpr double kHalf = 0.42;
   static constexpr Vec kFaceColors[5] = {
@@ -75,7 +76,7 @@ SurfacePoint box(Random& random) {
   return {Vec{0.85, -0.45, kHalf} + kHalf * local, normal, color};
 }
 
-/// A torus lying on the ground, striped and glossy.
+/// Returns a point on a torus that lies on the ground, striped and glossy.
 SurfacePoint ring(Random& random) {
   constexpr double kMajor = 0.55, kMinor = 0.2;
   const double along = random.uniform(0, 2 * kPi);
@@ -101,7 +102,7 @@ constexpr Solid kSolids[] = {
     {4 * kPi * kPi * 0.55 * 0.2, ring},
 };
 
-/// Solids get twice as many Gaussians per area as the ground, since the cameras look at them.
+/// Solids get twice as many Gaussians per area as the ground, because the cameras look at them.
 double weighted_area(const Solid& solid) {
   return solid.sample == ground ? solid.area : 2 * solid.area;
 }
@@ -131,7 +132,7 @@ void append_gaussian(const SurfacePoint& at, double spacing, Random& random, Spl
   }
 
   // A highlight, brightest for view directions along the reflected light. The coefficients of a lobe are the SH basis
-  // evaluated at its axis; white light adds the same value to each channel.
+  // evaluated at its axis. White light adds the same value to each channel.
   static constexpr double kDegreeWeights[4] = {0, 1, 0.6, 0.3};
   const Vec axis = kLight - 2 * dot(at.normal, kLight) * at.normal;
   double basis[16];

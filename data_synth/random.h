@@ -1,4 +1,4 @@
-// Random numbers that do not depend on the standard library: C++ specifies the output of std::mt19937_64 exactly, but
+// Random numbers that do not depend on the standard library. C++ specifies the output of std::mt19937_64 exactly, but
 // not that of the standard distributions.
 #pragma once
 
@@ -14,10 +14,10 @@ class Random {
  public:
   explicit Random(std::int64_t seed) : engine_(static_cast<std::uint64_t>(seed)) {}
 
-  /// In [0, 1).
+  /// Returns a number in [0, 1).
   double uniform() { return static_cast<double>(engine_() >> 11) * 0x1p-53; }
   double uniform(double low, double high) { return low + (high - low) * uniform(); }
-  /// Mean 0, standard deviation 1 (Box-Muller).
+  /// Returns a number with mean 0 and standard deviation 1 (Box-Muller).
   double normal() {
     const double radius = std::sqrt(-2 * std::log(1 - uniform()));
     return radius * std::cos((2 * kPi) * uniform());

@@ -19,10 +19,10 @@ constexpr double kFacadeSetback = 1.5;           // m, mean distance of facades 
 constexpr double kFacadeHeight = 9;              // m
 constexpr double kFocal = 800;                   // px at a width of 960
 constexpr double kViewSpacing = 1;               // m
-constexpr double kPointColorNoise = 0.1;         // maximum error of a point's colour
-constexpr double kShadeNoise = 0.05;             // standard deviation of a Gaussian's colour
+constexpr double kPointColorNoise = 0.1;         // maximum colour error of a point
+constexpr double kShadeNoise = 0.05;             // standard deviation of the colour of a Gaussian
 constexpr double kTruthShare = 0.5;              // true Gaussians per point
-// For --truth points. At the initial opacity of 0.1 the images would be hazy, with nothing to learn.
+// For --truth points. At the initial opacity of 0.1, the images would be hazy, with nothing to learn.
 constexpr double kOpacityOfPoints = 0.8;
 
 using Vec = Vec3<double>;
@@ -32,7 +32,8 @@ struct Place {
   bool is_road = false;
 };
 
-/// Every third point is on the road. Published benchmarks depend on the order of these draws: do not change it.
+/// Every third point is on the road. Do not change the order of the random numbers, because published benchmarks use
+/// it.
 Place draw_place(int index, double skew, Random& random) {
   Place place;
   place.is_road = index % 3 == 0;
@@ -53,7 +54,7 @@ double fraction(double value) {
   return value - std::floor(value);
 }
 
-/// Asphalt with a dashed centre line and edge lines; facades of 12 m, each in another colour, with windows.
+/// Returns asphalt with a dashed centre line and edge lines, or facades of 12 m, each in another colour, with windows.
 Vec texture(const Place& place) {
   const Vec& at = place.position;
   if (place.is_road) {
@@ -72,7 +73,7 @@ void append(const Vec& position, std::vector<float>& positions) {
   for (const double value : {position.x, position.y, position.z}) positions.push_back(static_cast<float>(value));
 }
 
-/// Scales and rotation of a flat Gaussian on its surface, with a random orientation in the plane.
+/// Adds scales and rotation of a flat Gaussian on its surface, with a random orientation in the plane.
 void append_shape(bool is_road, double size, Random& random, SplatCloud& cloud) {
   const double stretch = random.uniform(1, 2), wide = size * random.uniform(0.6, 1.2), thin = 0.2 * size;
   const double half_turn = random.uniform(0, kPi);
@@ -90,10 +91,10 @@ void append_shape(bool is_road, double size, Random& random, SplatCloud& cloud) 
   }
 }
 
-/// Gaussians on the same surfaces, but not at the points: training must recover positions, sizes, shapes, opacities and
-/// noise-free colours.
+/// Makes Gaussians on the same surfaces, but not at the points, so that training must recover positions, sizes, shapes,
+/// opacities and noise-free colours.
 SplatCloud make_surfaces(const SynthConfig& config) {
-  Random random(config.seed + (std::int64_t{1} << 40));  // independent of the points' draws
+  Random random(config.seed + (std::int64_t{1} << 40));  // independent of the random numbers of the points
   SplatCloud truth;
   std::vector<Place> places;
   const int n = std::max(1, static_cast<int>(kTruthShare * config.points));
@@ -114,7 +115,7 @@ SplatCloud make_surfaces(const SynthConfig& config) {
   return truth;
 }
 
-/// The Gaussians that training starts from, but nearly opaque.
+/// Makes the Gaussians that training starts from, but nearly opaque.
 SplatCloud make_from_points(const PointCloud& points) {
   SplatCloud truth;
   truth.means = points.positions;

@@ -51,7 +51,7 @@ void visit_fields(SynthConfig& c, Visitor&& field) {
   field(Option{"fov"}, c.fov, InRange{0, 340}, "degrees across the width of the images (0 = that of the scene)");
 }
 
-/// The config with zeros replaced by the defaults of the scene.
+/// Returns the config with zeros replaced by the defaults of the scene.
 SynthConfig with_scene_defaults(SynthConfig config);
 
 }  // namespace b3dgs

@@ -28,7 +28,7 @@ SynthConfig with_scene_defaults(SynthConfig config) {
 
 namespace {
 
-/// `pinhole` with the lens of the config.
+/// Returns `pinhole` with the lens of the config.
 Camera with_lens_of(const SynthConfig& config, const Camera& pinhole) {
   Camera camera = pinhole;
   double reach = 0.5 * pinhole.width / pinhole.fx;  // half the width, in focal lengths

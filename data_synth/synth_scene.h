@@ -15,26 +15,26 @@ namespace b3dgs {
 
 struct SynthScene {
   SplatCloud truth;             // the Gaussians that the images are rendered from
-  PointCloud points;            // what training starts from
+  PointCloud points;            // the points that training starts from
   std::vector<Camera> cameras;  // in the order of the image names
 };
 
-/// Textured solids on a ground plane, cameras around them. Points are noisy samples of the Gaussians.
+/// Makes textured solids on a ground plane, with cameras around them. Points are noisy samples of the Gaussians.
 SynthScene make_orbit(const SynthConfig& config);
 
-/// A road between facades as seen by a LiDAR, with a camera driving along +z. The true Gaussians lie on the same
-/// surfaces as the points, but not at the points, and are half as many; with config.truth "points" they are centred at
-/// the points.
+/// Makes a road between facades as seen by a LiDAR, with a camera driving along +z. The true Gaussians are on the same
+/// surfaces as the points, but not at the points, and there are half as many. With config.truth "points", they are
+/// centred at the points.
 SynthScene make_street(const SynthConfig& config);
 
 /// Makes the scene called config.scene, with the lens of the config.
 SynthScene make_scene(const SynthConfig& config);
 
-/// Renders a view with the CPU rasterizer on a black background. What another lens than a pinhole shows is taken from
-/// pinhole views of three times the size, so that it does not depend on the projection through lenses.
+/// Renders a view with the CPU rasterizer on a black background. If the camera is not a pinhole, the image is resampled
+/// from pinhole views of three times the size, so that it does not depend on the projection through lenses.
 Image8 render_truth(const SplatCloud& truth, const Camera& camera);
 
-/// Conversion between a colour value in [0, 1] and a coefficient of SH degree 0.
+/// Convert between a colour value in [0, 1] and a coefficient of SH degree 0.
 float sh0_from_color(double color);
 double color_from_sh0(float coefficient);
 

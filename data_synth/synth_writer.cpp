@@ -23,19 +23,20 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr const char* kOptionsFile = "synth.json";  // written first: it marks the folder as a synthetic scene
+constexpr const char* kOptionsFile = "synth.json";  // written first, because it marks the folder as a synthetic scene
 
 std::string image_name(std::size_t index, const SynthConfig& config) {
   return print_to_string("%05zu.", index) + config.image_format;
 }
 
-/// Removes what the program wrote of a scene, all but kOptionsFile.
+/// Removes the files of a scene that the program wrote, except kOptionsFile.
 void remove_scene(OwnFiles& own, const fs::path& folder) {
   remove_unfinished_files(folder);
   for (const char* const part : {"images", "sparse", "truth.ply"}) own.remove(folder / part);
 }
 
-/// After a failure: kOptionsFile stays beside files of others, so that the folder still counts as a synthetic scene.
+/// Cleans up after a failure. kOptionsFile stays if there are other files, so that the folder still counts as a
+/// synthetic scene.
 void remove_unfinished(OwnFiles& own, const fs::path& folder) {
   remove_scene(own, folder);
   std::error_code error;  // ignored: another error is being reported
@@ -75,8 +76,8 @@ ColmapModel colmap_model(const SynthConfig& config, const SynthScene& scene) {
   return model;
 }
 
-/// As another camera setting would show the image: each channel multiplied by exp(X (u + t / 2)), where u (one for the
-/// image) and t (one for each channel) are uniform in [-1, 1]; clipped at white.
+/// Renders the image as if with another camera setting. Each channel is multiplied by exp(X (u + t / 2)), where u (one
+/// per image) and t (one per channel) are uniform in [-1, 1], and clipped at white.
 void jitter_exposure(const SynthConfig& config, std::size_t index, Image8& image) {
   const RandomKey key{config.seed, RandomStream::kExposureJitter, 0};
   const std::array<float, 4> random = random_uniform(key, index);

@@ -10,14 +10,14 @@
 
 namespace b3dgs {
 
-/// Whether the folder holds a synthetic scene. @throws InputError if it holds anything else
+/// Returns whether the folder contains a synthetic scene. @throws InputError if it contains anything else
 bool holds_synth_scene(const std::filesystem::path& folder);
 
 /// Renders the images and writes everything to config.output. If there is a synthetic scene, it first removes the files
-/// that the program wrote there; other files stay, and are moved aside if they are in the way (core/files/own_files.h).
+/// that the program wrote there. Other files stay, and are moved aside if they are in the way (core/files/own_files.h).
 /// @throws InputError if the folder contains anything else, which protects real scenes
-/// @throws IoError if something cannot be written. Nothing of the new scene is left then, but for synth.json if the
-///   folder holds other files
+/// @throws IoError if something cannot be written. Then nothing of the new scene remains, except synth.json if there
+/// are other files
 void write_synth_scene(const SynthConfig& config, const SynthScene& scene,
                        const std::function<void(std::size_t done, std::size_t total)>& on_image = {});
 
