@@ -68,6 +68,7 @@ extern "C" void end_by_signal(int signal) {
   sigaddset(&only, signal);
   pthread_sigmask(SIG_UNBLOCK, &only, nullptr);
   ::raise(signal);
+  ::_exit(128 + signal);  // process 1, as in a container, does not end by a signal of its own
 }
 
 void handle_stop_signals(void (*handler)(int)) {

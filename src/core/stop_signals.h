@@ -12,7 +12,8 @@ void handle_stop_signals(void (*handler)(int signal));
 /// Sets end_by_signal() as the handler of those of these signals that are not ignored.
 void end_by_stop_signals();
 
-/// A signal handler that removes all files and folders of RemovedBySignal objects, and ends the process by the signal.
+/// A signal handler that removes all files and folders of RemovedBySignal objects, and ends the process by the signal or,
+/// if that has no effect, with exit code 128 + signal.
 extern "C" void end_by_signal(int signal);
 
 /// While it exists, end_by_signal() removes a file, or a folder with its content.

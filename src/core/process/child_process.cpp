@@ -167,7 +167,7 @@ EndingSignals::~EndingSignals() {
     if (!is(actions_before[i], SIG_IGN)) sigaction(kSignals[i], &actions_before[i], nullptr);
     ends_process = ends_process || (ends_process_at_once(actions_before[i]) && kSignals[i] == last_signal);
   }
-  if (ends_process) std::raise(last_signal);
+  if (ends_process) end_by_signal(last_signal);
 }
 
 int EndingSignals::received() const {
