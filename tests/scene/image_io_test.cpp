@@ -217,6 +217,22 @@ TEST_F(ImageFile, AlphaOfATiffIsThatOfTheSamePng) {
   }
 }
 
+TEST_F(ImageFile, AlphaOfATiffOfUnknownKindIsStraightIfAColorExceedsIt) {
+  using Pixels = std::vector<std::uint8_t>;
+  const cv::Mat bgra(1, 1, CV_8UC4, cv::Scalar(50, 100, 200, 128));
+  const fs::path path = folder_ / "a.tif";
+  ASSERT_TRUE(cv::imwrite(path.string(), bgra));
+  EXPECT_EQ(read_image(path, false).pixels, (Pixels{100, 50, 25})) << "as OpenCV writes it";
+  cv::Mat deep;
+  bgra.convertTo(deep, CV_16U, 257);
+  ASSERT_TRUE(cv::imwrite(path.string(), deep));
+  EXPECT_EQ(read_image(path, false).pixels, (Pixels{100, 50, 25})) << "16 bits";
+  const std::string rgba("\x64\x32\x19\x80\xc8\x64\x32\x80", 8);
+  EXPECT_EQ(read_image(store("a.tif", tiff_of(2, 1, 8, 4, 0, rgba)), false).pixels, (Pixels{50, 25, 13, 100, 50, 25}));
+  EXPECT_EQ(read_image(store("a.tif", tiff_of(1, 1, 8, 4, 0, rgba.substr(0, 4))), false).pixels, (Pixels{100, 50, 25}))
+      << "no color exceeds alpha";
+}
+
 TEST_F(ImageFile, ExifOrientationIsIgnored) {
   const auto path = store("a.jpg", with_orientation(jpeg_of(noise(32, 16, 3))));
   ASSERT_EQ(cv::imread(path.string(), cv::IMREAD_COLOR).cols, 16) << "OpenCV does not read the EXIF of this test";

@@ -65,6 +65,7 @@ struct Layout {
   ImageSize size;
   int bits = 0, n_samples = 0, n_colors = 0, alpha = 0;  // `alpha`: which of the samples
   bool is_premultiplied = false, is_separate = false, is_inverted = false;
+  bool may_be_straight = false;  // although `is_premultiplied`
 
   int type() const { return CV_MAKETYPE(bits == 8 ? CV_8U : CV_16U, n_samples); }
 };
@@ -99,11 +100,14 @@ std::optional<Layout> layout_of(TIFF* tiff) {
   }
   layout.size = {static_cast<int>(width), static_cast<int>(height)};
   for (int i = 0; i < n_extra; ++i) {
-    // Older programs write premultiplied alpha as unspecified, as libtiff also assumes for RGB.
-    const bool is_premultiplied = extra[i] == EXTRASAMPLE_ASSOCALPHA || (is_rgb && extra[i] == EXTRASAMPLE_UNSPECIFIED);
+    // Older programs write premultiplied alpha as unspecified. OpenCV writes straight alpha without saying what it is,
+    // which libtiff also reports as unspecified.
+    const bool is_unspecified = is_rgb && extra[i] == EXTRASAMPLE_UNSPECIFIED;
+    const bool is_premultiplied = extra[i] == EXTRASAMPLE_ASSOCALPHA || is_unspecified;
     if (!is_premultiplied && extra[i] != EXTRASAMPLE_UNASSALPHA) continue;
     layout.alpha = layout.n_colors + i;
     layout.is_premultiplied = is_premultiplied;
+    layout.may_be_straight = is_unspecified;
     return layout;
   }
   return std::nullopt;
@@ -157,9 +161,22 @@ bool read_samples(TIFF* tiff, const Layout& layout, cv::Mat& image) {
   return true;
 }
 
+/// Returns whether a colour exceeds its alpha, as premultiplied ones never do.
 template <class Value>
-cv::Mat to_bgra(const cv::Mat& samples, const Layout& layout) {
+bool is_straight(const cv::Mat& samples, const Layout& layout) {
+  for (int y = 0; y < samples.rows; ++y) {
+    const Value* from = samples.ptr<Value>(y);
+    for (int x = 0; x < samples.cols; ++x, from += layout.n_samples) {
+      if (*std::max_element(from, from + layout.n_colors) > from[layout.alpha]) return true;
+    }
+  }
+  return false;
+}
+
+template <class Value>
+cv::Mat to_bgra(const cv::Mat& samples, Layout layout) {
   constexpr std::uint32_t kMax = std::numeric_limits<Value>::max();
+  if (layout.may_be_straight && is_straight<Value>(samples, layout)) layout.is_premultiplied = false;
   cv::Mat image(samples.rows, samples.cols, CV_MAKETYPE(cv::DataType<Value>::depth, 4));
   for (int y = 0; y < image.rows; ++y) {
     const Value* from = samples.ptr<Value>(y);
