@@ -59,10 +59,11 @@ std::string one_row_png(int width, int bits, int color_type, const std::string& 
   return "\x89PNG\r\n\x1a\n" + png_chunk("IHDR", header) + png_chunk("IDAT", deflated) + png_chunk("IEND", "");
 }
 
-// A TIFF that is not compressed; `extra` is the kind of its last sample (ExtraSamples), 1 premultiplied and 2 straight
-// alpha. Samples of 16 bits are little-endian. With `is_separate`, the samples are those of one plane after the other.
-std::string tiff_of(int width, int height, int bits, int n_samples, int extra, const std::string& samples,
-                    bool is_separate = false) {
+// A TIFF that is not compressed; `extra` are the kinds of its last samples (ExtraSamples), 1 premultiplied and 2
+// straight alpha. Samples of 16 bits are little-endian. With `is_separate`, the samples are those of one plane after
+// the other.
+std::string tiff_of(int width, int height, int bits, int n_samples, const std::vector<std::uint32_t>& extra,
+                    const std::string& samples, bool is_separate = false) {
   const auto number = [](std::uint32_t value, int bytes) {
     std::string text;
     for (int i = 0; i < bytes; ++i) text += static_cast<char>(value >> 8 * i & 0xff);
@@ -97,7 +98,7 @@ std::string tiff_of(int width, int height, int bits, int n_samples, int extra, c
   add(278, 4, {static_cast<std::uint32_t>(height)});  // rows per strip
   add(279, 4, std::vector<std::uint32_t>(n_planes, plane_bytes));
   add(284, 2, {is_separate ? 2u : 1u});
-  add(338, 2, {static_cast<std::uint32_t>(extra)});
+  add(338, 2, extra);
   values.resize(64);
   return std::string("II*\0", 4) + number(8, 4) + number(n_entries, 2) + entries + number(0, 4) + values + samples;
 }
@@ -200,17 +201,17 @@ TEST_F(ImageFile, AlphaOfATiffIsThatOfTheSamePng) {
     EXPECT_EQ(read_alpha(path)->pixels, (std::vector<std::uint8_t>{255, 128, 20, 0})) << what;
     EXPECT_EQ(read_image_size(path), (ImageSize{4, 1})) << what;
   };
-  expect_same(png, tiff_of(4, 1, 8, 4, 2, rgba), "8 bits, straight");
-  expect_same(png, tiff_of(4, 1, 8, 4, 1, premultiplied), "8 bits, premultiplied");
-  expect_same(png, tiff_of(4, 1, 8, 4, 2, planes, true), "8 bits, straight, in planes");
-  expect_same(png, tiff_of(4, 1, 16, 4, 2, deep(rgba)), "16 bits, straight");
-  expect_same(png, tiff_of(4, 1, 16, 4, 1, deep(premultiplied)), "16 bits, premultiplied");
-  expect_same(grey_png, tiff_of(4, 1, 8, 2, 2, la), "8 bits, grey, straight");
-  expect_same(grey_png, tiff_of(4, 1, 8, 2, 1, grey), "8 bits, grey, premultiplied");
-  expect_same(grey_png, tiff_of(4, 1, 16, 2, 2, deep(la)), "16 bits, grey, straight");
-  expect_same(grey_png, tiff_of(4, 1, 16, 2, 1, deep(grey)), "16 bits, grey, premultiplied");
+  expect_same(png, tiff_of(4, 1, 8, 4, {2}, rgba), "8 bits, straight");
+  expect_same(png, tiff_of(4, 1, 8, 4, {1}, premultiplied), "8 bits, premultiplied");
+  expect_same(png, tiff_of(4, 1, 8, 4, {2}, planes, true), "8 bits, straight, in planes");
+  expect_same(png, tiff_of(4, 1, 16, 4, {2}, deep(rgba)), "16 bits, straight");
+  expect_same(png, tiff_of(4, 1, 16, 4, {1}, deep(premultiplied)), "16 bits, premultiplied");
+  expect_same(grey_png, tiff_of(4, 1, 8, 2, {2}, la), "8 bits, grey, straight");
+  expect_same(grey_png, tiff_of(4, 1, 8, 2, {1}, grey), "8 bits, grey, premultiplied");
+  expect_same(grey_png, tiff_of(4, 1, 16, 2, {2}, deep(la)), "16 bits, grey, straight");
+  expect_same(grey_png, tiff_of(4, 1, 16, 2, {1}, deep(grey)), "16 bits, grey, premultiplied");
 
-  const std::string whole = tiff_of(4, 1, 8, 2, 2, la);
+  const std::string whole = tiff_of(4, 1, 8, 2, {2}, la);
   for (std::size_t length = 0; length < whole.size(); ++length) {
     const auto path = store("cut.tif", whole.substr(0, length));
     EXPECT_THROW(read_image(path, false), InputError) << length;
@@ -228,9 +229,17 @@ TEST_F(ImageFile, AlphaOfATiffOfUnknownKindIsStraightIfAColorExceedsIt) {
   ASSERT_TRUE(cv::imwrite(path.string(), deep));
   EXPECT_EQ(read_image(path, false).pixels, (Pixels{100, 50, 25})) << "16 bits";
   const std::string rgba("\x64\x32\x19\x80\xc8\x64\x32\x80", 8);
-  EXPECT_EQ(read_image(store("a.tif", tiff_of(2, 1, 8, 4, 0, rgba)), false).pixels, (Pixels{50, 25, 13, 100, 50, 25}));
-  EXPECT_EQ(read_image(store("a.tif", tiff_of(1, 1, 8, 4, 0, rgba.substr(0, 4))), false).pixels, (Pixels{100, 50, 25}))
+  EXPECT_EQ(read_image(store("a.tif", tiff_of(2, 1, 8, 4, {0}, rgba)), false).pixels,
+            (Pixels{50, 25, 13, 100, 50, 25}));
+  EXPECT_EQ(read_image(store("a.tif", tiff_of(1, 1, 8, 4, {0}, rgba.substr(0, 4))), false).pixels,
+            (Pixels{100, 50, 25}))
       << "no color exceeds alpha";
+}
+
+TEST_F(ImageFile, AlphaOfATiffIsTheSampleThatIsDeclaredSo) {
+  const std::string pixel("\xc8\x64\x32\x09\x80", 5);
+  const auto path = store("a.tif", tiff_of(1, 1, 8, 5, {0, 2}, pixel));
+  EXPECT_EQ(read_image(path, false).pixels, (std::vector<std::uint8_t>{100, 50, 25}));
 }
 
 TEST_F(ImageFile, ExifOrientationIsIgnored) {
@@ -243,7 +252,7 @@ TEST_F(ImageFile, ExifOrientationIsIgnored) {
 }
 
 TEST_F(ImageFile, ATiffIsNotTurned) {
-  std::string tiff = tiff_of(4, 2, 8, 3, 0, std::string("abcdefghijklmnopqrstuvwx"));
+  std::string tiff = tiff_of(4, 2, 8, 3, {0}, std::string("abcdefghijklmnopqrstuvwx"));
   // The last entry becomes the orientation instead of ExtraSamples.
   const std::size_t last = 8 + 2 + 9 * 12;
   tiff[last] = '\x12';

@@ -99,18 +99,18 @@ std::optional<Layout> layout_of(TIFF* tiff) {
     return std::nullopt;
   }
   layout.size = {static_cast<int>(width), static_cast<int>(height)};
-  for (int i = 0; i < n_extra; ++i) {
-    // Older programs write premultiplied alpha as unspecified. OpenCV writes straight alpha without saying what it is,
-    // which libtiff also reports as unspecified.
-    const bool is_unspecified = is_rgb && extra[i] == EXTRASAMPLE_UNSPECIFIED;
-    const bool is_premultiplied = extra[i] == EXTRASAMPLE_ASSOCALPHA || is_unspecified;
-    if (!is_premultiplied && extra[i] != EXTRASAMPLE_UNASSALPHA) continue;
-    layout.alpha = layout.n_colors + i;
-    layout.is_premultiplied = is_premultiplied;
-    layout.may_be_straight = is_unspecified;
-    return layout;
-  }
-  return std::nullopt;
+  const std::uint16_t* const end = extra + n_extra;
+  const std::uint16_t* alpha = std::find_if(extra, extra + n_extra, [](std::uint16_t kind) {
+    return kind == EXTRASAMPLE_ASSOCALPHA || kind == EXTRASAMPLE_UNASSALPHA;
+  });
+  // Older programs write premultiplied alpha as unspecified. OpenCV writes straight alpha without saying what it is,
+  // which libtiff also reports as unspecified.
+  if (alpha == end && is_rgb) alpha = std::find(extra, extra + n_extra, EXTRASAMPLE_UNSPECIFIED);
+  if (alpha == end) return std::nullopt;
+  layout.alpha = layout.n_colors + static_cast<int>(alpha - extra);
+  layout.is_premultiplied = *alpha != EXTRASAMPLE_UNASSALPHA;
+  layout.may_be_straight = *alpha == EXTRASAMPLE_UNSPECIFIED;
+  return layout;
 }
 
 /// Reads the samples into `image`, which has one channel for each. Returns false if the file is damaged.
