@@ -114,7 +114,7 @@ std::vector<Camera> cameras_of(const std::vector<AnyView>& views) {
 // One camera so far away would move the frame's origin to where single precision does not separate the others.
 void check_distances(const std::vector<ViewSource>& sources, const SceneModel& model) {
   constexpr double kMostTimes = 1e5;  // wrong registrations lie some hundred times as far away
-  const std::vector<double> distances = relative_distances(cameras_of(sources), model.points.positions);
+  const std::vector<double> distances = relative_distances(cameras_of(sources), model.points.positions).values;
   const auto farthest =
       static_cast<std::size_t>(std::max_element(distances.begin(), distances.end()) - distances.begin());
   const double times = distances[farthest];
@@ -126,7 +126,7 @@ void check_distances(const std::vector<ViewSource>& sources, const SceneModel& m
 
 /// A line that names the training views whose cameras are far from the others, or "".
 std::string describe_far_cameras(const std::vector<View>& views, const std::vector<double>& points) {
-  const std::vector<double> distances = relative_distances(cameras_of(views), points);
+  const std::vector<double> distances = relative_distances(cameras_of(views), points).values;
   const auto n_far = std::count_if(distances.begin(), distances.end(), [](double times) { return times > kFarTimes; });
   if (n_far == 0) return "";
   const auto farthest =
@@ -134,13 +134,13 @@ std::string describe_far_cameras(const std::vector<View>& views, const std::vect
   return detail::concat("the camera of ", views[farthest].name, print_to_string(" is %.0f times", distances[farthest]),
                         " as far from the others as usual",
                         n_far > 1 ? detail::concat(", and ", n_far - 1, " more are over ", kFarTimes, " times") : "",
-                        "; the size of the scene is taken from the others; if it is registered wrongly, remove it");
+                        "; the size of the scene is limited; if it is registered wrongly, remove it");
 }
 
 }  // namespace
 
 double scene_extent(const std::vector<View>& views, const std::vector<double>& points) {
-  const double radius = camera_radius(usual_cameras(cameras_of(views), points));
+  const double radius = limited_radius(cameras_of(views), points);
   return radius > 0 ? 1.1 * radius : 1.0;
 }
 

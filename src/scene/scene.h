@@ -75,9 +75,8 @@ using ProgressFn = std::function<void(const std::string& stage, std::size_t done
 /// @throws InputError with file, place, expected, found and remedy if the scene cannot be used
 Scene load_scene(const SceneOptions& options, const ProgressFn& progress = {});
 
-/// 1.1 x the largest distance of a usual camera's centre from the mean of these centres; 1 if that is 0. Views and
-/// points
-/// ([N, 3]) are in the same coordinates.
+/// Returns 1.1 x the limited_radius() of the cameras, or 1 if that is 0. Views and points ([N, 3]) are in the same
+/// coordinates.
 double scene_extent(const std::vector<View>& views, const std::vector<double>& points = {});
 
 /// Moves cameras and extent of the scene to another frame, but not its points.

@@ -131,9 +131,10 @@ double camera_radius(const std::vector<Camera>& cameras) {
   return largest;
 }
 
-std::vector<double> relative_distances(const std::vector<Camera>& cameras, const std::vector<double>& points) {
+RelativeDistances relative_distances(const std::vector<Camera>& cameras, const std::vector<double>& points) {
+  constexpr std::size_t kFewest = 5;  // of three or four cameras, any may be the wrong one
   std::vector<double> values(cameras.size());
-  if (cameras.size() < 3) return values;
+  if (cameras.size() < kFewest) return {std::move(values), 0};
   std::array<double, 3> middle{};
   for (std::size_t axis = 0; axis < 3; ++axis) {
     for (std::size_t i = 0; i < cameras.size(); ++i) values[i] = cameras[i].center()[axis];
@@ -141,20 +142,25 @@ std::vector<double> relative_distances(const std::vector<Camera>& cameras, const
   }
   for (std::size_t i = 0; i < cameras.size(); ++i) values[i] = distance(cameras[i].center(), middle);
   const double depth = typical_depth(cameras, points);
-  // Not the median: most cameras may stand in one place, and differ only by rounding. Without points, nothing else
-  // tells the size of the scene, so more of them may.
-  const auto n_beyond = static_cast<std::ptrdiff_t>(values.size()) / (depth > 0 ? 4 : 10);
+  // Without points, nothing else tells the size of the scene, and most cameras may stand in one place, where they
+  // differ only by rounding. So this is not the median.
+  const auto n_beyond = static_cast<std::ptrdiff_t>(values.size()) / (depth > 0 ? 2 : 10);
   std::vector<double> sorted = values;
   const auto usual_place = sorted.end() - 1 - std::max<std::ptrdiff_t>(1, n_beyond);
   std::nth_element(sorted.begin(), usual_place, sorted.end());
   const bool is_rounding = *usual_place <= 1e-9 * std::hypot(middle[0], middle[1], middle[2]);
   const double usual = std::max(depth, is_rounding ? 0 : *usual_place);
   for (double& value : values) value = usual > 0 ? value / usual : 0;
-  return values;
+  return {std::move(values), usual};
+}
+
+double limited_radius(const std::vector<Camera>& cameras, const std::vector<double>& points) {
+  const double radius = camera_radius(cameras), usual = relative_distances(cameras, points).usual;
+  return usual > 0 ? std::min(radius, kMostRadius * usual) : radius;
 }
 
 std::vector<Camera> usual_cameras(const std::vector<Camera>& cameras, const std::vector<double>& points) {
-  const std::vector<double> distances = relative_distances(cameras, points);
+  const std::vector<double> distances = relative_distances(cameras, points).values;
   std::vector<Camera> usual;
   for (std::size_t i = 0; i < cameras.size(); ++i) {
     if (distances[i] <= kFarTimes) usual.push_back(cameras[i]);

@@ -56,17 +56,29 @@ CoordinateFrame choose_frame(const std::vector<Camera>& cameras, const std::vect
 /// The largest distance of a camera centre from the mean of the centres; 0 without cameras.
 double camera_radius(const std::vector<Camera>& cameras);
 
-/// Returns the distance of each camera from the median of the centres, relative to the usual one: the 75th percentile
-/// of these distances (without points the 90th) or, if that is larger, as for panoramas from one place, the typical
-/// depth of the points that the cameras see. All 0 if nothing is usual: fewer than three cameras, or all in one place
-/// without points.
-std::vector<double> relative_distances(const std::vector<Camera>& cameras, const std::vector<double>& points);
+struct RelativeDistances {
+  std::vector<double> values;  // of each camera, relative to `usual`
+  double usual = 0;            // world units; 0, like all values, if nothing is usual
+};
+
+/// Returns the distance of each camera from the median of the centres, relative to the usual one: the median of these
+/// distances (without points the 90th percentile) or, if that is larger, as for panoramas from one place, the typical
+/// depth of the points that the cameras see. Nothing is usual with fewer than five cameras, or if nearly all stand in
+/// one place and see no points.
+RelativeDistances relative_distances(const std::vector<Camera>& cameras, const std::vector<double>& points);
+
+/// Times the usual distance, in limited_radius().
+inline constexpr double kMostRadius = 10;
+
+/// Returns camera_radius(), but at most kMostRadius times the usual distance. A camera that is registered wrongly, a
+/// hundred times as far away as the others, would otherwise multiply learning rates by a hundred. Such cameras are not
+/// left out instead, because a group of cameras far away may be right.
+double limited_radius(const std::vector<Camera>& cameras, const std::vector<double>& points);
 
 /// A camera at more times the usual distance is probably registered wrongly.
 inline constexpr double kFarTimes = 20;
 
-/// Returns the cameras that are not far. Lengths are taken from these: a single camera a hundred times as far away as
-/// the others would otherwise multiply learning rates by a hundred.
+/// Returns the cameras that are not far.
 std::vector<Camera> usual_cameras(const std::vector<Camera>& cameras, const std::vector<double>& points);
 
 /// The same camera for coordinates in `to` instead of `from`.

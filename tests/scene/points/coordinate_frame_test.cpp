@@ -3,6 +3,7 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <array>
 #include <cmath>
 #include <vector>
@@ -65,8 +66,8 @@ TEST(SceneFrame, TheTypicalDepthHasTheSameLengthInEveryScene) {
   }
 }
 
-double largest(const std::vector<double>& values) {
-  return *std::max_element(values.begin(), values.end());
+double largest(const RelativeDistances& distances) {
+  return *std::max_element(distances.values.begin(), distances.values.end());
 }
 
 TEST(RelativeDistances, CompareWithTheOthersAndWithWhatTheySee) {
@@ -76,7 +77,7 @@ TEST(RelativeDistances, CompareWithTheOthersAndWithWhatTheySee) {
       EXPECT_LT(largest(relative_distances(scene.cameras, scene.points)), 3);
       scene.cameras[3] = camera_at({shift[0] + 3e6 * scale, shift[1], shift[2]}, 0);
       for (const std::vector<double>& points : {scene.points, std::vector<double>{}}) {
-        EXPECT_NEAR(relative_distances(scene.cameras, points)[3], 3e6 / 4, 2e5);
+        EXPECT_NEAR(relative_distances(scene.cameras, points).values[3], 3e6 / 4, 2e5);
         EXPECT_LT(largest(relative_distances(usual_cameras(scene.cameras, points), points)), 3) << "all but that one";
       }
     }
@@ -104,6 +105,42 @@ TEST(RelativeDistances, AreSmallIfMostStandInOnePlace) {  // a tripod, or a vehi
   }
   EXPECT_EQ(largest(relative_distances({camera_at({0, 0, 0}, 0), camera_at({1e7, 0, 0}, 0)}, {})), 0)
       << "which of the two?";
+}
+
+/// 25 close-ups at distance 1 from the points in the middle, and `n_far` cameras that look there from `radius`.
+Ring close_ups_and(int n_far, double radius) {
+  Ring result = ring(0.25);
+  result.cameras.clear();
+  for (int i = 0; i < 25 + n_far; ++i) {
+    const double angle = 2.399963 * i, distance = i < 25 ? 1 : radius;
+    result.cameras.push_back(camera_at({-distance * std::cos(angle), 0, -distance * std::sin(angle)}, angle));
+  }
+  return result;
+}
+
+TEST(LimitedRadius, IsTheSameWhateverTheShareOfFarCameras) {
+  for (const int n_far : {1, 5, 8, 9, 12, 20}) {
+    const Ring scene = close_ups_and(n_far, 40);
+    EXPECT_NEAR(limited_radius(scene.cameras, scene.points), kMostRadius, 0.1 * kMostRadius) << n_far;
+  }
+  const Ring near = close_ups_and(8, 4);
+  EXPECT_EQ(limited_radius(near.cameras, near.points), camera_radius(near.cameras));
+}
+
+TEST(LimitedRadius, BoundsWrongRegistrationsOfAThirdOfTheCameras) {
+  const Ring scene = close_ups_and(12, 1000);
+  EXPECT_NEAR(limited_radius(scene.cameras, scene.points), kMostRadius, 0.1 * kMostRadius);
+  const std::vector<double> distances = relative_distances(scene.cameras, scene.points).values;
+  EXPECT_EQ(std::count_if(distances.begin(), distances.end(), [](double times) { return times > kFarTimes; }), 12);
+}
+
+TEST(LimitedRadius, IsNotLimitedForFewCameras) {
+  for (const int n : {3, 4}) {
+    std::vector<Camera> cameras;
+    for (int i = 0; i < n; ++i) cameras.push_back(camera_at({i + 1 < n ? 1.0 * i : 1000.0, 0, 0}, 0));
+    EXPECT_EQ(largest(relative_distances(cameras, {})), 0) << n;
+    EXPECT_EQ(limited_radius(cameras, {}), camera_radius(cameras)) << n;
+  }
 }
 
 TEST(UsualCameras, SetTheFrameAlthoughAFewAreRegisteredFarAway) {
