@@ -353,6 +353,23 @@ TEST_F(Transforms, IntrinsicsInPixelsAreThoseOfThePhotographThatIsNamed) {
   EXPECT_NEAR(load().train[1].camera.fx, kWidth / 2, 1e-9) << "an angle is the same at any size";
 }
 
+TEST_F(Transforms, RefusesReducedPhotographsOfAnUnknownSize) {
+  Json json = line(1);
+  json.erase("w");
+  json.erase("h");
+  remove_tree(folder_ / "images");
+  write_image(folder_ / "small/00.png", flat(64, 48, 3, 77));
+  options_.images = "small";
+  for (const auto& [cx, cy] : {std::pair{109.0, 82.0}, {96.0, 82.0}, {109.0, 72.0}}) {  // 96 and 72: a third
+    json["cx"] = cx;
+    json["cy"] = cy;
+    EXPECT_TRUE(refuses(json, {"transforms.json: frame 0 (./images/00.png): expected w and h", "64 x 48 px"})) << cx;
+  }
+  json["cx"] = 98.5;  // not quite in the centre
+  write(json);
+  EXPECT_NEAR(load().train[0].camera.fx, 50.0 / 3, 1e-9);
+}
+
 TEST_F(Transforms, PhotographsAreTurnedIfTheCameraIsUpright) {
   const std::vector<std::uint8_t> jpeg = test::jpeg_with_orientation(kWidth, kHeight, 6, false);
   Json json{{"fl_x", 50.0}, {"fl_y", 60.0}, {"cx", 14.0}, {"cy", 21.0}, {"w", kHeight}, {"h", kWidth}};

@@ -194,9 +194,14 @@ class FrameReader {
       return is_turned ? ImageSize{named->height, named->width} : named;
     }
     if (!cx && !cy && !values.number("fl_x") && !values.number("fl_y")) return used;
-    // The photograph that is used was perhaps reduced. The principal point is near the centre of the original.
+    // The photograph that is used was perhaps reduced. The principal point is near the centre of the original. Returns
+    // 0 if nothing tells the side of the original, and -1 if it is not a multiple.
     const auto reduction = [](std::optional<int> side, std::optional<double> center, int used_side) {
-      return side || center ? std::round((side ? *side : 2 * *center) / used_side) : 0;
+      constexpr double kOffCenter = 0.03;  // of the side: twice the distance of the principal point from the centre
+      if (!side && !center) return 0.0;
+      const double original = side ? *side : 2 * *center, whole = std::round(original / used_side);
+      const double rounding = whole, tolerance = rounding + (side ? 0 : kOffCenter * whole * used_side);
+      return std::abs(original - whole * used_side) <= tolerance ? whole : -1.0;
     };
     const double across = reduction(width, cx, used->width), down = reduction(height, cy, used->height);
     const double most = static_cast<double>(kMaxImageSide) / std::max(used->width, used->height);
