@@ -57,7 +57,9 @@ void check_list(const std::string& list, const char* where, const std::set<std::
 }
 
 // The original program and its successors hold out the views that a test.txt beside the model lists, one in each line.
-void read_test_list(const fs::path& model_folder, const SceneOptions& options, SceneModel& scene) {
+// A test.txt without the name of any image may be something else, so it is refused only beside the model of a training.
+void read_test_list(const fs::path& model_folder, const SceneOptions& options, const ImageFolder& images,
+                    SceneModel& scene) {
   const fs::path source = options.source_path;
   for (const fs::path& folder : {model_folder, source / "sparse", source}) {
     const fs::path path = folder / "test.txt";
@@ -67,17 +69,35 @@ void read_test_list(const fs::path& model_folder, const SceneOptions& options, S
       names[composed_name(name)] = name;
       names.emplace(composed_name(fs::path(name).replace_extension().string()), name);
     };
-    for (const ColmapImage& image : scene.model.images) add(image.name);
+    std::vector<std::string> registered;
+    for (const ColmapImage& image : scene.model.images) registered.push_back(image.name);
+    std::map<fs::path, std::string> names_of_files;
+    for (const auto& [name, photograph] : images.find_all(registered)) names_of_files[photograph] = name;
+    for (const std::string& name : registered) add(name);
     for (const LeftOutImage& image : scene.model.left_out) add(image.name);
     FileReader file(path);
+    bool is_any_known = false;
     std::set<std::string> listed;
     for (std::string_view line; file.read_line(line);) {
       const std::string_view word = TextFields(line).rest();
       if (word.empty() || word[0] == '#') continue;
-      const auto known = names.find(composed_name(std::string(word)));
-      listed.insert(known != names.end() ? known->second : std::string(word));
+      const std::string name(word);
+      const auto same = names.find(composed_name(name));
+      const auto similar = names_of_files.find(images.find_all({name})[name]);
+      is_any_known = is_any_known || same != names.end() || similar != names_of_files.end();
+      listed.insert(same != names.end() ? same->second : similar != names_of_files.end() ? similar->second : name);
     }
     if (listed.empty()) return;
+    const bool is_beside_model = folder == model_folder;
+    if (!is_any_known && !(is_beside_model && options.eval && options.needs_training_views)) {
+      if (options.eval) {
+        scene.warnings.push_back(detail::concat(path.string(), " is ignored: expected names as in the model, found ",
+                                                "none in its ", listed.size(),
+                                                " (first: ", listed.begin()->substr(0, 100), ")"));
+      }
+      if (is_beside_model) return;
+      continue;
+    }
     scene.split = path.lexically_relative(source).string();
     scene.held_out = listed;
     if (options.eval) check_list(path.string(), "the model", listed, scene);
@@ -85,7 +105,7 @@ void read_test_list(const fs::path& model_folder, const SceneOptions& options, S
   }
 }
 
-SceneModel read_colmap_scene(const SceneOptions& options) {
+SceneModel read_colmap_scene(const SceneOptions& options, const ImageFolder& images) {
   const SparseModelFolder found = find_model_folder(options.source_path);
   SceneModel scene;
   const bool is_binary = colmap_format(found.folder) == ColmapFormat::kBinary;
@@ -106,7 +126,7 @@ SceneModel read_colmap_scene(const SceneOptions& options) {
   scene.file = (found.folder / (is_binary ? "images.bin" : "images.txt")).string();
   scene.description = (folder.empty() ? found.folder.string() : folder) + (is_binary ? ", binary" : ", text");
   scene.notes = found.notes;
-  read_test_list(found.folder, options, scene);
+  read_test_list(found.folder, options, images, scene);
   for (const auto& [id, camera] : scene.model.cameras) {
     scene.camera_places[id] = detail::concat(found.folder.string(), ": camera ", id);
   }
@@ -263,9 +283,9 @@ bool holds_scene(const fs::path& source) {
 
 SceneModel read_scene_model(const SceneOptions& options, const ImageFolder& images) {
   const TransformsFiles files = find_transforms(options.source_path);
-  if (files.train.empty()) return read_colmap_scene(options);
+  if (files.train.empty()) return read_colmap_scene(options, images);
   if (!has_model_folder(options.source_path)) return read_transforms_scene(options, files, images);
-  SceneModel scene = read_colmap_scene(options);
+  SceneModel scene = read_colmap_scene(options, images);
   scene.notes.push_back(files.train.filename().string() + " is not used, because there is a model in " +
                         scene.description);
   return scene;

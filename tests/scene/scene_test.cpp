@@ -163,8 +163,47 @@ TEST_F(LoadScene, HoldsOutWhatATestListNames) {
   EXPECT_NE(scene.warnings[0].find("test.txt: 1 of 2 names are unknown (the first: gone.png)"), std::string::npos);
   write_bytes(folder_ / "sparse/0/test.txt", "gone.png\n");
   EXPECT_TRUE(refuses({"sparse/0/test.txt: expected names as in the model, found none in its 1 (first: gone.png)"}));
+  options_.needs_training_views = false;
+  EXPECT_TRUE(says(load(), "every 8th by name")) << "an evaluation uses the views of the training";
+  EXPECT_NE(load().warnings.at(0).find("sparse/0/test.txt is ignored: expected names as"), std::string::npos);
+  options_.needs_training_views = true;
   write_bytes(folder_ / "sparse/0/test.txt", "\n");
   EXPECT_TRUE(says(load(), "every 8th by name"));
+}
+
+TEST_F(LoadScene, IgnoresATestListThatNamesNoImage) {
+  write_scene(9);
+  options_.eval = true;
+  for (const char* name : {"sparse/test.txt", "test.txt"}) {
+    write_bytes(folder_ / name, "milk\nbread\n");
+    const Scene scene = load();
+    EXPECT_EQ(scene.test.size(), 2u) << name;
+    EXPECT_TRUE(says(scene, "every 8th by name"));
+    ASSERT_EQ(scene.warnings.size(), 1u);
+    EXPECT_NE(scene.warnings[0].find(std::string(name) + " is ignored: expected names as in the model, found none in "
+                                                         "its 2 (first: bread)"),
+              std::string::npos)
+        << scene.warnings[0];
+    options_.eval = false;
+    EXPECT_TRUE(load().warnings.empty());
+    EXPECT_TRUE(says(load(), "none; --eval holds out every 8th"));
+    options_.eval = true;
+    fs::remove(folder_ / name);
+  }
+}
+
+TEST_F(LoadScene, ATestListMayNameFilesAsOtherProgramsDo) {
+  write_scene(9);
+  options_.eval = true;
+  for (const char* name : {"images/03.png", "images\\03.png", "03.PNG", "03.JPG",
+                           "\xef\xbb\xbf"
+                           "03.png"}) {
+    write_bytes(folder_ / "sparse/0/test.txt", std::string(name) + "\n");
+    const Scene scene = load();
+    ASSERT_EQ(scene.test.size(), 1u) << name;
+    EXPECT_EQ(scene.test[0].name, "03.png") << name;
+    EXPECT_TRUE(scene.warnings.empty()) << name;
+  }
 }
 
 TEST_F(LoadScene, RejectsToHoldOutTheOnlyImage) {
