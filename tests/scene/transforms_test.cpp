@@ -557,6 +557,19 @@ TEST_F(Transforms, RefusesHalfACharacterInAString) {
   }
 }
 
+TEST_F(Transforms, ReadsNumbersThatAreNotFiniteBesideComments) {
+  const std::string frames = line(2).dump();
+  for (const char* number : {"NaN", "nan", "-nan", "inf", "-inf", "-Infinity"}) {
+    for (const char* comment : {"// 5\" wide, nan\n", "/* 5\" wide,\n nan */", "/**/", ""}) {
+      write_bytes(folder_ / "transforms.json",
+                  detail::concat("{", comment, "\"unused\": ", number, ", \"url\": \"http://a/*\",", frames.substr(1)));
+      EXPECT_EQ(load().train.size(), 2u) << number << comment;
+    }
+  }
+  write_bytes(folder_ / "transforms.json", "{\"unused\": NaN, /* without an end");
+  EXPECT_TRUE(SceneFolder::refuses({"transforms.json: not valid JSON", "missing comment terminator"}));
+}
+
 TEST_F(Transforms, AColmapModelComesFirst) {
   write(line(1));
   ColmapModel model;

@@ -234,14 +234,15 @@ class FrameReader {
   std::set<std::string> names_;
 };
 
-constexpr std::array kNotFinite{"NaN", "Infinity", "-Infinity"};  // as Python writes them, although JSON has none
+// As Python and C write them, although JSON has none.
+constexpr std::array kNotFinite{"NaN", "Infinity", "-Infinity", "nan", "-nan", "inf", "-inf"};
 
 bool is_not_finite(const Json& json) {
   return json.is_string() &&
          std::find(kNotFinite.begin(), kNotFinite.end(), json.get<std::string>()) != kNotFinite.end();
 }
 
-/// The text with quotes around numbers that are not finite.
+/// Returns the text, which may have comments, with quotes around numbers that are not finite.
 std::string with_quotes(std::string_view text) {
   std::string quoted;
   bool is_inside = false;  // a string
@@ -252,6 +253,14 @@ std::string with_quotes(std::string_view text) {
     if (word != kNotFinite.end()) {
       quoted += detail::concat('"', *word, '"');
       at += std::string_view(*word).size() - 1;
+      continue;
+    }
+    const std::string_view next = text.substr(at, 2);
+    if (!is_inside && (next == "//" || next == "/*")) {
+      const std::size_t end = text.find(next == "//" ? "\n" : "*/", at + 2);
+      const std::string_view comment = text.substr(at, end == std::string_view::npos ? end : end - at);
+      quoted += comment;
+      at += comment.size() - 1;
       continue;
     }
     quoted += text[at];
