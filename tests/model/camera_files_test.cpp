@@ -220,6 +220,16 @@ TEST_F(CameraFiles, KeepLenses) {
   EXPECT_TRUE(refuses("params", {30, 30, 44, 31, 1e300, 0, 0, 0, 0, 0, 0, 0}, "finite"));
 }
 
+TEST_F(CameraFiles, MayHaveCommentsAndUnusedNumbersThatAreNotFinite) {
+  for (const Json& json : {camera_path(views_), transforms(views_)}) {
+    test::write_bytes(file_, "{/* 5\" */ \"unused\": NaN," + json.dump().substr(1));
+    EXPECT_EQ(read_camera_file(file_).cameras.size(), 5u);
+  }
+  const Json list = cameras_to_json({}, views_);
+  test::write_bytes(file_, "// a list\n" + list.dump());
+  EXPECT_EQ(read_camera_file(file_).cameras.size(), 5u);
+}
+
 TEST_F(CameraFiles, OtherFilesAreRefused) {
   const auto read_bytes = [&](const std::string& bytes) {
     test::write_bytes(file_, bytes);
@@ -228,6 +238,7 @@ TEST_F(CameraFiles, OtherFilesAreRefused) {
   const std::string whole = camera_path(views_).dump();
   EXPECT_TRUE(fails_with<InputError>({"not valid JSON"}, [&] { read_bytes(whole.substr(0, whole.size() / 2)); }));
   EXPECT_TRUE(fails_with<InputError>({"not valid JSON"}, [&] { read_bytes(""); }));
+  EXPECT_TRUE(fails_with<InputError>({"not valid JSON: parse error at line 1"}, [&] { read_bytes("[NoN]"); }));
   EXPECT_TRUE(fails_with<InputError>({"unknown kind"}, [&] { read_bytes("{}"); }));
   EXPECT_TRUE(fails_with<InputError>({"unknown kind"}, [&] { read_bytes("3"); }));
   EXPECT_TRUE(fails_with<InputError>({"list of cameras"}, [&] { read_bytes("[]"); }));

@@ -293,8 +293,7 @@ CameraFile read_camera_file(const fs::path& path, ImageSize size) {
 }
 
 CameraFile parse_camera_file(const std::string& text, const fs::path& path, ImageSize size) {
-  const Json json = parse_json(text);
-  if (json.is_discarded()) input_error(path.string(), ": not valid JSON (", kExpected, "): ", json_damage(text));
+  const Json json = parse_json_with_extras(text, path.string());
   if (json.is_array()) return {cameras_from_json(json, path.string()), 0};
   if (json.is_object() && json.contains("camera_path")) return read_camera_path(json, path.string(), size);
   if (json.is_object() && json.contains("frames")) return read_transforms_cameras(text, path, size);

@@ -54,6 +54,10 @@ class JsonValues {
   std::string place_;
 };
 
+/// Parses JSON as other programs write it: comments are ignored, and numbers that are not finite, such as NaN, become
+/// strings that JsonValues knows. @throws InputError, beginning with `place`
+nlohmann::ordered_json parse_json_with_extras(std::string_view text, const std::string& place);
+
 /// The files of a scene folder.
 struct TransformsFiles {
   std::filesystem::path train;     // transforms_train.json or transforms.json; empty: there is none

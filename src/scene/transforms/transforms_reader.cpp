@@ -369,16 +369,20 @@ TransformsFiles find_transforms(const fs::path& source) {
   return files;
 }
 
+Json parse_json_with_extras(std::string_view text, const std::string& place) {
+  Json json = parse_json(text, /*ignore_comments=*/true);
+  if (!json.is_discarded()) return json;
+  const std::string quoted = with_quotes(text);
+  json = parse_json(quoted, /*ignore_comments=*/true);
+  if (json.is_discarded())
+    input_error(place, ": not valid JSON: ", json_damage(quoted), "; correct it or export it again");
+  return json;
+}
+
 void read_transforms(std::string_view text, const fs::path& file, const PhotographSizesFn& sizes_of,
                      TransformsModel& model) {
   const std::string place = file.string();
-  Json json = parse_json(text, /*ignore_comments=*/true);
-  if (json.is_discarded()) {
-    const std::string quoted = with_quotes(text);
-    json = parse_json(quoted, /*ignore_comments=*/true);
-    if (json.is_discarded())
-      input_error(place, ": not valid JSON: ", json_damage(quoted), "; correct it or export the scene again");
-  }
+  const Json json = parse_json_with_extras(text, place);
   if (!json.is_object()) {
     input_error(place, ": expected a JSON object with \"frames\", found ", json_excerpt(json),
                 "; export the scene again");
