@@ -1,10 +1,15 @@
 // What the program may remove and replace.
 #include "core/files/own_files.h"
 
+#include <fcntl.h>
 #include <gtest/gtest.h>
+#include <sys/file.h>
+#include <sys/stat.h>
 #include <unistd.h>
 
+#include <array>
 #include <chrono>
+#include <climits>
 #include <filesystem>
 #include <string>
 #include <vector>
@@ -151,6 +156,23 @@ TEST_F(OwnFilesTest, ATurnLosesNoChangeOfAnotherProcess) {
     }
   });
   EXPECT_EQ(read_bytes(folder_ / "count"), std::to_string(kProcesses * kTurns));
+}
+
+TEST_F(OwnFilesTest, ALockThatIsNotReleasedStopsNoFileFromBeingWritten) {
+  OwnFiles own(folder_.path());
+  write_file(folder_ / "a", "first");
+  const Descriptor other(::open((folder_ / OwnFiles::kRecord).c_str(), O_RDWR | O_CLOEXEC));
+  ASSERT_EQ(::flock(other.fd(), LOCK_EX), 0);
+  FolderTurn::set_longest_wait({});
+  write_file(folder_ / "a", "second");
+  write_file(folder_ / "b", "first");
+  EXPECT_TRUE(fails_with<IoError>({"folder in use: ", "holds the lock of .b3dgs-files"},
+                                  [&] { const FolderTurn turn(folder_.path()); }));
+  FolderTurn::set_longest_wait(std::chrono::minutes(1));
+  EXPECT_EQ(read_bytes(folder_ / "a"), "second");
+  EXPECT_TRUE(own.is_own(folder_ / "b"));
+  ASSERT_EQ(lines_.size(), 1u);
+  EXPECT_NE(lines_[0].find("holds the lock of .b3dgs-files); going on without it"), std::string::npos) << lines_[0];
 }
 
 TEST_F(OwnFilesTest, ACopyByHardLinksLeavesTheRecordOfItsOriginal) {

@@ -176,7 +176,7 @@ void AtomicFile::commit() {
   {
     // To another process, the file would be the user's after rename() and before it is recorded.
     std::optional<FolderTurn> turn;
-    if (const OwnFiles* const own = OwnFiles::of(target_)) turn.emplace(own->root());
+    if (const OwnFiles* const own = OwnFiles::of(target_)) turn.emplace(own->root(), FolderTurn::IfLocked::kGoOn);
     make_way(target_);
     if (::rename(temporary_.c_str(), target_.c_str()) != 0) {
       io_error("cannot replace ", target_.string(), with_remedy(errno));

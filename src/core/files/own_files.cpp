@@ -37,10 +37,11 @@ Registry& registry() {
   return one;
 }
 
-/// Folders that this process has locked, and the mutex of the thread that may change them.
+/// Folders that this process has locked or given up to lock, and the mutex of the thread that may change them.
 struct Turns {
   std::recursive_mutex mutex;
-  std::set<fs::path> held;
+  std::set<fs::path> held, given_up;
+  std::chrono::milliseconds longest_wait{60'000};
 };
 
 Turns& turns() {
@@ -118,10 +119,19 @@ fs::path real_path(const fs::path& path) {
   }
 }
 
-FolderTurn::FolderTurn(const fs::path& folder) : thread_turn_(turns().mutex) {
+FolderTurn::FolderTurn(const fs::path& folder, IfLocked if_locked) : thread_turn_(turns().mutex) {
   const fs::path root = real_path(folder);
+  const bool has_given_up = turns().given_up.count(root) > 0 && if_locked == IfLocked::kGoOn;
   if (turns().held.count(root) > 0) return;
-  lock_record(root / OwnFiles::kRecord);
+  const std::chrono::milliseconds wait = has_given_up ? std::chrono::milliseconds{} : turns().longest_wait;
+  if (lock_record(root / OwnFiles::kRecord, wait)) {
+    turns().given_up.erase(root);
+  } else {
+    const std::string fault = detail::concat("folder in use: ", root.string(), " (another process holds the lock of ",
+                                             OwnFiles::kRecord, ")");
+    if (if_locked == IfLocked::kFail) io_error(fault, "; end that process, or wait for it");
+    if (turns().given_up.insert(root).second) report(fault + "; going on without it");
+  }
   turns().held.insert(root);
   root_ = root;
 }
@@ -130,31 +140,34 @@ FolderTurn::~FolderTurn() {
   if (!root_.empty()) turns().held.erase(root_);
 }
 
-void FolderTurn::lock_record(const fs::path& record) {
+void FolderTurn::set_longest_wait(std::chrono::milliseconds wait) {
+  const std::lock_guard lock(turns().mutex);
+  turns().longest_wait = wait;
+}
+
+bool FolderTurn::lock_record(const fs::path& record, std::chrono::milliseconds wait) {
   using Clock = std::chrono::steady_clock;
-  constexpr std::chrono::seconds kLongest{60};
   constexpr std::chrono::milliseconds kPause{5};
-  const auto end = Clock::now() + kLongest;
-  for (;;) {
+  for (const auto end = Clock::now() + wait;; std::this_thread::sleep_for(kPause)) {
     file_ = Descriptor(::open(record.c_str(), O_RDWR | O_CREAT | O_NOFOLLOW | O_NONBLOCK | O_CLOEXEC, 0666));
-    if (!file_) return;
-    while (::flock(file_.fd(), LOCK_EX | LOCK_NB) != 0) {
-      if (errno != EWOULDBLOCK && errno != EINTR) return;
-      if (Clock::now() > end) {
-        io_error("folder in use: ", record.parent_path().string(), " (another process has held the lock of ",
-                 record.filename().string(), " for ", kLongest.count(), " s); end that process, or wait for it");
-      }
-      std::this_thread::sleep_for(kPause);
-    }
+    if (!file_) return true;
+    const bool is_locked = ::flock(file_.fd(), LOCK_EX | LOCK_NB) == 0;
+    if (!is_locked && errno != EWOULDBLOCK && errno != EINTR) return true;
     struct stat own {};
     const auto there = status_of(record);
-    if (::fstat(file_.fd(), &own) != 0 || !there) continue;
-    if (own.st_ino != there->st_ino || own.st_dev != there->st_dev) continue;  // replaced meanwhile
-    if (!has_copies(own)) return;
-    try {  // replace it, so that a copy of the folder by hard links keeps its version
-      write_file(record, read_whole_file(record));
-    } catch (const Error&) {
-      return;
+    const bool is_there = ::fstat(file_.fd(), &own) == 0 && there && own.st_ino == there->st_ino &&
+                          own.st_dev == there->st_dev;  // otherwise it was replaced meanwhile
+    if (is_locked && is_there && !has_copies(own)) return true;
+    if (is_locked && is_there) {
+      try {  // a copy of the folder by hard links keeps the record as it is
+        write_file(record, read_whole_file(record));
+      } catch (const Error&) {
+        return true;
+      }
+    }
+    if (Clock::now() >= end) {
+      file_.close();
+      return false;
     }
   }
 }
@@ -238,7 +251,7 @@ void OwnFiles::record(const std::string& name, const Entry* entry) {
 void OwnFiles::add(const fs::path& file, bool is_growing) {
   const std::string name = name_of(file);
   if (name.empty() || !status_of(root_ / name)) return;
-  const FolderTurn turn(root_);
+  const FolderTurn turn(root_, FolderTurn::IfLocked::kGoOn);
   const std::lock_guard lock(mutex_);
   const auto status = status_of(root_ / name);
   if (!status) return;
@@ -252,7 +265,7 @@ void OwnFiles::make_way(const fs::path& file) {
   if (name.empty() || !status_of(place)) return;
   fs::path free;
   {
-    const FolderTurn turn(root_);
+    const FolderTurn turn(root_, FolderTurn::IfLocked::kGoOn);
     const std::lock_guard lock(mutex_);
     if (!status_of(place) || is_own(name)) return;
     free = previous_name(place);
@@ -287,13 +300,13 @@ void OwnFiles::remove_known(const fs::path& path) {
 
 void OwnFiles::remove(const fs::path& path) {
   if (name_of(path).empty() || !status_of(path)) return;
-  const FolderTurn turn(root_);
+  const FolderTurn turn(root_, FolderTurn::IfLocked::kGoOn);
   const std::lock_guard lock(mutex_);
   remove_known(path);
 }
 
 void OwnFiles::move(const fs::path& from, const fs::path& to) {
-  const FolderTurn turn(root_);
+  const FolderTurn turn(root_, FolderTurn::IfLocked::kGoOn);
   make_way(to);
   const std::lock_guard lock(mutex_);
   const std::string old_name = name_of(from), new_name = name_of(to);

@@ -1,6 +1,7 @@
 // Tracks which files of a folder this program has written. It removes and replaces no others.
 #pragma once
 
+#include <chrono>
 #include <cstdint>
 #include <filesystem>
 #include <functional>
@@ -18,14 +19,23 @@ namespace b3dgs {
 /// OwnFiles::kRecord. Does nothing if that file cannot be opened, or on file systems without locks.
 class FolderTurn {
  public:
-  /// @throws IoError if another process does not release the lock
-  explicit FolderTurn(const std::filesystem::path& folder);
+  /// What happens if another process does not release the lock within a minute.
+  enum class IfLocked {
+    kFail,
+    kGoOn,  // without the lock, with a warning, and from then on without waiting; a file may then count as the user's
+  };
+  /// @throws IoError with kFail
+  explicit FolderTurn(const std::filesystem::path& folder, IfLocked if_locked = IfLocked::kFail);
   ~FolderTurn();
   FolderTurn(const FolderTurn&) = delete;
   FolderTurn& operator=(const FolderTurn&) = delete;
 
+  /// Replaces the minute, for tests.
+  static void set_longest_wait(std::chrono::milliseconds wait);
+
  private:
-  void lock_record(const std::filesystem::path& record);
+  /// Returns false if another process holds the lock.
+  bool lock_record(const std::filesystem::path& record, std::chrono::milliseconds wait);
 
   std::unique_lock<std::recursive_mutex> thread_turn_;
   std::filesystem::path root_;  // empty if this thread already had the lock
