@@ -235,6 +235,15 @@ TEST_F(OwnFilesTest, ADamagedRecordMakesFilesTheUsers) {
   EXPECT_FALSE(OwnFiles(folder_.path()).is_own(folder_ / "a"));
 }
 
+TEST_F(OwnFilesTest, ARecordThatCannotBeReadMakesFilesTheUsers) {
+  write_bytes(folder_ / "a", "mine");
+  ASSERT_EQ(::mkfifo((folder_ / OwnFiles::kRecord).c_str(), 0600), 0);
+  OwnFiles own(folder_.path());
+  EXPECT_FALSE(own.is_own(folder_ / "a"));
+  write_file(folder_ / "a", "new");
+  EXPECT_EQ(read_bytes(folder_ / "a.previous"), "mine");
+}
+
 TEST(FolderLocks, NameTheHolderAndItsHost) {
   TempDir folder;
   const FolderLock lock(folder.path());

@@ -180,7 +180,12 @@ OwnFiles::OwnFiles(const fs::path& folder) : root_(real_path(folder)), given_(fs
 
 void OwnFiles::read_record() {
   entries_.clear();
-  std::istringstream file(read_file_if_there(root_ / kRecord).value_or(""));
+  std::string text;
+  try {
+    text = read_file_if_there(root_ / kRecord).value_or("");
+  } catch (const InputError&) {  // all files are then the user's
+  }
+  std::istringstream file(text);
   for (std::string line; std::getline(file, line);) {
     // "SIZE TIME KIND NAME", where kind is "f", "g" for a growing file, or "-" for a removed one.
     std::istringstream words(line);
