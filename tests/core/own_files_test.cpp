@@ -249,8 +249,13 @@ TEST(FolderLocks, NameTheHolderAndItsHost) {
   const FolderLock lock(folder.path());
   const std::string own = "(by process " + std::to_string(::getpid());
   EXPECT_TRUE(fails_with<InputError>({own + ": ", "core_tests"}, [&] { FolderLock again(folder.path()); }));
-  write_bytes(folder / ".b3dgs-lock", std::to_string(::getpid()) + " node-7\n");
-  EXPECT_TRUE(fails_with<InputError>({own + " on node-7); wait"}, [&] { FolderLock again(folder.path()); }));
+  std::array<char, HOST_NAME_MAX + 1> host{};
+  ASSERT_EQ(::gethostname(host.data(), HOST_NAME_MAX), 0);
+  for (const std::string& other : {"node-7 5"s, "node-7 "s + std::to_string(process_space()), host.data() + " 5"s}) {
+    write_bytes(folder / ".b3dgs-lock", std::to_string(::getpid()) + " " + other + "\n");
+    const std::string name = other.substr(0, other.find(' '));
+    EXPECT_TRUE(fails_with<InputError>({own + " on " + name + "); wait"}, [&] { FolderLock again(folder.path()); }));
+  }
 }
 
 }  // namespace

@@ -38,18 +38,6 @@ std::string with_remedy(int error, const std::string& what = "") {
   return reason;
 }
 
-// Identifies the space in which process IDs are unique: this boot of this machine, and this container.
-unsigned process_space() {
-  static const unsigned space = [] {
-    std::string text;
-    std::getline(std::ifstream("/proc/sys/kernel/random/boot_id"), text);
-    struct stat pids {};
-    if (::stat("/proc/self/ns/pid", &pids) == 0) text += std::to_string(pids.st_ino);
-    return static_cast<unsigned>(std::hash<std::string>{}(text));
-  }();
-  return space;
-}
-
 // The name is not derived from the target's name, which may already have the maximum length.
 fs::path temporary_name(const fs::path& folder) {
   static std::atomic<unsigned> counter{0};
@@ -119,6 +107,17 @@ void create_folders(const fs::path& folder, const std::string& target) {
 }
 
 }  // namespace
+
+unsigned process_space() {
+  static const unsigned space = [] {
+    std::string text;
+    std::getline(std::ifstream("/proc/sys/kernel/random/boot_id"), text);
+    struct stat pids {};
+    if (::stat("/proc/self/ns/pid", &pids) == 0) text += std::to_string(pids.st_ino);
+    return static_cast<unsigned>(std::hash<std::string>{}(text));
+  }();
+  return space;
+}
 
 AtomicFile::AtomicFile(fs::path target) : target_(std::move(target)) {
   const fs::path folder = target_.has_parent_path() ? target_.parent_path() : fs::path(".");

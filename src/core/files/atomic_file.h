@@ -12,6 +12,9 @@
 
 namespace b3dgs {
 
+/// Returns a number for where process IDs mean the same processes: this start of this machine, and this container.
+unsigned process_space();
+
 class AtomicFile {
  public:
   /// Opens a temporary file in the target's folder. If that folder is missing, creates it and syncs it and its parent.

@@ -41,8 +41,8 @@ std::string command_of(int process) {
   return command.size() > kMost ? command.substr(0, kMost) + "..." : command;
 }
 
-/// The file `lock` has the ID of the process that locks the folder, and its host name, which is also that of a
-/// container.
+/// The file `lock` has the ID of the process that locks the folder, its host name and its process_space(), because
+/// containers may have equal names.
 [[noreturn]] void refuse(const fs::path& folder, int lock, const std::string& kind) {
   std::array<char, HOST_NAME_MAX + 32> text{};
   const ssize_t bytes = ::pread(lock, text.data(), text.size() - 1, 0);
@@ -50,8 +50,9 @@ std::string command_of(int process) {
   std::string holder = "another process", command, host;
   if (int process = 0; words >> process && process > 0) {
     holder = "process " + std::to_string(process);
-    words >> host;
-    if (host == host_name()) {
+    unsigned space = 0;
+    words >> host >> space;
+    if (host == host_name() && space == process_space()) {
       command = command_of(process);
     } else if (!host.empty()) {
       holder += " on " + host;
@@ -83,7 +84,7 @@ FolderLock::FolderLock(const fs::path& folder, const char* kind) : path_(folder 
     }
     if (failed == EWOULDBLOCK) refuse(folder, file_.fd(), kind);
   } while (!is_at(file_.fd(), path_));
-  const std::string process = std::to_string(::getpid()) + " " + host_name() + "\n";
+  const std::string process = detail::concat(::getpid(), " ", host_name(), " ", process_space(), "\n");
   // This text is only for error messages, so a full disk is ignored here.
   if (::ftruncate(file_.fd(), 0) != 0 || ::write(file_.fd(), process.data(), process.size()) < 0) errno = 0;
   remove_unfinished_files(folder);
