@@ -73,14 +73,12 @@ extern "C" void end_by_signal(int signal) {
 
 void handle_stop_signals(void (*handler)(int)) {
   for (const int signal : kStopSignals) {
-    if (signal != SIGHUP || !is_ignored(signal)) set_handler(signal, handler);
+    if (!is_ignored(signal)) set_handler(signal, handler);
   }
 }
 
 void end_by_stop_signals() {
-  for (const int signal : kStopSignals) {
-    if (!is_ignored(signal)) set_handler(signal, end_by_signal);
-  }
+  handle_stop_signals(end_by_signal);
 }
 
 RemovedBySignal::RemovedBySignal(const std::filesystem::path& path) {

@@ -39,6 +39,17 @@ int exit_code_of_first_process(const Body& body) {
   return exit_code_of(outer);
 }
 
+TEST(StopSignals, StayIgnoredIfTheyAre) {
+  for (const int signal : {SIGINT, SIGTERM, SIGHUP}) {
+    const auto before = std::signal(signal, SIG_IGN);
+    handle_stop_signals([](int) {});
+    EXPECT_EQ(std::signal(signal, SIG_IGN), SIG_IGN) << signal;
+    end_by_stop_signals();
+    EXPECT_EQ(std::signal(signal, before), SIG_IGN) << signal;
+    std::signal(SIGINT, SIG_DFL), std::signal(SIGTERM, SIG_DFL), std::signal(SIGHUP, SIG_DFL);
+  }
+}
+
 TEST(StopSignals, EndTheFirstProcessOfAContainer) {
   const test::TempDir folder;
   const std::filesystem::path file = folder / "temporary";
