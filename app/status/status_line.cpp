@@ -77,13 +77,13 @@ std::string format_bar(double share, int columns) {
 
 ProgressFn show_loading(StatusLine& status) {
   return [&status](const std::string& stage, std::size_t done, std::size_t total) {
-    const bool is_complete = total > 0 && done >= total;
+    const bool begins = done == 0, is_complete = total > 0 && done >= total;
     std::string text = stage;
     if (total > 0) text += " " + std::to_string(done) + "/" + std::to_string(total);
     if (status.is_terminal() && total > 0) {
       text = format_bar(static_cast<double>(done) / static_cast<double>(total), kBarColumns) + " " + text;
     }
-    status.show(text, is_complete);
+    status.show(text, begins || is_complete);  // the first step may take long
   };
 }
 

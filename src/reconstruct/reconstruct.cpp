@@ -276,9 +276,11 @@ class Reconstruction {
           "order, add --matcher exhaustive, which takes longer"));
     }
     if (record_.is_done("matches", {{"matcher", matcher}}, is_there(places_.database))) return;
-    show("matching", 0, 0);
+    // COLMAP prints a line for each block of pairs, or for each photograph that is matched with its neighbours.
+    const char* const stage = matcher == "exhaustive" ? "matching, blocks of pairs" : "matching, photographs";
+    show(stage, 0, 0);
     const auto on_line = [&](const std::string& line) {
-      if (const auto step = colmap_step(line)) show("matching", step->done, step->total);
+      if (const auto step = colmap_step(line)) show(stage, step->done, step->total);
     };
     run(colmap_.match_command(matcher, n_images), on_line, database_files(places_.database));
     record_.finish();

@@ -87,6 +87,15 @@ TEST(StatusLine, ElsewhereALineEveryTenSeconds) {
   EXPECT_EQ(out.str(), "at 10\nat 20\nat 30\n");
 }
 
+TEST(ShowLoading, AStageIsNamedWhenItBeginsAndWhenItEnds) {
+  std::ostringstream out;
+  StatusLine status(out, 0, false, [] { return 0.0; });
+  const ProgressFn progress = show_loading(status);
+  progress("matching", 0, 0);
+  for (const std::size_t done : {0, 1, 2, 3}) progress("copying", done, 3);
+  EXPECT_EQ(out.str(), "matching\ncopying 0/3\ncopying 3/3\n");
+}
+
 TEST(StatusLine, QuietShowsMessagesOnly) {
   std::ostringstream out;
   StatusLine status(out, 0, true, [] { return 100.0; });

@@ -52,6 +52,9 @@ case $command in
       echo "$name" >> "$database"
       [ ! -e "$here/slow" ] || sleep 0.2
     done < "$list" ;;
+  sequential_matcher)
+    echo "Matching image [1/10] in 0.1s"
+    echo "Matching image [10/10] in 0.1s" ;;
   *_matcher)
     printf "Matching block [1/2, 1/2]"
     echo " in 0.1s"

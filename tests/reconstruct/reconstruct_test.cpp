@@ -69,6 +69,22 @@ TEST_F(Reconstruct, MakesASceneAndLeavesThePhotographs) {
   EXPECT_NE(read_bytes(scene() / "reconstruct.log").find("Processed file [10/10]"), std::string::npos);
 }
 
+TEST_F(Reconstruct, SaysWhatItCounts) {
+  const auto steps_of_matching = [&] {
+    std::vector<std::string> steps;
+    reconstruct(options_, [&](const std::string& stage, std::size_t done, std::size_t total) {
+      if (stage.rfind("matching", 0) == 0)
+        steps.push_back(stage + " " + std::to_string(done) + "/" + std::to_string(total));
+    });
+    return steps;
+  };
+  EXPECT_EQ(steps_of_matching(),
+            (Words{"matching, blocks of pairs 0/0", "matching, blocks of pairs 1/4", "matching, blocks of pairs 4/4"}));
+  options_.matcher = "sequential";
+  EXPECT_EQ(steps_of_matching(),
+            (Words{"matching, photographs 0/0", "matching, photographs 1/10", "matching, photographs 10/10"}));
+}
+
 TEST_F(Reconstruct, DoesNotRepeatWhatIsDone) {
   commands_of_call();
   EXPECT_EQ(commands_of_call(), Words{});
