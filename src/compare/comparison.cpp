@@ -159,7 +159,7 @@ Json settings(const Comparison& comparison, Json& rows) {
       continue;
     }
     Json& row = rows.emplace_back(Json::array({name}));
-    for (const Json& own : all) row.push_back(option_value_text(own[name]));
+    for (const Json& own : all) row.push_back(option_text(own[name]));
   }
   std::string seeds;
   for (const std::int64_t seed : plan.seeds) seeds += (seeds.empty() ? "" : ", ") + std::to_string(seed);

@@ -32,6 +32,23 @@ Json or_null(const Value& value) {
   return value;
 }
 
+/// Reports are passed on, so they name files and folders without where these are.
+std::string last_part(std::string path) {
+  while (path.size() > 1 && path.back() == '/') path.pop_back();
+  return path.substr(path.rfind('/') + 1);
+}
+
+/// Applies last_part() to what is in quotes: masks: "" -> "/data/masks".
+std::string with_last_parts(const std::string& change) {
+  std::string text;
+  for (std::size_t at = 0;;) {
+    const std::size_t open = change.find('"', at), close = change.find('"', open + 1);
+    if (open == std::string::npos || close == std::string::npos) return text + change.substr(at);
+    text += change.substr(at, open + 1 - at) + last_part(change.substr(open + 1, close - open - 1)) + '"';
+    at = close + 1;
+  }
+}
+
 Json mean_stages(const TrainHistory& history) {
   Json means = Json::object();
   double n = 0;
@@ -94,7 +111,11 @@ Json run_data(const std::string& name, std::int64_t seed, const TrainHistory& hi
   for (const KernelPeriod& own : kernel_periods(history)) {
     periods.push_back({{"kernel", own.kernel}, {"from", own.from}, {"until", own.until}});
   }
-  run.update({{"kernel_periods", periods}, {"resumes", history.events["resumed"]}});
+  Json resumes = history.events["resumed"];
+  for (Json& resume : resumes) {
+    for (Json& change : resume["changed_options"]) change = with_last_parts(change.get<std::string>());
+  }
+  run.update({{"kernel_periods", periods}, {"resumes", resumes}});
   return run;
 }
 
@@ -114,18 +135,22 @@ Json previews_data(const std::vector<NamedInfo>& runs) {
   return previews;
 }
 
+std::string option_text(const Json& value) {
+  return value.is_string() && value != "" ? last_part(value.get<std::string>()) : option_value_text(value);
+}
+
 std::string changed_options(const Json& base, const Json& own) {
   static const std::set<std::string> kShownElsewhere{"source_path", "model_path", "device"};
   std::string text;
   for (const auto& [name, value] : own.items()) {
     if (value == base.at(name) || kShownElsewhere.count(name) > 0) continue;
-    text += (text.empty() ? "" : ", ") + name + " " + option_value_text(value);
+    text += (text.empty() ? "" : ", ") + name + " " + option_text(value);
   }
   return text;
 }
 
 Json scene_rows(const TrainConfig& config, const ModelFolder& folder) {
-  Json rows = Json::array({Json::array({"source scene", config.source_path})});
+  Json rows = Json::array({Json::array({"source scene", scene_name(config.source_path)})});
   if (const std::string text = photographs_text(folder); !text.empty()) rows.push_back({"resolution", text});
   return rows;
 }

@@ -75,6 +75,9 @@ struct NamedInfo {
 };
 nlohmann::ordered_json previews_data(const std::vector<NamedInfo>& runs);
 
+/// The value as on the command line, but of a path only the last part.
+std::string option_text(const nlohmann::ordered_json& value);
+
 /// "eval on, seed 7": options (config_to_json()) in which `own` differs from `base`, without scene, model folder and
 /// device; empty if there are none.
 std::string changed_options(const nlohmann::ordered_json& base, const nlohmann::ordered_json& own);

@@ -76,6 +76,8 @@ TEST(CompareReportData, NamesOptionsOfAllOnlyWhereTheyAre) {
     own.config.gaussians_per_pixel = 2.5;
     own.config.kernel = "naive";
   }
+  comparison.plan.base.source_path = "/home/ann/garden";
+  comparison.configurations[0].config.masks = "/home/ann/masks";
   comparison.configurations[0].config.lambda_dssim = 0.1;
   comparison.configurations[1].config.lambda_dssim = 0.4;
   const Json data = comparison_report_data(comparison);
@@ -83,7 +85,10 @@ TEST(CompareReportData, NamesOptionsOfAllOnlyWhereTheyAre) {
   EXPECT_TRUE(test::contains(all, "gaussians_per_pixel 2.5")) << all;
   EXPECT_FALSE(test::contains(all, "lambda_dssim")) << all;
   EXPECT_FALSE(test::contains(data.dump(), "gaussians_per_pixel 1.5"));
-  EXPECT_EQ(data["options"], Json::array({Json::array({"lambda_dssim", "0.1", "0.4"})}));
+  EXPECT_EQ(data["options"],
+            Json::array({Json::array({"masks", "masks", "none"}), Json::array({"lambda_dssim", "0.1", "0.4"})}));
+  EXPECT_EQ(data["settings"][0], Json::array({"source scene", "garden"}));
+  EXPECT_FALSE(test::contains(data.dump(), "/home")) << "where files are";
 }
 
 TEST(CompareReportData, NamesOptionsOfAllOnlyWhereTheyDifferFromThePreset) {

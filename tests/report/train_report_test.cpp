@@ -148,10 +148,30 @@ TEST(LimitText, SaysWhetherThereWereSoManyOnce) {
 TEST_F(TrainReport, NamesSceneOptionsAndMachine) {
   write_previews(true);
   const Json report = data(60, true);
-  EXPECT_EQ(report["settings"][0], Json::array({"source scene", "/scenes/garden"}));
+  EXPECT_EQ(report["settings"][0], Json::array({"source scene", "garden"}));
   EXPECT_EQ(report["settings"][1],
             Json::array({"options", "iterations 60; otherwise those of --preset inria, --strategy default"}));
   EXPECT_EQ(report["machine"], Json({{"cpu", "a CPU"}}));
+}
+
+TEST_F(TrainReport, NamesFilesWithoutWhereTheyAre) {
+  config_.source_path = "/home/ann/scenes/garden/";
+  config_.model_path = "/home/ann/models/garden";
+  config_.masks = "/home/ann/masks";
+  config_.init_ply = "../ann/start.ply";
+  write_previews(true);
+  data(60, true);
+  std::ofstream(folder_.log(), std::ios::app)
+      << R"({"iteration": 70, "event": "resumed", "kernel": "tile", "changed_options": )"
+      << R"(["masks: \"\" -> \"/home/ann/masks\"", "iterations: 50 -> 60"]})"
+      << "\n";
+  const Json report = train_report_data(folder_);
+  EXPECT_EQ(report.dump().find("ann"), std::string::npos) << report.dump();
+  EXPECT_EQ(report["settings"][0], Json::array({"source scene", "garden"}));
+  EXPECT_EQ(report["settings"][1][1],
+            "init_ply start.ply, masks masks, iterations 60; otherwise those of --preset inria, --strategy default");
+  EXPECT_EQ(report["runs"][0]["resumes"][0]["changed_options"],
+            Json::array({"masks: \"\" -> \"masks\"", "iterations: 50 -> 60"}));
 }
 
 TEST_F(TrainReport, IsWrittenAsOnePage) {
