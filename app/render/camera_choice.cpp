@@ -67,15 +67,35 @@ ImageSize wanted_size(const CameraOptions& options, ImageSize size) {
   return size;
 }
 
+/// The camera for an image of another size, with its focal lengths times `scale`.
+Camera fit(const Camera& camera, ImageSize size, double scale) {
+  if (size == ImageSize{camera.width, camera.height}) return camera;
+  Camera fitted = camera;
+  fitted.width = size.width;
+  fitted.height = size.height;
+  fitted.fx *= scale;
+  fitted.fy *= scale;
+  fitted.cx = 0.5 * size.width + scale * (camera.cx - 0.5 * camera.width);
+  fitted.cy = 0.5 * size.height + scale * (camera.cy - 0.5 * camera.height);
+  return fitted;
+}
+
+/// Returns the camera in the size that the options name.
+Camera in_wanted_size(const CameraOptions& options, const Camera& camera) {
+  const bool has_path_size = options.path_size.width > 0 && options.width == 0 && options.height == 0;
+  return has_path_size && is_path(options) ? fit_longer_side(camera, options.path_size)
+                                           : fit_to_size(camera, wanted_size(options, {camera.width, camera.height}));
+}
+
 /// Image size and focal lengths of the cameras on an orbit.
 Camera orbit_lens(const CameraOptions& options, const std::vector<Camera>& keys) {
   const bool has_fov = options.fov > 0 && options.projection != "fisheye";
   const double fov = has_fov ? options.fov : Camera::kDefaultFov;
   if (keys.empty()) {
-    const ImageSize size = wanted_size(options, kDefaultSize);
+    const ImageSize size = wanted_size(options, options.path_size.width > 0 ? options.path_size : kDefaultSize);
     return Camera::with_field_of_view(size.width, size.height, fov, {});
   }
-  Camera lens = fit_to_size(keys[0], wanted_size(options, {keys[0].width, keys[0].height}));
+  Camera lens = in_wanted_size(options, keys[0]);
   if (has_fov) {
     const double pixel_aspect = lens.fx / lens.fy;
     lens.fy = 0.5 * lens.height / std::tan(0.5 * fov * kDegree);
@@ -154,9 +174,7 @@ CameraChoice choose_places(const CommandLine& line, const CameraOptions& options
     for (Camera& key : choice.cameras) key = key.without_lens();
   }
   if (!goes_around(options)) {
-    for (Camera& camera : choice.cameras) {
-      camera = fit_to_size(camera, wanted_size(options, {camera.width, camera.height}));
-    }
+    for (Camera& camera : choice.cameras) camera = in_wanted_size(options, camera);
     if (is_path(options)) choice.cameras = interpolate_cameras(choice.cameras, options.frames);
     return choice;
   }
@@ -217,16 +235,12 @@ CameraChoice choose_cameras(const CommandLine& line, const CameraOptions& option
 }
 
 Camera fit_to_size(const Camera& camera, ImageSize size) {
-  if (size == ImageSize{camera.width, camera.height}) return camera;
-  const double scale = static_cast<double>(size.height) / camera.height;
-  Camera fitted = camera;
-  fitted.width = size.width;
-  fitted.height = size.height;
-  fitted.fx *= scale;
-  fitted.fy *= scale;
-  fitted.cx = 0.5 * size.width + scale * (camera.cx - 0.5 * camera.width);
-  fitted.cy = 0.5 * size.height + scale * (camera.cy - 0.5 * camera.height);
-  return fitted;
+  return fit(camera, size, static_cast<double>(size.height) / camera.height);
+}
+
+Camera fit_longer_side(const Camera& camera, ImageSize size) {
+  return fit(camera, size,
+             static_cast<double>(std::max(size.width, size.height)) / std::max(camera.width, camera.height));
 }
 
 }  // namespace b3dgs

@@ -25,6 +25,8 @@ struct CameraOptions {
   double elevation = 0;
   double distance = 0;
   std::string up = "auto";
+  ImageSize
+      path_size{};  // not on the command line: used for paths without `width` and `height`; 0: that of the cameras
 };
 
 template <class Visitor>
@@ -34,7 +36,8 @@ void visit_fields(CameraOptions& c, Visitor&& field) {
   field(Option{"cameras"}.common(), c.cameras, Any{},
         "cameras from this file: cameras.json, camera path or transforms.json");
   field(Option{"frames"}.common(), c.frames, AtLeast{1}, "images of --path interpolated, orbit and turntable");
-  field(Option{"width"}.common(), c.width, InRange{0, kMaxRenderSide}, "image width, px (0 = that of the cameras)");
+  field(Option{"width"}.common(), c.width, InRange{0, kMaxRenderSide},
+        "image width, px (0 = that of the cameras; videos of paths: 1920 x 1080)");
   field(Option{"height"}.common(), c.height, InRange{0, kMaxRenderSide}, "image height, px (0 = that of the cameras)");
   field(Option{"projection"}, c.projection, OneOf{{"auto", "pinhole", "fisheye", "equirectangular"}},
         "of the images; auto: views in their lens, paths as a pinhole");
@@ -64,12 +67,15 @@ bool needs_views(const CameraOptions& options);
 void check_camera_options(const CommandLine& line, const CameraOptions& options);
 
 /// The cameras that the options select, in the size that they ask for. `line`: which of them were given. A camera keeps
-/// its vertical field of view and its square pixels if the size changes. @throws InputError, also for a bad camera file
+/// its vertical field of view and its square pixels if the size changes, or, in CameraOptions::path_size, the field of
+/// view along its longer side. @throws InputError, also for a bad camera file
 CameraChoice choose_cameras(const CommandLine& line, const CameraOptions& options, const Scene& scene,
                             const SplatCloud& splats);
 
 /// The camera for an image of another size: the vertical field of view, the shape of pixels, and the distance of the
 /// principal point from the centre relative to the height stay the same.
 Camera fit_to_size(const Camera& camera, ImageSize size);
+/// The same, but the field of view along the longer side stays the same, whichever side that is before and after.
+Camera fit_longer_side(const Camera& camera, ImageSize size);
 
 }  // namespace b3dgs

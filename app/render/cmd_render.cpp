@@ -75,6 +75,14 @@ void check_options(const CommandLine& line, const ModelOptions& model, const Ren
   }
 }
 
+/// Returns the size of the frames of a path, unless the options name one or the cameras of a file have one.
+ImageSize path_size(const CommandLine& line, const RenderOptions& options) {
+  const std::string extension = lower_case(fs::path(options.video).extension().string());
+  const bool is_full_hd = extension == ".mp4" || extension == ".webm";  // a .gif would be too large
+  return is_full_hd && !line.was_given("resolution") && !line.was_given("cameras") ? ImageSize{1920, 1080}
+                                                                                   : ImageSize{};
+}
+
 /// `variant`: results_variant().
 fs::path frames_folder(const LoadedModel& model, const RenderOptions& options, const std::string& set,
                        const std::string& variant) {
@@ -237,6 +245,7 @@ int run_render(const std::vector<std::string>& words) {
   check_options(line, model_options, options);
   check_camera_options(line, camera_options);
   if (!options.ply.empty()) model_options.model_path = options.ply;
+  camera_options.path_size = path_size(line, options);
   LoadedModel model = load_model(model_options, needs_views(camera_options));
   // A file does not say which views it was trained on: --path train has all.
   if (model.is_file() && camera_options.path == "test" && line.was_given("path")) model.config.eval = true;

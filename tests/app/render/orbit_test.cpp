@@ -194,6 +194,14 @@ TEST(FitToSize, KeepsTheVerticalAngleOfView) {
   EXPECT_NEAR(fitted.cx, 150 + 2 * (55 - 60), 1e-12);
   EXPECT_NEAR(fitted.cy, 80 + 2 * (42 - 40), 1e-12);
   EXPECT_EQ(fit_to_size(lens, {120, 80}).cx, 55);
+  // A camera held upright is turned: what its height showed, the width shows.
+  const Camera turned = fit_longer_side({60, 80, 100, 100, 30, 42, {}, {}}, {1920, 1080});
+  EXPECT_EQ(turned.width, 1920);
+  EXPECT_EQ(turned.height, 1080);
+  EXPECT_EQ(turned.fx, 100 * 1920 / 80.0);
+  EXPECT_EQ(turned.fy, 100 * 1920 / 80.0);
+  EXPECT_EQ(turned.cx, 960);
+  EXPECT_EQ(turned.cy, 540 + 2 * 1920 / 80.0);
 }
 
 }  // namespace

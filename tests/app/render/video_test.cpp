@@ -141,6 +141,23 @@ TEST_F(Video, OfOddSizeLosesOneRowAndColumn) {
   EXPECT_GT(psnr(read_image(folder_ / "images/renders/00000.png", false), frames[0]), 28);
 }
 
+TEST_F(Video, OfAPathIsFullHdUnlessASizeIsNamed) {
+  B3DGS_NEED_FFMPEG();
+  const auto size_of_video = [&](const std::string& name, Words words) {
+    words.insert(words.begin(), {"render", (*scene_ / "scene/truth.ply").string(), "-s", (*scene_ / "scene").string(),
+                                 "--video", path(name), "--frames", "1", "--device", "cpu", "--quiet"});
+    const Outcome outcome = run_b3dgs(words);
+    EXPECT_EQ(outcome.exit_code, 0) << outcome.err;
+    const std::vector<Image8> frames = decode(path(name));
+    return frames.empty() ? ImageSize{} : frames[0].size();
+  };
+  EXPECT_EQ(size_of_video("a.mp4", {"--path", "orbit"}), (ImageSize{1920, 1080}));
+  EXPECT_EQ(size_of_video("b.webm", {"--path", "interpolated"}), (ImageSize{1920, 1080}));
+  EXPECT_EQ(size_of_video("c.mp4", {"--path", "orbit", "--width", "128"}), (ImageSize{128, 96}));
+  EXPECT_EQ(size_of_video("d.mp4", {"--path", "orbit", "-r", "1"}), (ImageSize{64, 48}));
+  EXPECT_EQ(size_of_video("e.gif", {"--path", "orbit"}), (ImageSize{64, 48}));
+}
+
 TEST_F(Video, WithoutOutputIsAllThatIsWritten) {
   B3DGS_NEED_FFMPEG();
   const std::size_t before = static_cast<std::size_t>(
