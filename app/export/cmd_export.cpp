@@ -1,6 +1,7 @@
 // b3dgs export: writes a model in the formats of viewers and editors, and says what that has cost.
 #include <algorithm>
 #include <array>
+#include <cmath>
 #include <cstdio>
 #include <optional>
 
@@ -207,8 +208,9 @@ void measure_loss(const LoadedModel& before, SplatCloud exported, const std::vec
   if (is_cropped) {
     print_line("PSNR", "not measured: the photographs show more than --crop leaves");
   } else {
-    print_line("PSNR", "%.2f dB, before %.2f dB: %.2f dB lost (mean of %.0f %s)", psnr_after / n, psnr_before / n,
-               std::max(0.0, (psnr_before - psnr_after) / n), n, what);
+    const double lost = (psnr_before - psnr_after) / n;
+    print_line("PSNR", "%.2f dB, before %.2f dB: %.2f dB %s (mean of %.0f %s)", psnr_after / n, psnr_before / n,
+               std::abs(lost), lost <= -0.005 ? "gained" : "lost", n, what);
   }
   print_line("renders", "%.2f dB, those after against those before%s", psnr_between / n,
              is_cropped ? ", both cropped" : "");

@@ -108,6 +108,17 @@ TEST_F(Export, ACopyAsPlyLosesNothing) {
   EXPECT_TRUE(test::same(test::read_bytes(path("copy.ply")), test::read_bytes(ply())));
 }
 
+TEST_F(Export, SaysWhatWasGained) {
+  SplatCloud cloud = read_splat_ply(ply());
+  for (std::size_t i = 0; i < cloud.shN.size(); ++i) cloud.shN[i] = i % 2 == 0 ? 1.0f : -1.0f;
+  write_splat_ply(path("gaudy.ply"), cloud);
+  const Outcome outcome =
+      run_export({path("gaudy.ply"), path("plain.ply"), "-s", path("scene"), "--max_sh_degree", "0"});
+  ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
+  EXPECT_TRUE(test::contains(outcome.out, " dB gained (mean of ")) << outcome.out;
+  EXPECT_FALSE(test::contains(outcome.out, "lost")) << outcome.out;
+}
+
 TEST_F(Export, ReplacesNothingUnlessAsked) {
   test::write_bytes(path("kept.spz"), "important");
   const Outcome refused = run_export({path("model"), path("kept.spz")});
