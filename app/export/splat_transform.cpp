@@ -99,7 +99,7 @@ void write_by_splat_transform(const fs::path& file, const SplatCloud& cloud, Sta
   const WorkFolder work(folder);
   const fs::path ply = work.path() / "gaussians.ply", result = work.path() / file.filename();
   write_splat_ply(ply, cloud);
-  status.show(std::string(kProgram) + " writes " + file.filename().string(), /*now=*/true);
+  status.show(std::string(kProgram) + " writes " + file.filename().string() + ", which may take minutes", /*now=*/true);
   Conversion conversion = convert(ply, result, /*on_cpu=*/false);
   if (!conversion.has_written && !conversion.is_stopped) {
     // Some formats are compressed on a GPU, if there is one that the program can use.
