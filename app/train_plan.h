@@ -38,7 +38,7 @@ void visit_fields(TrainCommandOptions& c, Visitor&& field) {
         "GPUs of this machine to train on, a process for each: a number, or auto for all");
   field(Option{"ranks"}, c.rank.ranks, InRange{0, kMaxStartedRanks},
         "processes to train with (0 = as many as a launcher started; 1 = this one alone)");
-  field(Option{"view"}, c.view, Any{},
+  field(Option{"view"}.common(), c.view, Any{},
         "show the training in a browser; may name PORT (0 = any free one) or ADDRESS:PORT");
   field(Option{"quiet"}.common(), c.quiet, Any{}, "print results and warnings only");
 }

@@ -64,7 +64,7 @@ void for_each_option(TrainConfig& c, const std::function<void(const TrainOption&
         "use each photograph at most X times: shortens the schedule (0 = no limit)");
   field(Option{"batch"}, c.batch, InRange{1, kMaxBatch},
         "views per step: mean gradient, rates x sqrt(B); default with several ranks: one each");
-  field(Option{"seed"}.common(), c.seed, AtLeast{0}, "random seed");
+  field(Option{"seed"}, c.seed, AtLeast{0}, "random seed");
   constexpr AtLeast output{-1};  // full_eval.py of the original code passes --test_iterations -1 for none
   field(Option{"test_iterations", '\0', {"eval_steps"}}.common().in_steps(Steps::kOutput), c.test_iterations, output,
         "evaluate the test views after these iterations, and at the end");

@@ -48,6 +48,11 @@ TEST(OptionsPage, HasASectionForEveryCommandAndNoTableTwice) {
   EXPECT_NE(page.find("\nSame as for `b3dgs train`.\n"), std::string::npos);
 }
 
+TEST(Help, OfTrainListsTheLiveView) {
+  const Outcome help = run_b3dgs({"train", "--help"});
+  EXPECT_NE(help.out.find("\n      --view"), std::string::npos) << help.out;
+}
+
 TEST(Help, IsShortForEveryCommandAndNamesAnExample) {
   const std::vector<Words> commands{{"reconstruct"}, {"train"},         {"eval"},          {"render"},  {"export"},
                                     {"view"},        {"info"},          {"synth"},         {"compare"}, {"report"},
