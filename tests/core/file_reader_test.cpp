@@ -73,6 +73,19 @@ TEST(ReadableFiles, IncludeAPipeThatTheShellHasOpened) {
   EXPECT_EQ(read_json_file(path, "options").at("a"), 1);
 }
 
+TEST(ReadableFiles, IncludeAPipeAtStandardInput) {
+  std::array<int, 2> ends{};
+  ASSERT_EQ(::pipe(ends.data()), 0);
+  const Descriptor read_end(ends[0]), before(::dup(STDIN_FILENO));
+  {
+    const Descriptor write_end(ends[1]);
+    ASSERT_EQ(::write(write_end.fd(), "{\"a\": 1}", 8), 8);
+  }
+  ASSERT_EQ(::dup2(read_end.fd(), STDIN_FILENO), STDIN_FILENO);
+  EXPECT_EQ(read_json_file("/dev/stdin", "options").at("a"), 1);
+  ::dup2(before.fd(), STDIN_FILENO);
+}
+
 TEST(JsonFiles, WithTheSameKeyTwiceAreRefused) {
   TempDir folder;
   const fs::path file = folder / "a.json";

@@ -30,9 +30,10 @@ void require_regular(const std::filesystem::path& path, mode_t mode) {
               "); copy its content into a file");
 }
 
-/// Returns the number N of a path /dev/fd/N, or -1.
+/// Returns the number N of a path /dev/fd/N, 0 for /dev/stdin, and -1 for other paths.
 int inherited_file(const std::filesystem::path& path) {
   constexpr std::string_view kFolder = "/dev/fd/";
+  if (path == "/dev/stdin") return STDIN_FILENO;
   const std::string& text = path.native();
   if (text.compare(0, kFolder.size(), kFolder) != 0) return -1;
   int number = -1;
