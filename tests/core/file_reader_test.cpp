@@ -8,6 +8,7 @@
 #include <unistd.h>
 
 #include <array>
+#include <csignal>
 #include <cstring>
 #include <string>
 
@@ -84,6 +85,23 @@ TEST(ReadableFiles, IncludeAPipeAtStandardInput) {
   ASSERT_EQ(::dup2(read_end.fd(), STDIN_FILENO), STDIN_FILENO);
   EXPECT_EQ(read_json_file("/dev/stdin", "options").at("a"), 1);
   ::dup2(before.fd(), STDIN_FILENO);
+}
+
+TEST(ReadableFiles, AreReadToTheirEndAlthoughASignalInterrupts) {
+  std::array<int, 2> ends{};
+  ASSERT_EQ(::pipe(ends.data()), 0);
+  const Descriptor read_end(ends[0]);
+  static int write_end = -1;
+  write_end = ends[1];
+  struct sigaction action {
+  }, before{};
+  action.sa_handler = [](int) {  // interrupts the read() that waits, which then finds the content
+    if (::write(write_end, "whole", 5) == 5) ::close(write_end);
+  };
+  ASSERT_EQ(::sigaction(SIGALRM, &action, &before), 0);
+  ::ualarm(1000, 0);
+  EXPECT_EQ(read_whole_file("/dev/fd/" + std::to_string(read_end.fd())), "whole");
+  ::sigaction(SIGALRM, &before, nullptr);
 }
 
 TEST(JsonFiles, WithTheSameKeyTwiceAreRefused) {

@@ -48,6 +48,7 @@ std::string read_pipe(const std::filesystem::path& path, int pipe) {
   std::vector<char> buffer(kBufferBytes);
   for (;;) {
     const ssize_t bytes = ::read(pipe, buffer.data(), buffer.size());
+    if (bytes < 0 && errno == EINTR) continue;
     if (bytes == 0) return text;
     if (bytes < 0) fail_to_open(path, std::strerror(errno));
     text.append(buffer.data(), static_cast<std::size_t>(bytes));

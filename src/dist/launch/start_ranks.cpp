@@ -106,7 +106,8 @@ class RankProcesses {
   ~RankProcesses() {  // only after an exception are any still running
     kill_all(SIGKILL);
     for (const pid_t pid : pids_) {
-      if (pid > 0) waitpid(pid, nullptr, 0);
+      while (pid > 0 && waitpid(pid, nullptr, 0) < 0 && errno == EINTR) {
+      }
     }
   }
   RankProcesses(const RankProcesses&) = delete;
