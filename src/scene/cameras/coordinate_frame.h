@@ -68,7 +68,7 @@ struct RelativeDistances {
 RelativeDistances relative_distances(const std::vector<Camera>& cameras, const std::vector<double>& points);
 
 /// Times the usual distance, in limited_radius().
-inline constexpr double kMostRadius = 10;
+inline constexpr double kMostRadius = 5;
 
 /// Returns camera_radius(), but at most kMostRadius times the usual distance. A camera that is registered wrongly, a
 /// hundred times as far away as the others, would otherwise multiply learning rates by a hundred. Such cameras are not

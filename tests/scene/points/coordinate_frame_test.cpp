@@ -123,7 +123,7 @@ TEST(LimitedRadius, IsTheSameWhateverTheShareOfFarCameras) {
     const Ring scene = close_ups_and(n_far, 40);
     EXPECT_NEAR(limited_radius(scene.cameras, scene.points), kMostRadius, 0.1 * kMostRadius) << n_far;
   }
-  const Ring near = close_ups_and(8, 4);
+  const Ring near = close_ups_and(8, 3);
   EXPECT_EQ(limited_radius(near.cameras, near.points), camera_radius(near.cameras));
 }
 
