@@ -104,6 +104,14 @@ TEST(ReadableFiles, AreReadToTheirEndAlthoughASignalInterrupts) {
   ::sigaction(SIGALRM, &before, nullptr);
 }
 
+TEST(JsonFiles, AreExpectedBeforeTheRemedy) {
+  TempDir folder;
+  ASSERT_EQ(::mkfifo((folder / "fifo").c_str(), 0600), 0);
+  EXPECT_TRUE(
+      fails_with<InputError>({"expected options: file cannot be read: ", "found a FIFO); copy its content into"},
+                             [&] { read_json_file(folder / "fifo", "options"); }));
+}
+
 TEST(JsonFiles, WithTheSameKeyTwiceAreRefused) {
   TempDir folder;
   const fs::path file = folder / "a.json";

@@ -251,7 +251,7 @@ nlohmann::ordered_json read_json_file(const std::string& path, const char* expec
   try {
     text = read_whole_file(path);
   } catch (const InputError& error) {
-    error.rethrow_with(detail::concat("; expected ", expected));
+    input_error("expected ", expected, ": ", error.what());
   }
   nlohmann::ordered_json json = parse_json(text, /*ignore_comments=*/true);
   if (json.is_discarded()) input_error("not valid JSON: ", path, " (expected ", expected, "; ", json_damage(text), ")");
