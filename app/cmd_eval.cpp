@@ -144,9 +144,9 @@ struct SplitEvaluator {
   }
 };
 
-/// Whether the results can be written to the model folder; otherwise warns, before anything is rendered. The scene is
-/// not read yet: whether there are test views follows from the training's --eval. @throws InputError if --save_images
-/// cannot write
+/// Whether the results can be added to those in the model folder; otherwise warns, before anything is rendered. The
+/// scene is not read yet: whether there are test views follows from the training's --eval. @throws InputError if
+/// --save_images cannot write
 bool can_write_results(const LoadedModel& model, const EvalOptions& options, StatusLine& status) {
   const std::string remedy = "allow writing there, or evaluate a copy of the model folder";
   const std::string with_results = model.config.eval ? "test" : "train";
@@ -155,6 +155,7 @@ bool can_write_results(const LoadedModel& model, const EvalOptions& options, Sta
     for (const std::filesystem::path& file : model.folder.results()) {
       if (split == "all" || split == with_results) require_writable(file, remedy);
     }
+    if (split == "all" || split == with_results) model.folder.check_results();
   } catch (const InputError& error) {
     if (options.save_images) throw;
     status.warn(std::string("results are printed only: ") + error.what());

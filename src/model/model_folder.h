@@ -111,6 +111,9 @@ class ModelFolder {
   /// followed by "_2", "_3", ... if that key is used by results of another source.
   std::string results_key(int iteration, const std::string& variant = "", const EvaluationSource& source = {}) const;
 
+  /// Checks that write_results() will be able to read the files. @throws InputError
+  void check_results() const;
+
   /// Adds results to results.json, with their source, and to per_view.json. @throws IoError
   void write_results(const std::string& key, const Evaluation& evaluation, const EvaluationSource& source) const;
 

@@ -95,6 +95,10 @@ std::string ModelFolder::results_key(int iteration, const std::string& variant, 
   return key;
 }
 
+void ModelFolder::check_results() const {
+  for (const fs::path& path : results()) read_results(path);
+}
+
 void ModelFolder::write_results(const std::string& key, const Evaluation& evaluation,
                                 const EvaluationSource& source) const {
   const auto [results_path, per_view_path] = results();

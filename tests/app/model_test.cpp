@@ -114,6 +114,23 @@ TEST_F(TrainedModel, OfAFolderThatCannotBeWrittenTheResultsArePrinted) {
   EXPECT_TRUE(results().contains("ours_3"));
 }
 
+TEST_F(TrainedModel, OfUnreadableResultsTheNewOnesArePrinted) {
+  for (const char* name : {"results.json", "per_view.json"}) {
+    write_file(path(std::string("model/") + name), R"({"a": 1, "a": 2})");
+    const Outcome outcome = run_b3dgs({"eval", path("model"), "--device", "cpu"});
+    EXPECT_EQ(outcome.exit_code, 0) << outcome.err;
+    EXPECT_NE(outcome.out.find("mean of"), std::string::npos) << outcome.out;
+    EXPECT_NE(outcome.err.find("results are printed only: " + path(std::string("model/") + name) +
+                               ": expected each key once"),
+              std::string::npos)
+        << outcome.err;
+    const Outcome images = run_b3dgs({"eval", path("model"), "--device", "cpu", "--save_images"});
+    EXPECT_EQ(images.exit_code, 2);
+    EXPECT_EQ(images.out, "") << "refused before anything is rendered";
+    fs::remove(path(std::string("model/") + name));
+  }
+}
+
 TEST_F(TrainedModel, OfASceneThatHasMovedNamesTheOption) {
   fs::rename(path("scene"), path("moved"));
   const Outcome outcome = run_b3dgs({"eval", path("model"), "--device", "cpu"});
