@@ -5,6 +5,7 @@
 #include <csignal>
 #include <nlohmann/json.hpp>
 
+#include "core/text.h"
 #include "model/formats/splat_formats.h"
 #include "scene/images/image.h"
 #include "support/files.h"
@@ -123,6 +124,22 @@ TEST_F(EndToEnd, TrainsEvaluatesRendersAndDescribes) {
     const Outcome outcome = run_b3dgs({"info", input});
     EXPECT_EQ(outcome.exit_code, 0) << input << ": " << outcome.err;
     EXPECT_FALSE(outcome.out.empty()) << input;
+  }
+}
+
+TEST_F(EndToEnd, ReadsOptionsFromAPipe) {
+  test::RunOptions shell;
+  shell.program = "/bin/sh";
+  for (const std::string pipe : {"/dev/stdin", "/dev/fd/0"}) {
+    const std::string name = model(fs::path(pipe).filename());
+    const Outcome trained =
+        run_b3dgs({"-c", "echo '{\"iterations\": 3, \"seed\": 7}' | " + shell_quote(B3DGS_PROGRAM) + " train -s " +
+                             shell_quote(scene()) + " -m " + shell_quote(name) + " --device cpu --config " + pipe},
+                  shell);
+    ASSERT_EQ(trained.exit_code, 0) << trained.err;
+    const auto config = nlohmann::json::parse(read_bytes(fs::path(name) / "config.json"));
+    EXPECT_EQ(config["iterations"], 3);
+    EXPECT_EQ(config["seed"], 7);
   }
 }
 
