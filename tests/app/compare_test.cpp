@@ -68,7 +68,7 @@ TEST_F(Compare, TrainsAllInTurnsAndReports) {
   const auto loss = [&](int run) { return result["runs"][run]["curves"]["loss"].back().get<double>(); };
   EXPECT_NEAR(loss(0), loss(1), 0.02 * loss(0));
   for (const fs::directory_entry& entry : fs::directory_iterator(output())) {
-    EXPECT_EQ(entry.path().string().find(".b3dgs-work"), std::string::npos) << entry.path();
+    EXPECT_EQ(entry.path().string().find(".tmp"), std::string::npos) << entry.path();
   }
 
   const json shown = page_data();

@@ -226,6 +226,24 @@ TEST(UnfinishedFiles, OfAKilledProcessAreRemovedByTheNextFile) {
   EXPECT_EQ(count_files(folder.path()), 2u);
 }
 
+TEST(UnfinishedFiles, WorkFoldersOfAKilledProcessAreRemovedByTheNextFile) {
+  for (const bool is_next_file : {true, false}) {
+    TempDir folder;
+    const pid_t child = ::fork();
+    if (child == 0) {
+      const WorkFolder work(folder.path());
+      test::write_bytes(work.path() / "frames/0.png", "x");
+      ::raise(SIGKILL);
+    }
+    ASSERT_EQ(::waitpid(child, nullptr, 0), child);
+    EXPECT_EQ(count_files(folder.path()), 1u);
+    const WorkFolder own(folder.path());
+    is_next_file ? write_file(folder / "a", "x") : remove_unfinished_files(folder.path());
+    EXPECT_TRUE(fs::exists(own.path()));
+    EXPECT_EQ(count_files(folder.path()), is_next_file ? 2u : 1u);
+  }
+}
+
 /// The name of a temporary file up to the process ID.
 std::string temporary_prefix() {
   TempDir folder;

@@ -21,6 +21,7 @@
 
 #include "core/check.h"
 #include "core/descriptor.h"
+#include "core/files/folders.h"
 #include "core/files/own_files.h"
 
 namespace b3dgs {
@@ -38,29 +39,26 @@ std::string with_remedy(int error, const std::string& what = "") {
   return reason;
 }
 
-// The name is not derived from the target's name, which may already have the maximum length.
-fs::path temporary_name(const fs::path& folder) {
-  static std::atomic<unsigned> counter{0};
-  return folder / (kTemporaryPrefix + std::to_string(process_space()) + "-" + std::to_string(::getpid()) + "-" +
-                   std::to_string(counter.fetch_add(1)) + kTemporarySuffix);
-}
-
-void remove_if_left_behind(const char* path, const std::string& name, const struct stat& status) {
+/// Returns whether it is removed.
+bool remove_if_left_behind(const char* path, const std::string& name, const struct stat& status) {
   constexpr std::time_t kOneDay = 86400;  // s
   unsigned space = 0, number = 0;
   int process = 0, length = 0;
   const std::string pattern = std::string(kTemporaryPrefix) + "%u-%d-%u" + kTemporarySuffix + "%n";
   const bool fits = std::sscanf(name.c_str(), pattern.c_str(), &space, &process, &number, &length) == 3;
-  if (!fits || length != static_cast<int>(name.size()) || process <= 0) return;
-  // This process has no file open here, so a file with its ID is from an earlier process with the same ID.
-  const bool is_left = space == process_space() ? process == ::getpid() || (::kill(process, 0) != 0 && errno == ESRCH)
-                                                : std::time(nullptr) - status.st_mtime > kOneDay;
-  if (is_left) ::unlink(path);
+  if (!fits || length != static_cast<int>(name.size()) || process <= 0) return false;
+  // This process has no file open here, so a file with its ID is from an earlier process with the same ID. It may have
+  // a WorkFolder.
+  const bool is_left = space == process_space()
+                           ? process == ::getpid() ? S_ISREG(status.st_mode) : ::kill(process, 0) != 0 && errno == ESRCH
+                           : std::time(nullptr) - status.st_mtime > kOneDay;
+  return is_left && remove_tree(path);
 }
 
 int remove_entry_if_left_behind(const char* path, const struct stat* status, int type, FTW* place) {
-  if (type == FTW_F) remove_if_left_behind(path, path + place->base, *status);
-  return 0;
+  const bool is_any = type == FTW_F || type == FTW_D;
+  const bool is_removed = is_any && remove_if_left_behind(path, path + place->base, *status);
+  return is_removed && type == FTW_D ? FTW_SKIP_SUBTREE : FTW_CONTINUE;
 }
 
 /// Removes files that killed processes left in a folder, but not below it. Runs once for each folder, before this
@@ -75,7 +73,8 @@ void clean_once(const fs::path& folder) {
     const std::string name = it->path().filename().string();
     struct stat status {};
     if (name.rfind(kTemporaryPrefix, 0) != 0 || ::lstat(it->path().c_str(), &status) != 0) continue;
-    if (S_ISREG(status.st_mode)) remove_if_left_behind(it->path().c_str(), name, status);
+    const bool is_any = S_ISREG(status.st_mode) || S_ISDIR(status.st_mode);
+    if (is_any) remove_if_left_behind(it->path().c_str(), name, status);
   }
 }
 
@@ -117,6 +116,12 @@ unsigned process_space() {
     return static_cast<unsigned>(std::hash<std::string>{}(text));
   }();
   return space;
+}
+
+fs::path temporary_name(const fs::path& folder) {
+  static std::atomic<unsigned> counter{0};
+  return folder / (kTemporaryPrefix + std::to_string(process_space()) + "-" + std::to_string(::getpid()) + "-" +
+                   std::to_string(counter.fetch_add(1)) + kTemporarySuffix);
 }
 
 AtomicFile::AtomicFile(fs::path target) : target_(std::move(target)) {
@@ -222,7 +227,7 @@ void create_folder(const fs::path& folder) {
 
 void remove_unfinished_files(const fs::path& folder) {
   constexpr int kOpenFolders = 16;
-  ::nftw(folder.c_str(), remove_entry_if_left_behind, kOpenFolders, FTW_PHYS);
+  ::nftw(folder.c_str(), remove_entry_if_left_behind, kOpenFolders, FTW_PHYS | FTW_ACTIONRETVAL);
 }
 
 }  // namespace b3dgs

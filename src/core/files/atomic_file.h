@@ -15,6 +15,10 @@ namespace b3dgs {
 /// Returns a number for where process IDs mean the same processes: this start of this machine, and this container.
 unsigned process_space();
 
+/// Returns a name for a temporary file or folder in `folder`, which is removed as left behind once this process has
+/// ended. It is not derived from a target's name, which may have the maximum length.
+std::filesystem::path temporary_name(const std::filesystem::path& folder);
+
 class AtomicFile {
  public:
   /// Opens a temporary file in the target's folder. If that folder is missing, creates it and syncs it and its parent.

@@ -107,12 +107,13 @@ bool remove_tree(const std::filesystem::path& path) {
 }
 
 WorkFolder::WorkFolder(const std::filesystem::path& parent) {
-  std::string name = (parent / ".b3dgs-work-XXXXXX").string();
-  if (::mkdtemp(name.data()) == nullptr) {
+  do {  // the name may be taken, as that of an AtomicFile
+    path_ = temporary_name(parent);
+    removed_by_signal_.emplace(path_);
+  } while (::mkdir(path_.c_str(), 0700) != 0 && errno == EEXIST);
+  if (std::error_code none; !fs::is_directory(path_, none)) {
     io_error("cannot create a folder in ", parent.string(), ": ", std::strerror(errno));
   }
-  path_ = name;
-  removed_by_signal_.emplace(path_);
 }
 
 WorkFolder::~WorkFolder() {

@@ -275,7 +275,7 @@ TEST_F(Export, HandsOtherFormatsToTheProgramAndReadsThemBack) {
   EXPECT_EQ(run_export({path("model"), path("d.sog")}).exit_code, 0) << "again on the CPU";
   EXPECT_FALSE(fs::exists(path("c.sog")));
   for (const auto& entry : fs::directory_iterator(folder_->path())) {
-    EXPECT_FALSE(test::contains(entry.path().string(), ".b3dgs-work")) << entry.path();
+    EXPECT_FALSE(test::contains(entry.path().string(), ".tmp")) << entry.path();
   }
 }
 
