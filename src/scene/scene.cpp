@@ -134,7 +134,8 @@ std::string describe_far_cameras(const std::vector<View>& views, const std::vect
   return detail::concat("the camera of ", views[farthest].name, print_to_string(" is %.0f times", distances[farthest]),
                         " as far from the others as usual",
                         n_far > 1 ? detail::concat(", and ", n_far - 1, " more are over ", kFarTimes, " times") : "",
-                        "; the size of the scene is limited; if it is registered wrongly, remove it");
+                        "; the radius of the scene counts as ", kMostRadius,
+                        " times the usual one; if the camera is registered wrongly, remove it");
 }
 
 }  // namespace

@@ -206,6 +206,19 @@ TEST_F(LoadScene, ATestListMayNameFilesAsOtherProgramsDo) {
   }
 }
 
+TEST_F(LoadScene, LimitsTheExtentIfACameraIsFarAndNamesIt) {
+  ColmapModel model = line_model(9);
+  model.images[0].translation[0] = -1000;  // 08.png
+  write(model);
+  write_images(model);
+  const Scene scene = load();
+  EXPECT_DOUBLE_EQ(scene.extent, 1.1 * kMostRadius * 4);  // the others are at most 4 from the median, 4
+  ASSERT_EQ(scene.warnings.size(), 1u);
+  EXPECT_NE(scene.warnings[0].find("the camera of 08.png is 249 times as far from the others as usual; the radius"),
+            std::string::npos)
+      << scene.warnings[0];
+}
+
 TEST_F(LoadScene, RejectsToHoldOutTheOnlyImage) {
   write_scene(1);
   EXPECT_EQ(load().extent, 1);  // one camera: no distances
