@@ -567,7 +567,7 @@ TEST_F(Transforms, ReadsNumbersThatAreNotFiniteBesideComments) {
     }
   }
   write_bytes(folder_ / "transforms.json", "{\"unused\": NaN, /* without an end");
-  EXPECT_TRUE(SceneFolder::refuses({"transforms.json: not valid JSON", "missing comment terminator"}));
+  EXPECT_TRUE(SceneFolder::refuses({"transforms.json: not valid JSON", "missing closing '*/'"}));
 }
 
 TEST_F(Transforms, AColmapModelComesFirst) {
