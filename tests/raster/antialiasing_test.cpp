@@ -1,4 +1,5 @@
-// Anti-aliasing on one Gaussian: what its two filters promise, and their gradients by finite differences, in double.
+// Tests anti-aliasing on one Gaussian: the properties of its two filters, and their gradients by finite differences, in
+// double.
 #include "raster/math/antialiasing.h"
 
 #include <gtest/gtest.h>
@@ -67,7 +68,7 @@ PinholeView plain_view() {
   return view;
 }
 
-/// Log of the opacity's factor, by the rows of the projected shape.
+/// Returns the log of the opacity factor, given the rows of the projected shape.
 double log_factor(const std::vector<double>& spread) {
   const Vec3<double> a{spread[0], spread[1], spread[2]}, b{spread[3], spread[4], spread[5]};
   const double sharp = dot(a, a) * dot(b, b) - dot(a, b) * dot(a, b), blur = kCovarianceBlur;

@@ -65,7 +65,7 @@ TEST(Blend, FinishesThePixelBeforeTheSplatThatWouldSaturateIt) {
   EXPECT_LT(pixel.transmittance, 0);
 }
 
-/// A pixel that sees `n` splats with parameters log2(uncapped alpha), red, green, blue, depth each.
+/// A pixel with `n` splats. Each has the parameters log2(uncapped alpha), red, green, blue, depth.
 struct PixelProblem {
   std::size_t n;
   double background[3] = {0.3, 0.1, 0.8};
@@ -87,7 +87,7 @@ struct PixelProblem {
     return grad[0] * (p.red + t * background[0]) + grad[1] * (p.green + t * background[1]) +
            grad[2] * (p.blue + t * background[2]) + grad[3] * p.depth + grad[4] * (1 - t);
   }
-  /// Gradient by all parameters.
+  /// Returns the gradient with respect to all parameters.
   std::vector<double> gradient(const std::vector<double>& x) const {
     std::vector<bool> accepted;
     const double t = std::abs(blend(x, &accepted).transmittance);
@@ -107,7 +107,7 @@ struct PixelProblem {
     return grad[0] * splat[1] + grad[1] * splat[2] + grad[2] * splat[3] + grad[3] * splat[4];
   }
   void store(const BlendGrad<double>& g, std::size_t i, std::vector<double>& out) const {
-    out[5 * i] = g.log_alpha * std::log(2.0);  // q is by ln(alpha)
+    out[5 * i] = g.log_alpha * std::log(2.0);  // q is with respect to ln(alpha)
     for (std::size_t c = 0; c < 4; ++c) out[5 * i + 1 + c] = g.weight * grad[c];
   }
 };

@@ -1,5 +1,5 @@
-// The gradient with respect to the camera's pose: of the dense reference against finite differences, and of the CPU
-// rasterizer against the dense reference.
+// Tests the gradient with respect to the camera's pose: that of the dense reference against finite differences, and
+// that of the CPU rasterizer against the dense reference.
 #include "support/raster/camera_gradient_check.h"
 
 #include <gtest/gtest.h>
@@ -17,7 +17,7 @@ std::vector<double> to_vector(const torch::Tensor& tensor) {
   return {tensor.data_ptr<double>(), tensor.data_ptr<double>() + tensor.numel()};
 }
 
-/// Compares all six numbers with finite differences, without and with anti-aliasing.
+/// Compares all six components with finite differences, without and with anti-aliasing.
 void expect_reference_gradients_of(const TestScene& scene) {
   const RenderedViewGrad grad = uneven_grad(scene.view);
   const GaussianTensors leaves = to_dense_leaves(scene.gaussians);

@@ -1,4 +1,4 @@
-// Load counts compared with the tile lists, evaluated entry by entry in double.
+// Tests load counts against the tile lists, evaluated entry by entry in double.
 #include <gtest/gtest.h>
 
 #include "raster/math/blend.h"
@@ -14,8 +14,8 @@ struct PixelCounts {
   std::int32_t processed = 0, contributing = 0;
 };
 
-/// Walks a tile's list by the rules ("Semantics" in the README of src/raster), without its code. Sets `hazard` where
-/// float rounding could lead to another decision.
+/// Walks a tile's list by the blending rules (README of src/raster), without the code of src/raster. Sets `hazard`
+/// where float rounding could lead to another decision.
 PixelCounts count_by_the_rules(const std::vector<const Splat*>& list, double x, double y, bool* hazard) {
   PixelCounts counts;
   double transmittance = 1;

@@ -25,7 +25,7 @@ Shape<double> shape_of(const std::vector<double>& x) {
   return make_shape<double>({x[0], x[1], x[2]}, {x[3], x[4], x[5], x[6]});
 }
 
-/// M M^T.
+/// Returns M M^T.
 std::array<double, 9> covariance_of(const Shape<double>& shape) {
   std::array<double, 9> covariance{};
   for (int i = 0; i < 3; ++i) {
@@ -43,7 +43,7 @@ TEST(Covariance, IsDiagonalWithoutRotation) {
 }
 
 TEST(Covariance, TurnsByTheRightHandRule) {
-  // A right angle about +z takes +x to +y: the long first axis is then along y.
+  // A right angle about +z takes +x to +y, so the long first axis is then along y.
   const auto about_z = covariance_of(make_shape<double>({std::log(2), 0, 0}, {1, 0, 0, 1}));
   EXPECT_NEAR(about_z[0], 1, 1e-14);
   EXPECT_NEAR(about_z[4], 4, 1e-14);
@@ -52,7 +52,7 @@ TEST(Covariance, TurnsByTheRightHandRule) {
   const auto about_x = covariance_of(make_shape<double>({0, std::log(3), 0}, {std::cos(half), std::sin(half), 0, 0}));
   EXPECT_NEAR(about_x[4], 5, 1e-14);
   EXPECT_NEAR(about_x[8], 5, 1e-14);
-  EXPECT_NEAR(about_x[5], 4, 1e-14);  // (9 - 1) / 2, positive: along the long axis, y and z have the same sign
+  EXPECT_NEAR(about_x[5], 4, 1e-14);  // (9 - 1) / 2, positive because along the long axis, y and z have the same sign
 }
 
 TEST(Covariance, DoesNotDependOnTheQuaternionsLength) {
@@ -68,7 +68,7 @@ TEST(Covariance, DoesNotDependOnTheQuaternionsLength) {
 TEST(Covariance, GradientAgreesWithFiniteDifferences) {
   const Mat3<double> weights{{0.7, -1.1, 0.4, 1.3, 0.2, -0.6, -0.9, 0.8, 0.5}};
   for (const std::vector<double>& x : kShapes) {
-    // Loss linear in M, with the columns weighted so that the smallest scale matters as much as the largest.
+    // The loss is linear in M, and the columns are weighted so that the smallest scale matters as much as the largest.
     Mat3<double> grad_factor = weights;
     for (int i = 0; i < 9; ++i) grad_factor.m[i] *= std::exp(-x[static_cast<std::size_t>(i % 3)]);
     const auto loss = [&](const std::vector<double>& at) {
@@ -86,7 +86,7 @@ TEST(Covariance, GradientAgreesWithFiniteDifferences) {
     }();
     EXPECT_TRUE(gradients_agree({grad.log_scales.x, grad.log_scales.y, grad.log_scales.z}, numeric_scales));
 
-    // Steps relative to the quaternion's length.
+    // Use steps relative to the quaternion's length.
     const double length = std::sqrt(x[3] * x[3] + x[4] * x[4] + x[5] * x[5] + x[6] * x[6]);
     const auto of_quat = [&](const std::vector<double>& q) {
       return loss({x[0], x[1], x[2], q[0] * length, q[1] * length, q[2] * length, q[3] * length});

@@ -1,4 +1,4 @@
-// The dense reference compared with hand calculations, and its autograd gradients with finite differences.
+// Tests the dense reference against hand calculations, and its autograd gradients against finite differences.
 #include "support/raster/dense_reference.h"
 #include "support/raster/clamped_scene.h"
 #include "support/raster/cpu_harness.h"
@@ -26,7 +26,7 @@ double at(const torch::Tensor& tensor, std::initializer_list<std::int64_t> place
   return value.item<double>();
 }
 
-/// 9 x 9 px, focal length 10, pixel (4, 4) on the optical axis.
+/// Makes a view of 9 x 9 px with focal length 10 and pixel (4, 4) on the optical axis.
 PinholeView axis_view() {
   PinholeView view{};
   view.rotation = {{1, 0, 0, 0, 1, 0, 0, 0, 1}};
@@ -75,7 +75,7 @@ TEST(DenseReference, RendersOneSplatAsByHand) {
   settings.background = {0.25f, 0.5f, 1.0f};
   const DenseView view = dense_render(leaves_of({ball(2, 0.4, 0.6, 0.8)}), axis_view(), settings);
 
-  // The standard deviation is 10 / 2 * 0.4 = 2 px, the variance with the blur 4.3 px^2.
+  // The standard deviation is 10 / 2 * 0.4 = 2 px, so the variance with the blur is 4.3 px^2.
   EXPECT_NEAR(at(view.alpha, {4, 4}), 0.6, 1e-12);
   EXPECT_NEAR(at(view.depth, {4, 4}), 0.6 * 2, 1e-12);
   EXPECT_NEAR(at(view.color, {4, 4, 0}), 0.6 * 0.8 + 0.4 * 0.25, 1e-12);
@@ -97,7 +97,7 @@ TEST(DenseReference, ProjectsTheCentreWithPixelCentresAtHalves) {
 }
 
 TEST(DenseReference, TurnsFromFirstToSecondAxis) {
-  // A positive rotation about z turns +x towards +y, which is down: the long axis then runs down to the right.
+  // A positive rotation about z turns +x towards +y, which is down, so the long axis runs down to the right.
   const double angle = 30 * M_PI / 180;
   const GaussianTensors leaves =
       leaves_of({{{0, 0, 1}, {0.3, 0.1, 0.1}, {2 * std::cos(angle / 2), 0, 0, 2 * std::sin(angle / 2)}, 0.9, 0.5}});
@@ -115,7 +115,7 @@ TEST(DenseReference, TurnsFromFirstToSecondAxis) {
 }
 
 TEST(DenseReference, WidensSplatsOffTheAxisByThePerspective) {
-  // At x/z = 0.4 the splat's extent in depth contributes, too: variance (f/z)^2 s^2 (1 + 0.4^2).
+  // At x/z = 0.4, the extent of the splat in depth contributes too: variance (f/z)^2 s^2 (1 + 0.4^2).
   const DenseView view =
       dense_render(leaves_of({{{0.8, 0, 2}, {0.4, 0.4, 0.4}, {1, 0, 0, 0}, 0.9, 0.5}}), axis_view(), {});
   EXPECT_NEAR(at(view.alpha, {4, 6}), 0.9 * std::exp(-0.5 * 4 / (4 * 1.16 + 0.3)), 1e-8);
@@ -123,7 +123,7 @@ TEST(DenseReference, WidensSplatsOffTheAxisByThePerspective) {
 }
 
 TEST(DenseReference, ClampsTheSlopeOfTheProjectionBeyondTheExtendedImage) {
-  // The image ends at x/z = 0.45 and the projection is linearised up to 0.45 * 1.3; the centre itself is not moved.
+  // The image ends at x/z = 0.45, and the projection is linearised up to 0.45 * 1.3. The centre itself is not moved.
   PinholeView camera = axis_view();
   camera.cx = 3.5f;  // now from -0.35 to 0.55, extended by 0.3 * 0.45 on both sides
   const DenseView view = dense_render(leaves_of({{{2, 0, 2}, {0.8, 0.8, 0.8}, {1, 0, 0, 0}, 0.9, 0.5}}), camera, {});
@@ -150,7 +150,7 @@ TEST(DenseReference, OrdersEqualDepthsByIndex) {
 }
 
 TEST(DenseReference, EndsThePixelBeforeTheGaussianThatWouldSaturateIt) {
-  // 0.05, 0.0025, 1.25e-4; the fourth would leave 6.25e-6, and the faint one is behind the end.
+  // 0.05, 0.0025, 1.25e-4. The fourth would leave 6.25e-6, and the faint one is behind the end.
   std::vector<Row> rows;
   for (int i = 0; i < 4; ++i) rows.push_back(ball(2 + i, 50, 0.95, 0.5));
   rows.push_back(ball(9, 50, 0.1, 0.5));
@@ -213,7 +213,7 @@ TEST(DenseReference, CutsTheSquareAtTiles) {
   EXPECT_TRUE(test::same(view.alpha.slice(0, 0, 6), whole.alpha.slice(0, 0, 6)));
   EXPECT_EQ(at(view.alpha.slice(0, 6, 9).sum(), {}), 0.0);
 
-  // A little larger, and the tail within alpha >= 1/255 reaches a row that the square does not.
+  // If it is a little larger, the tail with alpha >= 1/255 reaches a row that the square does not.
   settings.tile = TileShape{1, 1};
   const GaussianTensors tail = leaves_of({{{0, 0, 1}, {0.1, 0.1, 0.1}, {1, 0, 0, 0}, 0.98, 0.5}});
   const DenseView cut = dense_render(tail, axis_view(), settings);
@@ -221,7 +221,7 @@ TEST(DenseReference, CutsTheSquareAtTiles) {
 }
 
 TEST(DenseReference, ShBasisIsOrthonormal) {
-  // Gauss-Legendre in z, exact to degree 7, times 8 even steps around: the integral of every product up to degree 6.
+  // Gauss-Legendre in z, exact to degree 7, times 8 even steps around. This integrates every product up to degree 6.
   const std::array<double, 4> nodes{-0.8611363115940526, -0.3399810435848563, 0.3399810435848563, 0.8611363115940526};
   const std::array<double, 4> weights{0.3478548451374538, 0.6521451548625461, 0.6521451548625461, 0.3478548451374538};
   std::vector<double> directions, areas;
@@ -351,7 +351,7 @@ TEST(DenseReference, GradientsByProjectedCentresAddUpToThatByThePrincipalPoint) 
   const GaussianTensors leaves = to_dense_leaves(scene.gaussians);
   const torch::Tensor found = dense_gradients(leaves, dense_render(leaves, scene.view, settings), grad).means2d.sum(0);
 
-  // Steps of powers of two, so that the float intrinsics move by exactly that.
+  // The steps are powers of two, so that the float intrinsics move by exactly that.
   const auto value = [&](const std::vector<double>& center) {
     PinholeView moved = scene.view;
     moved.cx = static_cast<float>(center[0]);

@@ -1,4 +1,4 @@
-// The CPU rasterizer on extreme and invalid scenes, with every kernel and instruction set.
+// Tests the CPU rasterizer on extreme and invalid scenes, with every kernel and instruction set.
 #include "support/raster/hostile_scenes.h"
 
 namespace b3dgs::test {

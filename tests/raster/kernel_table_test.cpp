@@ -1,4 +1,4 @@
-// The table of kernels: names are unique, lead back to their kernel, and unknown ones are errors.
+// Tests the table of kernels: names are unique and map back to their kernel, and unknown names are errors.
 #include "raster/kernels.h"
 
 #include <gtest/gtest.h>

@@ -1,4 +1,4 @@
-// Jacobians and Hessians of every lens against finite differences, and projection and its gradient through them.
+// Tests Jacobians and Hessians of every lens against finite differences, and projection and its gradient through them.
 #include "raster/math/lens.h"
 
 #include <gtest/gtest.h>
@@ -52,8 +52,8 @@ struct Place {
   Vec3<double> point;
 };
 
-/// On the axis and off it at the angles where formulas change, in four directions; of panoramas also both sides of the
-/// seam and near the poles.
+/// Returns points on the axis and off it at the angles where formulas change, in four directions. For panoramas, also
+/// both sides of the seam and points near the poles.
 std::vector<Place> places(const LensParams<double>& lens) {
   std::vector<Place> found;
   const auto at = [&](double angle, double azimuth) {
@@ -83,7 +83,7 @@ std::vector<double> list(const Vec3<double>& v) {
   return {v.x, v.y, v.z};
 }
 
-/// Steps small enough for points near the axis, where the fourth derivatives of a fisheye matter.
+/// Returns a step small enough for points near the axis, where the fourth derivatives of a fisheye matter.
 double step_at(const Vec3<double>& point) {
   return 3e-4 * std::sqrt(dot(point, point));
 }
@@ -201,7 +201,7 @@ TEST(Lens, IsAccurateInSinglePrecision) {
   }
 }
 
-/// The direction that a lens shows at a pixel, near `start`, by Newton's method on the sphere.
+/// Returns the direction that a lens shows at a pixel, near `start`, by Newton's method on the sphere.
 Vec3<double> ray_of(const LensParams<double>& lens, double x, double y, Vec3<double> start) {
   for (int i = 0; i < 20; ++i) {
     const LensPoint<double> seen = lens_point(lens, kScale, start);
@@ -217,7 +217,8 @@ Vec3<double> ray_of(const LensParams<double>& lens, double x, double y, Vec3<dou
 }
 
 TEST(Lens, SmallGaussiansLookAsAlongExactRays) {
-  // The exponent of the projected ellipse against half the least squared Mahalanobis distance along the pixel's ray.
+  // Compare the exponent of the projected ellipse with half the least squared Mahalanobis distance along the pixel's
+  // ray.
   const Shape<double> shape = make_shape<double>({-6.1, -6.6, -7.2}, {0.9, 0.2, -0.3, 0.1});  // up to 0.002 of 1.7
   for (const LensRow& row : lenses()) {
     for (const Place& place : places(row.lens)) {
@@ -258,14 +259,14 @@ TEST(Lens, GradientOfTheProjectionAgreesWithFiniteDifferences) {
   const Mat3<double> factor{{0.1, -0.03, 0.02, 0.05, 0.08, -0.04, -0.03, 0.06, 0.05}};
   int n_clamped = 0;
   std::vector<LensRow> rows = lenses();
-  for (const LensRow& row : lenses()) {  // the same with a smaller angle, beyond which places are clamped
+  for (const LensRow& row : lenses()) {  // the same with a smaller angle, beyond which points are clamped
     rows.push_back(row);
     rows.back().lens.max_angle *= 0.6;
   }
   for (std::size_t i = 0; i < rows.size(); ++i) {
     const LensRow& row = rows[i];
     for (const Place& place : places(lenses()[i % lenses().size()].lens)) {
-      const Vec3<double>& c = place.point;  // on the axis of a lens, a clamped place jumps
+      const Vec3<double>& c = place.point;  // on the axis of a lens, a clamped point jumps
       const double off_axis = row.lens.kind == LensKind::kEquirectangular ? std::hypot(c.x, c.z) : std::hypot(c.x, c.y);
       if (lens_place(row.lens, c).is_clamped && off_axis < 0.01) continue;
       n_clamped += lens_place(row.lens, c).is_clamped;

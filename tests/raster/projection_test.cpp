@@ -14,7 +14,8 @@ namespace {
 using test::gradients_agree;
 using test::numeric_gradient;
 
-/// Rotated and translated, with an off-centre principal point: x/z is seen from -0.23 to 0.94, y/z from -0.9 to 0.34.
+/// Makes a rotated and translated view with an off-centre principal point. It sees x/z from -0.23 to 0.94 and y/z from
+/// -0.9 to 0.34.
 PinholeView turned_view() {
   const Shape<double> shape = make_shape<double>({0, 0, 0}, {0.9, 0.2, -0.3, 0.1});
   PinholeView view{};
@@ -59,7 +60,7 @@ TEST(Projection, ProjectsOnTheAxisAsByHand) {
                                           {{0.4, 0, 0, 0, 0.3, 0, 0, 0, 9}});
   EXPECT_EQ(p.mean2d.x, 4);
   EXPECT_EQ(p.mean2d.y, 3);
-  EXPECT_NEAR(p.cov.xx, 4 + 0.3, 1e-7);  // (10 / 2 * 0.4)^2, and the blur
+  EXPECT_NEAR(p.cov.xx, 4 + 0.3, 1e-7);  // (10 / 2 * 0.4)^2 plus the blur
   EXPECT_NEAR(p.cov.xy, 0, 1e-7);
   EXPECT_NEAR(p.cov.yy, 9 + 0.3, 1e-7);
   EXPECT_NEAR(p.conic.xx, 1 / 4.3, 1e-8);
@@ -112,8 +113,8 @@ TEST(Projection, CovarianceIsThatOfTheJacobianTimesTheRotatedShape) {
 }
 
 TEST(Projection, KeepsTheDeterminantOfANeedleInSinglePrecision) {
-  // 3000 px long at 45 degrees and thinner than the blur: xx yy and xy^2 agree to their last bit, their difference is
-  // 0.3 times the long axis' variance.
+  // 3000 px long at 45 degrees and thinner than the blur. xx yy and xy^2 agree to their last bit, and their difference
+  // is 0.3 times the variance along the long axis.
   PinholeView view{};
   view.rotation = {{1, 0, 0, 0, 1, 0, 0, 0, 1}};
   view.fx = view.fy = 1000;
@@ -157,7 +158,7 @@ TEST(Projection, GradientAgreesWithFiniteDifferences) {
 }
 
 TEST(Projection, GradientByWorldParametersAgreesWithFiniteDifferences) {
-  // The whole chain, as the backward pass composes it: mean, log scales, quaternion.
+  // The whole chain, in the order of the backward pass: mean, log scales, quaternion.
   const auto view = make_view_transform<double>(turned_view());
   const std::vector<double> x{0.4, -0.3, 2.2, -1.2, -0.5, -2.0, 0.5, -0.8, 0.3, 0.4};
   const auto projected = [&](const std::vector<double>& at, Vec3<double>* point, Shape<double>* shape) {

@@ -1,4 +1,4 @@
-// The CPU rasterizer compared with the dense reference: every kernel, culling, tile shape and instruction set, on every
+// Tests the CPU rasterizer against the dense reference, with every kernel, culling, tile shape, instruction set and
 // test scene.
 #include "raster/cpu/passes.h"
 
@@ -37,14 +37,14 @@ TEST(RasterizeCpu, MoreTilesThan16BitsCountMakeNoDifference) {
 
 class RasterizeCpuTest : public testing::TestWithParam<TestSceneRow> {};
 
-/// Kernels of a group have the same tiles and lanes, and agree bit for bit: training chooses among them by timing, and
-/// must not depend on what it chose.
+/// Kernels of a group have the same tiles and lanes, and agree bit for bit. Training chooses among them by timing, and
+/// its result must not depend on the choice.
 const std::vector<ForwardKernel> kSameLanes[]{
     {ForwardKernel::kNaive, ForwardKernel::kSharedMemory, ForwardKernel::kDynamic},
     {ForwardKernel::kGaussianWise, ForwardKernel::kCombined},
     {ForwardKernel::kSubTile, ForwardKernel::kSegmented}};
 
-/// A kernel whose bits this one has, or itself.
+/// Returns a kernel with the same bits as this one, or the kernel itself.
 ForwardKernel first_of_same_lanes(ForwardKernel kernel) {
   for (const std::vector<ForwardKernel>& group : kSameLanes) {
     if (std::find(group.begin(), group.end(), kernel) != group.end()) return group.front();
@@ -52,7 +52,7 @@ ForwardKernel first_of_same_lanes(ForwardKernel kernel) {
   return kernel;
 }
 
-/// All results of a view and its backward pass.
+/// Returns all results of a view and its backward pass.
 std::vector<torch::Tensor> all_results(CpuView& view, const DenseGradients& gradients) {
   std::vector<torch::Tensor> results{view.color,   view.depth,       view.alpha, view.last_gaussians(),
                                      view.radii(), gradients.means2d};
@@ -79,7 +79,7 @@ TEST(RasterizeCpu, SplatsMayMissTheLargestTiles) {
   const TestScene scene = anisotropic_cloud();
   RenderSettings settings = settings_of(scene);
   settings.tile = TileShape{cpu::kMaxTileSide, cpu::kMaxTileSide};
-  settings.culling = Culling::kSquare;  // lists contain splats that reach no pixel of the tile
+  settings.culling = Culling::kSquare;  // lists then contain splats that reach no pixel of the tile
   for (const std::int64_t target : hwy::SupportedAndGeneratedTargets()) {
     SCOPED_TRACE(hwy::TargetName(target));
     const ScopedSimdTarget simd(target);
@@ -129,7 +129,7 @@ TEST_P(RasterizeCpuTest, EveryKernelOnEveryInstructionSetAgreesWithTheDenseRefer
 }
 
 TEST(RasterizeCpu, PanoramaDoesNotShowItsSeam) {
-  // Turned by half the circle, the seam is elsewhere, and the image is the same but for that.
+  // If the camera is turned by half a circle, the seam is elsewhere, but the image is otherwise the same.
   TestScene scene = panorama();
   const CpuView view(scene, settings_of(scene));
   ASSERT_GT(view.rasterizer().n_splats(), (view.radii() > 0).sum().item<std::int64_t>() + 20) << "second splats";
@@ -240,7 +240,7 @@ TEST(RasterizeCpu, KernelsWithTheSameLanesAgreeBitForBitWhereNoPixelOfALongListF
 }
 
 TEST(RasterizeCpu, TooManyPairsAreRefusedBeforeTheyAreListed) {
-  // Two splats on 6 x 4 tiles; the second covers all of them.
+  // Two splats on 6 x 4 tiles, of which the second covers all tiles.
   const TileGrid grid = make_tile_grid(96, 64, {16, 16});
   Splat splats[2]{};
   Vec2f extents[2]{{4, 4}, {200, 200}};
@@ -278,7 +278,7 @@ TEST(RasterizeCpu, RunsAreReproducible) {
 }
 
 TEST(RasterizeCpu, NothingIsLeftOverFromTheViewBefore) {
-  // Scenes of different sizes, through one rasterizer and through new ones.
+  // Renders scenes of different sizes through one rasterizer and through new ones.
   const std::unique_ptr<RasterizerBackend> reused = cpu::make_rasterizer();
   for (const TestScene& scene : {saturated_pixels(), one_pixel_image(), empty_scene(), anisotropic_cloud(),
                                  behind_the_camera(), odd_image_size(), opaque_front_layer()}) {
@@ -292,7 +292,7 @@ TEST(RasterizeCpu, NothingIsLeftOverFromTheViewBefore) {
 }
 
 TEST(RasterizeCpu, CullingByEllipseChangesNoImageThatAllTilesWouldGive) {
-  // With one tile for the whole image culling excludes nothing; with small tiles every pixel depends on it.
+  // With one tile for the whole image, culling excludes nothing. With small tiles, every pixel depends on it.
   for (const TestScene& scene : {anisotropic_cloud(), needles(), far_outside_the_field_of_view()}) {
     RenderSettings settings = settings_of(scene);
     settings.tile = TileShape{32, 32};

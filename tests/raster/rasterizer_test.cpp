@@ -1,4 +1,4 @@
-// The torch layer: same results as the CPU rasterizer, and tensors are checked before they are read.
+// Tests the torch layer: it gives the same results as the CPU rasterizer, and checks tensors before reading them.
 #include "raster/torch/rasterizer.h"
 
 #include <gtest/gtest.h>
@@ -94,7 +94,7 @@ TEST(Rasterizer, NeverWritesGradientsInTheWrongOrder) {
   rasterizer.backward(scene.gaussians, grad_for(scene), expected);
 
   GaussianTensors strided;
-  strided.means = torch::zeros({3, scene.gaussians.size()}).t();  // the right shape, columns first in memory
+  strided.means = torch::zeros({3, scene.gaussians.size()}).t();  // the right shape, but column-major
   try {
     rasterizer.backward(scene.gaussians, grad_for(scene), strided);
     EXPECT_TRUE(test::same(strided.means, expected.means));
@@ -175,7 +175,7 @@ TEST(Rasterizer, BlendsWithTheKernelsThatTheSettingsRunAndKeepsTheLast) {
   settings.kernel = ForwardKernel::kNaive;
   const RenderedView wanted = direct.forward(scene.gaussians, scene.view, settings);
   const BlendRunner run_blend = [](const auto& blend) {
-    blend(ForwardKernel::kCombined);  // other bits than naive
+    blend(ForwardKernel::kCombined);  // its bits differ from those of naive
     blend(ForwardKernel::kNaive);
   };
   settings.run_blend = &run_blend;

@@ -1,4 +1,4 @@
-// Scores and absolute gradients compared with the double-precision reference.
+// Tests scores and absolute gradients against the double-precision reference.
 #include <gtest/gtest.h>
 
 #include <map>
@@ -53,7 +53,7 @@ TEST(Score, IsTheSameForAnyKernelAndNumberOfThreads) {
     const ScopedThreadCount scoped(threads);
     EXPECT_TRUE(is_equal(scores_of(scene, settings, error_of(scene)), expected)) << threads << " threads";
   }
-  std::map<KernelFamily, torch::Tensor> n_views;  // depend on the tiles, which decide what is seen
+  std::map<KernelFamily, torch::Tensor> n_views;  // depend on the tiles, which decide what is visible
   for (const KernelRow& kernel : kForwardKernels) {
     settings.kernel = kernel.kernel;
     GaussianScores scores = scores_of(scene, settings, error_of(scene));

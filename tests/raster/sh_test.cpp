@@ -17,7 +17,7 @@ using test::numeric_gradient;
 
 const std::vector<Vec3<double>> kOffsets{{0.3, -0.5, 2.0}, {-1.0, 0.2, 0.1}, {0.6, 0.7, -0.4}, {0, 0, 3}, {-2, -3, -1}};
 
-/// [k][channel], different in every entry.
+/// Returns coefficients [k][channel], different in every entry.
 std::vector<float> coefficients() {
   std::vector<float> values(48);
   for (std::size_t i = 0; i < values.size(); ++i) values[i] = 0.3f * std::sin(1.7f * static_cast<float>(i) + 0.4f);
@@ -64,7 +64,7 @@ TEST(Sh, GradientByTheOffsetAgreesWithFiniteDifferences) {
   for (int degree = 0; degree <= 3; ++degree) {
     for (const Vec3<double>& offset : kOffsets) {
       const auto value = [&](const std::vector<double>& x) {
-        // Far above the clamp: + 2 on every channel through the constant term.
+        // Far above the clamp, because the constant term adds 2 to every channel.
         const float sh0[3] = {c[0] + 8, c[1] + 8, c[2] + 8};
         const auto color = sh_color<double>(degree, {x[0], x[1], x[2]}, sh0, c.data() + 3);
         return dot(weight, color.color);
@@ -74,7 +74,7 @@ TEST(Sh, GradientByTheOffsetAgreesWithFiniteDifferences) {
           gradients_agree({1.0, grad.x, grad.y, grad.z},
                           [&] {
                             std::vector<double> numeric = numeric_gradient(value, {offset.x, offset.y, offset.z});
-                            numeric.insert(numeric.begin(), 1.0);  // degree 0 has no gradient: compare relative to 1
+                            numeric.insert(numeric.begin(), 1.0);  // degree 0 has no gradient, so compare relative to 1
                             return numeric;
                           }()))
           << "degree " << degree;

@@ -1,4 +1,4 @@
-// Views split at the splats: projected in one rasterizer, rendered in another, and summed by the owner of the
+// Tests views split at the splats: projected in one rasterizer, rendered in another, and summed by the owner of the
 // Gaussians.
 #include <gtest/gtest.h>
 
@@ -87,7 +87,7 @@ TEST(SplitView, OfManyGaussiansIsTheSameForAnyNumberOfThreads) {
   }
 }
 
-/// The gradient with respect to the camera: of a view of one rasterizer, and of one of two owners.
+/// Returns the gradient with respect to the camera for a view of one rasterizer, and for one of two owners.
 std::pair<torch::Tensor, torch::Tensor> camera_gradients(const TestScene& scene, const RenderSettings& settings) {
   const RenderedViewGrad grad = uneven_grad(scene.view);
   RenderSettings with_camera = settings;

@@ -59,7 +59,7 @@ TEST(Tiling, SubTilesCoverATileOnceInBlocksOfEightByFour) {
   }
 }
 
-/// A splat with its covariance, as projection produces it.
+/// A splat with its covariance, as computed by projection.
 struct Ellipse {
   double mean_x, mean_y, xx, xy, yy, opacity;
 
@@ -68,7 +68,7 @@ struct Ellipse {
     const double dx = x - mean_x, dy = y - mean_y;
     return 0.5 * (yy * dx * dx - 2 * xy * dx * dy + xx * dy * dy) / determinant();
   }
-  /// sigma at the rim, where alpha is 1/255.
+  /// Returns sigma at the rim, where alpha is 1/255.
   double rim() const { return std::log(opacity * 255); }
 
   Splat splat() const {
@@ -91,7 +91,7 @@ struct Ellipse {
 
 Ellipse make_ellipse(double x, double y, double sigma_1, double sigma_2, double angle, double opacity) {
   const double a = sigma_1 * sigma_1, b = sigma_2 * sigma_2, c = std::cos(angle), s = std::sin(angle);
-  // Means rounded to float, so that the test and the code use the same ellipse.
+  // The means are rounded to float, so that the test and the code use the same ellipse.
   return {static_cast<float>(x), static_cast<float>(y),       a * c * c + b * s * s + 0.3,
           (a - b) * c * s,       a * s * s + b * c * c + 0.3, opacity};
 }
@@ -110,7 +110,7 @@ std::vector<Ellipse> random_ellipses(const TileGrid& grid, int n) {
   return ellipses;
 }
 
-/// Which tiles visit_tile_rows() visits; checks that it visits none twice.
+/// Returns the tiles that visit_tile_rows() visits, and checks that it visits none twice.
 std::vector<bool> visited_tiles(const TileGrid& grid, Culling culling, const Ellipse& ellipse) {
   std::vector<bool> visited(static_cast<std::size_t>(grid.n_tiles()));
   const Splat splat = ellipse.splat();
@@ -138,7 +138,7 @@ bool has_pixel_inside(const Ellipse& ellipse, const Rect& rect) {
   return false;
 }
 
-/// Smallest sigma over a rectangle, exact: at the centre if that is inside, else on one of the four edges.
+/// Returns the exact smallest sigma over a rectangle: that at the centre if it is inside, otherwise that on an edge.
 double least_sigma(const Ellipse& e, double x_low, double x_high, double y_low, double y_high) {
   if (x_low <= e.mean_x && e.mean_x <= x_high && y_low <= e.mean_y && e.mean_y <= y_high) return 0;
   double least = INFINITY;

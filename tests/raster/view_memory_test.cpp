@@ -1,4 +1,4 @@
-// Forecast of a view's GPU memory, and the limit of its number of pairs.
+// Tests the forecast of a view's GPU memory, and the limit of its number of pairs.
 #include "raster/view_memory.h"
 
 #include <gtest/gtest.h>

@@ -1,5 +1,5 @@
-// Tiles of a splat on the GPU: as many pairs are written as were counted, and they are the same as on the host. Tiles
-// are computed with the same bits everywhere (tiling.h), so these tests need no tolerance.
+// Tests the tiles of a splat on the GPU: as many pairs are written as were counted, and they are the same as on the
+// host. Tiles are computed with the same bits everywhere (tiling.h), so these tests need no tolerance.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -12,7 +12,7 @@
 namespace b3dgs::test {
 namespace {
 
-/// What the projection pass writes.
+/// Outputs of the projection pass.
 struct ProjectedRows {
   std::vector<Splat> splats;
   std::vector<Vec2f> extents;
@@ -40,7 +40,7 @@ ProjectedRows project_on_gpu(const TestScene& scene, const RenderSettings& setti
           download(counts.data(), 1).front()};
 }
 
-/// Returns the length of the longest list.
+/// Compares the pairs with the counts. Returns the length of the longest list.
 std::int64_t expect_counted_pairs(const TestScene& scene, const RenderSettings& settings) {
   const ProjectedRows projected = project_on_gpu(scene, settings);
   const TileGrid grid = make_tile_grid(scene.view.width, scene.view.height, settings.tile_shape());
@@ -84,7 +84,7 @@ std::int64_t expect_counted_pairs(const TestScene& scene, const RenderSettings& 
   return longest;
 }
 
-/// With both cullings and the tiles of both families.
+/// Runs the comparison with both cullings and the tiles of both families.
 void expect_counted_pairs_of_all_kinds(const TestScene& scene) {
   for (const Culling culling : {Culling::kEllipse, Culling::kSquare}) {
     for (const ForwardKernel kernel : {ForwardKernel::kNaive, kStandardKernel}) {
@@ -107,8 +107,8 @@ TEST_P(BinCudaTest, WritesThePairsThatTheProjectionCounts) {
 
 INSTANTIATE_TEST_SUITE_P(Scenes, BinCudaTest, testing::ValuesIn(test_scenes()), name_of_scene);
 
-/// Sizes, shapes and opacities as after training: flat and long Gaussians of all sizes, a few that cover much of the
-/// image, opacities near 0 and 1.
+/// Makes a scene with sizes, shapes and opacities as after training: flat and long Gaussians of all sizes, a few that
+/// cover much of the image, opacities near 0 and 1.
 TestScene like_a_trained_scene(std::int64_t n, std::int32_t width, std::int32_t height) {
   torch::manual_seed(41);
   TestScene scene;
@@ -138,7 +138,7 @@ TEST(BinCuda, WritesThePairsThatTheProjectionCountsOfManyGaussians) {
 
 TEST(BinCuda, WritesThePairsOfACrowdedTileAmongMoreTilesThanABlockCounts) {
   B3DGS_NEEDS_GPU();
-  TestScene scene = like_a_trained_scene(20000, 800, 600);  // 1900 tiles; a block counts for at most 1024
+  TestScene scene = like_a_trained_scene(20000, 800, 600);  // 1900 tiles; a block has counters for at most 1024
   scene.gaussians.means.slice(0, 0, 12000).slice(1, 0, 2).zero_();
   RenderSettings settings = settings_of(scene);
   settings.keep_for_backward = false;

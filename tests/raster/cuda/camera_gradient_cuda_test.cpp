@@ -1,4 +1,4 @@
-// The gradient with respect to the camera's pose on the GPU, compared with the dense reference and with the CPU.
+// Tests the gradient with respect to the camera's pose on the GPU against the dense reference and the CPU.
 #include <gtest/gtest.h>
 
 #include "core/check.h"
@@ -20,7 +20,7 @@ INSTANTIATE_TEST_SUITE_P(Scenes, CameraGradientCudaTest, testing::ValuesIn(test_
 TEST(CameraGradientCuda, AgreesWithTheCpuOnManySplats) {
   B3DGS_NEEDS_GPU();
   const TestScene scene = large_cloud();
-  // Of one sign, so that the sum is large beside what pixels near a decision change.
+  // All have one sign, so that the sum is large compared to the changes from pixels near a decision.
   const RenderedViewGrad grad{
       torch::ones({scene.view.height, scene.view.width, 3}), torch::ones({scene.view.height, scene.view.width}), {}};
   for (const bool antialiasing : {false, true}) {
@@ -36,7 +36,7 @@ TEST(CameraGradientCuda, AgreesWithTheCpuOnManySplats) {
       ASSERT_GT(view.rasterizer().n_splats(), 4096);
       view.backward(grad);
       const torch::Tensor wanted = expected.camera_gradient(), found = view.camera_gradient();
-      // The three numbers of a rotation, and those of a translation, have one size.
+      // The three components of a rotation have one size, and so do those of a translation.
       for (const int first : {0, 3}) {
         const torch::Tensor part = wanted.slice(0, first, first + 3);
         EXPECT_TRUE(within(found.slice(0, first, first + 3), part, 2e-3 * part.norm().item<double>())) << found << "\n"

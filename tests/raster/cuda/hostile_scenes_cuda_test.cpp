@@ -1,4 +1,4 @@
-// The CUDA rasterizer on extreme and invalid scenes, with every kernel.
+// Tests the CUDA rasterizer on extreme and invalid scenes, with every kernel.
 #include "support/raster/hostile_scenes.h"
 
 #include "support/raster/cuda_harness.h"

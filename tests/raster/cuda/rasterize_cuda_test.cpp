@@ -1,5 +1,5 @@
-// The CUDA rasterizer compared with the dense reference: every forward and backward kernel and culling, on every
-// test scene; and with the CPU rasterizer where the reference is too slow.
+// Tests the CUDA rasterizer against the dense reference, with every forward and backward kernel, culling and test
+// scene. Where the reference is too slow, tests it against the CPU rasterizer.
 #include "raster/cuda/passes.h"
 
 #include <gtest/gtest.h>
@@ -94,7 +94,7 @@ TEST_P(RasterizeCudaTest, SumsInAFixedOrderAgreeAndRepeatBitForBit) {
 
 INSTANTIATE_TEST_SUITE_P(Scenes, RasterizeCudaTest, testing::ValuesIn(test_scenes()), name_of_scene);
 
-/// 100 000 Gaussians behind one another in a tile, so faint that thousands of them are seen.
+/// Makes 100 000 Gaussians behind one another in a tile, so faint that thousands of them are visible.
 TestScene hundred_thousand_in_one_tile() {
   TestScene scene = ten_thousand_in_one_tile();
   GaussianTensors& g = scene.gaussians;
@@ -116,7 +116,7 @@ TEST(RasterizeCuda, AgreesWithTheCpuOnLongListsAndManyGaussians) {
       SCOPED_TRACE(testing::Message() << name << ", " << forward.name);
       settings.kernel = forward.kernel;
       CudaView view(scene, settings);
-      // Without the reference it is not known which pixels are near a threshold: at most one in a thousand may differ,
+      // Without the reference, it is unknown which pixels are near a threshold. At most one in a thousand may differ,
       // and by no more than one decision can change.
       const torch::Tensor difference = (view.color - expected.color).abs();
       const auto n_far = (difference > 2e-5).sum().item<std::int64_t>();
@@ -126,7 +126,7 @@ TEST(RasterizeCuda, AgreesWithTheCpuOnLongListsAndManyGaussians) {
   }
 }
 
-/// large_cloud() on 4480 x 4032 px: 70 560 tiles.
+/// Renders large_cloud() on 4480 x 4032 px, which are 70 560 tiles.
 TestScene many_tiles() {
   constexpr int kScale = 56;
   TestScene scene = large_cloud();
@@ -222,7 +222,8 @@ TEST(RasterizeCuda, TakesTheMemoryThatIsForecast) {
     const double forecast = memory.of_image + memory.bytes(n, static_cast<double>(view.rasterizer().bins().n_pairs));
     const double taken = static_cast<double>(view.rasterizer().memory_bytes());
     EXPECT_GE(taken, forecast);
-    // The forecast is for the longest segments; in views of few pairs they are shorter. 28 bytes for each pixel of one.
+    // The forecast is for the longest segments. In views with few pairs, segments are shorter. 28 bytes per pixel of
+    // one.
     cuda::ViewCounts counts{};
     counts.n_pairs = view.rasterizer().bins().n_pairs;
     int n_multiprocessors = 0;

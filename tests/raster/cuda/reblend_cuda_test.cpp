@@ -1,4 +1,4 @@
-// Blending a rendered view again with another kernel, and counting the load, on the GPU.
+// Tests blending a rendered view again with another kernel, and counting the load, on the GPU.
 #include <gtest/gtest.h>
 
 #include <vector>
@@ -26,8 +26,8 @@ TEST(ReblendCuda, IsTheForwardOfThatKernel) {
   }
 }
 
-/// Three tiles with lists of about 60,000, 900 and 60 small, faint splats. Pixels of the first end 35,000 splats
-/// deep or deeper, in various buckets: the parts behind a bucket are summed once for the first two tiles.
+/// Makes three tiles with lists of about 60,000, 900 and 60 small, faint splats. Pixels of the first tile end 35,000
+/// splats deep or deeper, in various buckets. The parts behind a bucket are summed once for the first two tiles.
 TestScene lists_of_very_different_length() {
   TestScene scene;
   scene.view = PinholeView{{{1, 0, 0, 0, 1, 0, 0, 0, 1}}, {}, {}, 48, 48, 24, 8, 48, 16};
@@ -39,7 +39,7 @@ TestScene lists_of_very_different_length() {
   }
   const torch::Tensor depth = torch::cat(all_depths);
   const std::int64_t n = depth.numel();
-  // Multiples of irrational numbers, which spread evenly.
+  // Multiples of irrational numbers, which are evenly distributed.
   const torch::Tensor x = (torch::cat(columns) - 24) / 48;
   const torch::Tensor y = (torch::frac(0.5698402910 * torch::arange(n, torch::kFloat64)) - 0.5) / 3;
   scene.gaussians =

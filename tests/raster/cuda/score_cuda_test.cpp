@@ -1,4 +1,4 @@
-// Scores and absolute gradients on the GPU.
+// Tests scores and absolute gradients on the GPU.
 #include <gtest/gtest.h>
 
 #include "core/check.h"

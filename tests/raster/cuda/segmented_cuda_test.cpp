@@ -1,4 +1,4 @@
-// The segmented kernel where it differs from sub-tile: lists that are cut, pixels that finish in any segment, and
+// Tests the segmented kernel where it differs from sub-tile: lists that are cut, pixels that finish in any segment, and
 // segments that are skipped because all pixels finish before them.
 #include <gtest/gtest.h>
 
@@ -25,7 +25,7 @@ TEST(ListCut, DividesListsLongerThanAShare) {
   EXPECT_FALSE(cut(4'000'000, 40'000).cuts()) << "a multiprocessor's share";
   EXPECT_EQ(cut(4'000'000, 40'001).longest_whole, 10'000);
   EXPECT_EQ(cut(4'000'000, 40'001).entries_log2, 9);
-  // Two segments stay whole.
+  // Lists of two segments are not cut.
   EXPECT_EQ(cut(400'000, 4'001).longest_whole, 1024);
   EXPECT_EQ(cut(160'000, 2'000).entries_log2, 8) << "of at most a quarter of the share";
   EXPECT_FALSE(cut(2'000, 256).cuts());
@@ -39,7 +39,7 @@ TEST(ListCut, SegmentsOfConsecutiveListsDoNotOverlap) {
     cut.longest_whole = 2 * entries;
     // Lists that are just long enough to be cut have the most segments for their entries.
     for (const std::int32_t length : {2 * entries + 1, 3 * entries, 3 * entries + 1, 100 * entries + 1}) {
-      for (const std::int32_t whole : {0, 1, 2 * entries}) {  // between them
+      for (const std::int32_t whole : {0, 1, 2 * entries}) {  // length of the lists between them
         std::int64_t before = 0, end = 0;
         for (int list = 0; list < 100; ++list, before += length + whole) {
           ASSERT_GE(cut.segments_before(before), end) << length << ", " << whole << ", list " << list;
@@ -67,8 +67,8 @@ Apart compare(CudaView& found, CudaView& expected, const TestScene& scene) {
     const torch::Tensor &a = *own.parameters.all()[i], &b = *other.parameters.all()[i];
     if (b.numel() == 0) continue;
     torch::Tensor size = b.norm() + 1e-20;
-    // Rotating a sphere changes nothing, so its rotation gradient is rounding error of the size of the scale
-    // gradient's.
+    // Rotating a sphere changes nothing, so its rotation gradient is only rounding error, as large as that of the scale
+    // gradient.
     if (b.is_same(other.parameters.quats)) size = size + other.parameters.log_scales.norm();
     apart.largest_gradient = std::max(apart.largest_gradient, ((a - b).norm() / size).item<double>());
   }
@@ -76,7 +76,7 @@ Apart compare(CudaView& found, CudaView& expected, const TestScene& scene) {
 }
 
 /// Renders the scene with both kernels, which differ only in the cutting of lists. Returns whether the colours differ
-/// in any bit, as they do if a segment behind the first was joined.
+/// in any bit, which they do if a segment after the first was joined.
 bool expect_as_by_sub_tile(const TestScene& scene, RenderSettings settings, std::int64_t n_other_last_max) {
   settings.kernel = kStandardKernel;
   CudaView whole(scene, settings);
@@ -94,7 +94,7 @@ TEST(SegmentedCuda, CutListsGiveWhatWholeOnesDo) {
   const TestScene scene = ends_along_a_long_list();
   const RenderSettings settings = settings_of(scene);
   const CpuView reference(scene, settings);
-  std::set<std::int32_t> segments;  // in which pixels end, if they are as long as they can be
+  std::set<std::int32_t> segments;  // segments in which pixels end, if segments have the maximum length
   const std::int32_t* const last_ids = reference.rasterizer().last_ids();
   for (std::int64_t p = 0; p < reference.alpha.numel(); ++p) {
     if (reference.alpha.view(-1)[p].item<float>() > 0.9995f) segments.insert(last_ids[p] / kSegmentEntries);
@@ -105,9 +105,9 @@ TEST(SegmentedCuda, CutListsGiveWhatWholeOnesDo) {
   EXPECT_TRUE(expect_as_by_sub_tile(scene, settings, 2)) << "no list was cut";
 }
 
-/// Splats that each cover the image, faint ones in front of and behind ten opaque ones: eight equal lists, fewer than
-/// multiprocessors, or none would be cut. The edge of the image cuts through sub-tiles of 8 x 4 pixels, so that warps
-/// have pixels outside of it; of the lower tiles, one half is outside.
+/// Makes splats that each cover the image, with faint ones in front of and behind ten opaque ones. This gives eight
+/// equal lists, fewer than multiprocessors, because otherwise no list would be cut. The edge of the image cuts through
+/// sub-tiles of 8 x 4 pixels, so that warps have pixels outside of it. One half of the lower tiles is outside.
 TestScene wall_behind(int n_splats, int n_faint) {
   constexpr int kOpaque = 10;
   TestScene scene;
@@ -124,8 +124,8 @@ TestScene wall_behind(int n_splats, int n_faint) {
 
 TEST(SegmentedCuda, SegmentsBehindTheEndOfAllPixelsChangeNothing) {
   B3DGS_NEEDS_GPU();
-  // On an H100, segments of 512, 256, and 128 entries. Of 512, there are more than run at once, so that the last find
-  // the first ones done.
+  // On an H100, these have segments of 512, 256, and 128 entries. There are more segments of 512 than run at once, so
+  // that the last ones find the first ones done.
   for (const auto& [n_splats, n_faint] :
        {std::pair(80000, 0), std::pair(80000, 1100), std::pair(20000, 1100), std::pair(4000, 1100)}) {
     SCOPED_TRACE(testing::Message() << n_splats << ", " << n_faint);
@@ -135,7 +135,7 @@ TEST(SegmentedCuda, SegmentsBehindTheEndOfAllPixelsChangeNothing) {
     EXPECT_EQ(expect_as_by_sub_tile(scene, settings, 2), n_faint > 0) << "whether segments were joined";
     settings.kernel = ForwardKernel::kSegmented;
     const CudaView cut(scene, settings);
-    // Which segments are skipped differs from run to run; the image does not.
+    // Which segments are skipped differs from run to run, but the image does not.
     for (int run = 0; run < 3; ++run) {
       const CudaView again(scene, settings);
       EXPECT_TRUE(test::same(again.color, cut.color));
@@ -145,15 +145,15 @@ TEST(SegmentedCuda, SegmentsBehindTheEndOfAllPixelsChangeNothing) {
   }
 }
 
-/// One tile whose list has more than two thousand segments, with splats so small and faint that pixels finish behind
-/// the thousandth.
+/// Makes one tile whose list has more than two thousand segments, with splats so small and faint that pixels finish
+/// behind the thousandth.
 TestScene crowd_in_a_tile() {
   constexpr std::int64_t kSplats = 2200 * kSegmentEntries;
   TestScene scene;
   scene.view = PinholeView{{{1, 0, 0, 0, 1, 0, 0, 0, 1}}, {}, {}, 16, 16, 8, 4, 16, 8};
   const torch::Tensor index = torch::arange(kSplats, torch::kFloat64);
   const torch::Tensor depth = 2 + 1e-6 * index;
-  // Multiples of two irrational numbers, which spread evenly.
+  // Multiples of two irrational numbers, which are evenly distributed.
   const torch::Tensor x = torch::frac(0.7548776662 * index) - 0.5, y = 0.5 * (torch::frac(0.5698402910 * index) - 0.5);
   scene.gaussians = make_spheres(torch::stack({x * depth, y * depth, depth}, 1), torch::full({kSplats}, 0.125f),
                                  torch::full({kSplats}, 0.0042f));

@@ -1,5 +1,5 @@
-// Views split at the splats on the GPU: the same checks as on the CPU (split_view_test.cpp), with gradients in a fixed
-// order.
+// Tests views split at the splats on the GPU with the same checks as on the CPU (split_view_test.cpp), and with
+// gradients in a fixed order.
 #include <gtest/gtest.h>
 
 #include "raster/checks.h"
@@ -21,7 +21,7 @@ struct DeviceSplats {
   DeviceTensor splats, extents, radii;
 };
 
-/// What the owner of n Gaussians gets of a view of m splats, in device memory.
+/// The data that the owner of n Gaussians gets from a view of m splats, in device memory.
 struct DeviceOwned {
   DeviceOwned(std::int64_t m, std::int64_t n)
       : records({m, 12}), index({n}, torch::kInt32), radii({n}, torch::kInt32), means2d({n, 2}) {
@@ -66,7 +66,7 @@ class CudaSplit {
     return host;
   }
 
-  /// The same for several views at once, each with room for `capacity` splats; and how many it sees.
+  /// Projects several views at once, each with a capacity of `capacity` splats. Also returns how many splats each has.
   std::vector<std::pair<ViewSplats, SplatCounts>> project_views(const GaussianTensors& gaussians,
                                                                 const std::vector<CameraView>& views,
                                                                 const RenderSettings& settings, std::int64_t capacity) {
@@ -212,7 +212,7 @@ TEST(SplitViewCuda, ProjectsSeveralViewsWithOneWait) {
   }
 }
 
-// Rows that touch no tile, as of another view, are not drawn and have no sums.
+// Rows that touch no tile, such as those of another view, are not drawn and have no sums.
 TEST(SplitViewCuda, LeavesOutSplatsOutsideTheImage) {
   B3DGS_NEEDS_GPU();
   const TestScene scene = anisotropic_cloud();
