@@ -1,4 +1,4 @@
-// The rule by which training chooses between two kernels, on invented times.
+// Tests the rule by which training chooses between two kernels, with invented times.
 #include "adaptive/kernel_selector.h"
 
 #include <gtest/gtest.h>
@@ -67,7 +67,7 @@ TEST(KernelSelector, SwitchesToAKernelThatIsFasterBeyondDoubtAndBack) {
 TEST(KernelSelector, KeepsTheKernelIfTheLeadMayBeChance) {
   EXPECT_EQ(selector().decide(9, views(8, 1.0, 0.991)).after, "balanced") << "below 1 %";
   EXPECT_EQ(selector().decide(9, views(8, 1.0, 0.989)).after, "plain");
-  // Differences of 0.3 and -0.1 ms: a lead of 0.8 ms with a standard error of sqrt(8) x 0.2138 = 0.605.
+  // Differences of 0.3 and -0.1 ms give a lead of 0.8 ms with a standard error of sqrt(8) x 0.2138 = 0.605.
   std::vector<ViewTimes> uneven;
   for (int i = 0; i < 8; ++i) uneven.push_back({1.0, i % 2 == 0 ? 0.7 : 1.1});
   const KernelDecision decision = selector().decide(9, uneven);

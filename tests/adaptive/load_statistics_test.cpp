@@ -17,7 +17,7 @@ LoadStatistics of(const std::vector<Count>& values) {
   return load_statistics(values.data(), static_cast<std::int64_t>(values.size()));
 }
 
-/// Gini coefficient: mean absolute difference of all pairs, divided by twice the mean.
+/// Returns the Gini coefficient: the mean absolute difference of all pairs, divided by twice the mean.
 double gini_of_pairs(const std::vector<std::int64_t>& values) {
   double differences = 0, total = 0;
   for (const std::int64_t a : values) {
