@@ -28,7 +28,7 @@ std::vector<std::filesystem::path>& synced_paths() {
 
 }  // namespace
 
-/// Replaces fsync() of the C library and records what is synced.
+/// Replaces fsync() of the C library and records the synced files.
 extern "C" int fsync(int file) {
   std::error_code error;
   synced_paths().push_back(std::filesystem::read_symlink("/proc/self/fd/" + std::to_string(file), error));
@@ -174,7 +174,7 @@ TEST(RequireWritable, RefusesWhatCannotBeWrittenAndLeavesNothing) {
   EXPECT_EQ(count_files(folder.path()), 1u);
 }
 
-/// Sends `signal` to a process that has called `write` and has what that returned open.
+/// Sends `signal` to a process that has called `write` and has its result open.
 template <class Write>
 void end_while_writing(int signal, const Write& write) {
   std::array<int, 2> ends{};
@@ -244,7 +244,7 @@ TEST(UnfinishedFiles, WorkFoldersOfAKilledProcessAreRemovedByTheNextFile) {
   }
 }
 
-/// The name of a temporary file up to the process ID.
+/// Returns the name of a temporary file up to the process ID.
 std::string temporary_prefix() {
   TempDir folder;
   const std::string name = AtomicFile(folder / "a").temporary().filename().string();

@@ -118,7 +118,7 @@ TEST(ChildProcess, DoesNotWaitForProcessesThatAProgramLeavesBehind) {
   kill(std::stoi(read_bytes(pid_file)), SIGKILL);
 }
 
-/// Whether the process has ended, perhaps without having been waited for.
+/// Returns whether the process has ended, even if nobody has waited for it.
 bool has_ended(pid_t pid) {
   const std::string status = read_bytes("/proc/" + std::to_string(pid) + "/status");
   return status.empty() || status.find("State:\tZ") != std::string::npos;
@@ -270,7 +270,7 @@ TEST(Child, TheProgramEndsIfThisOneIsKilled) {
     const Child child({"sh", "-c", "exec sleep 600 > " + fifo}, [](const std::string&) {});
     for (;;) pause();
   }
-  const int file = open(fifo.c_str(), O_RDONLY);  // once the program has opened it
+  const int file = open(fifo.c_str(), O_RDONLY);  // returns when the program has opened it
   ASSERT_GE(file, 0);
   kill(killed, SIGKILL);
   EXPECT_EQ(waitpid(killed, nullptr, 0), killed);

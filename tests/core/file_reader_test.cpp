@@ -1,4 +1,4 @@
-// What can be read as a file, and what is refused without waiting.
+// Tests which files can be read, and which are refused without waiting.
 #include "core/files/file_reader.h"
 
 #include <gtest/gtest.h>

@@ -1,4 +1,4 @@
-// Strings of any bytes in JSON.
+// Tests strings of any bytes in JSON.
 #include "core/json_text.h"
 
 #include <gtest/gtest.h>
@@ -42,7 +42,7 @@ TEST(JsonText, KeepsNamesThatAreNotUtf8) {
 
 TEST(JsonText, EscapesWhatTheLibraryDoesNotAccept) {
   const RandomKey key{1, RandomStream::kExposureJitter, 0};
-  // The first and last bytes of characters of each length, and around them.
+  // The first and last bytes of characters of each length, and their neighbours.
   const std::string bytes =
       "a\x1a"
       "e9\x7f\x80\x8f\x90\x9f\xa0\xbf\xc0\xc1\xc2\xdf\xe0\xed\xef\xf0\xf4\xf5\xff";

@@ -1,4 +1,4 @@
-// What names from files can do to a terminal.
+// Tests that names from files cannot control a terminal.
 #include <gtest/gtest.h>
 
 #include <string>

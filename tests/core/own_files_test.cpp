@@ -1,4 +1,4 @@
-// What the program may remove and replace.
+// Tests which files the program may remove and replace.
 #include "core/files/own_files.h"
 
 #include <fcntl.h>
@@ -31,7 +31,7 @@ using test::TempDir;
 using test::write_bytes;
 using namespace std::string_literals;
 
-/// The lines that OwnFiles reports during a test.
+/// Collects the lines that OwnFiles reports during a test.
 class OwnFilesTest : public ::testing::Test {
  protected:
   OwnFilesTest() {

@@ -8,7 +8,7 @@
 namespace b3dgs {
 namespace {
 
-/// What a shell makes of the word.
+/// Returns the word as a shell reads it.
 std::string read_by_shell(const std::string& word) {
   std::FILE* pipe = popen(("printf %s " + word).c_str(), "r");
   std::string text;

@@ -1,4 +1,4 @@
-// TaskQueue: order, bound, errors.
+// Tests the order, capacity and errors of TaskQueue.
 #include "core/task_queue.h"
 
 #include <gtest/gtest.h>
