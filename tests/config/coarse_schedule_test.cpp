@@ -1,4 +1,4 @@
-// At which part of their size views are trained.
+// Tests the scale at which views are trained.
 #include "config/coarse_schedule.h"
 
 #include <gtest/gtest.h>

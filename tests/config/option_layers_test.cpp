@@ -1,4 +1,4 @@
-// Presets, strategy defaults, and which value is used where several name an option.
+// Tests presets, strategy defaults, and which value wins if several set an option.
 #include "config/option_layers.h"
 
 #include <gtest/gtest.h>
@@ -41,7 +41,7 @@ const OptionRow& row_named(const std::vector<OptionRow>& rows, const std::string
   throw InputError("no row " + name);
 }
 
-/// A step count scaled as documented, in another way than the code does it.
+/// Returns a step count scaled as documented, computed in a different way than the code does.
 int nearest_step(double steps) {
   const int below = static_cast<int>(steps);
   return std::max(1, steps - below >= 0.5 ? below + 1 : below);
@@ -113,7 +113,7 @@ TEST(Presets, StrategiesWithDefaultsExist) {
     const GivenOptions& values = row.values;
     for (const auto& [name, value] : values.items()) {
       EXPECT_EQ(config_to_json(config).at(name), value) << row.name << " " << name;
-      if (name == "iterations") continue;  // given, it turns --max_epochs off
+      if (name == "iterations") continue;  // if given, it turns --max_epochs off
       const std::string given_value = value.is_string() ? value.get<std::string>() : value.dump();
       EXPECT_TRUE(config_differences(
                       config, resolved({"--preset", "inria", "--strategy", row.name, "--" + name + "=" + given_value}))
@@ -199,7 +199,7 @@ TEST(OptionLayers, GivenOptionsOverrideThePreset) {
   const TrainConfig other = resolved({"--preset", "fast", "--densify_until_iter", "1234"});
   EXPECT_EQ(other.densify_until_iter, 1234);
   EXPECT_EQ(other.iterations, config.iterations);
-  // A value that equals TrainConfig's is given all the same.
+  // A value that equals TrainConfig's still counts as given.
   EXPECT_EQ(resolved({"--preset", "fast", "--sh_increase_interval", "1000"}).sh_increase_interval, 1000);
 }
 
@@ -232,7 +232,7 @@ TEST(Schedule, OptionsCountedInIterationsAreMarked) {
     const bool is_whole = std::is_same_v<Value, int> || std::is_same_v<Value, std::vector<int>>;
     const std::string name(option.name);
     const auto has = [&](const char* word) { return name.find(word) != std::string::npos; };
-    if (name == "kernel_check_interval") return;  // the paper's, whatever the schedule
+    if (name == "kernel_check_interval") return;  // the paper's value, whatever the schedule
     const bool is_in_steps =
         is_whole && (has("iter") || has("interval") || has("steps") || has("until") || has("epoch"));
     EXPECT_EQ(option.steps != Steps::kNone, is_in_steps) << name << ": " << help;
@@ -326,7 +326,7 @@ TEST(GivenMaxEpochs, AtResumeFollowsTheSameRules) {
   apply_at_resume(config, given({"--max_epochs", "50", "--steps_scaler", "2"}));
   EXPECT_EQ(config.max_epochs, 100);
   EXPECT_EQ(config.iterations, started.iterations);
-  // As `b3dgs train` does at a resume: only the end changes.
+  // As in `b3dgs train` at a resume, only the end changes.
   EXPECT_LT(limit_epochs(config, 21, config_to_json(config)), 1);
   EXPECT_EQ(config.iterations, 2100);
   EXPECT_EQ(config.densify_until_iter, started.densify_until_iter);
