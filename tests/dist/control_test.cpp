@@ -1,4 +1,4 @@
-// The connections over which ranks learn of each other: ranks as threads of this process.
+// Tests the connections over which ranks learn of each other, with ranks as threads of this process.
 #include <arpa/inet.h>
 #include <fcntl.h>
 #include <gtest/gtest.h>
@@ -31,7 +31,7 @@ namespace {
 using std::chrono::milliseconds;
 using test::fails_with;
 
-constexpr milliseconds kLong{60000};  // where a test fails if it is reached
+constexpr milliseconds kLong{60000};  // a test fails if it reaches this limit
 
 /// A hub, and ranks that join it.
 class Job {
@@ -48,7 +48,7 @@ class Job {
     return std::make_unique<RankLink>("127.0.0.1", port_, rank, size, job, limits_);
   }
 
-  /// A connection that has said hello, and does nothing else.
+  /// Makes a connection that has said hello and does nothing else.
   Socket join_without_link(int rank) const {
     Socket socket = std::move(*try_to_connect("127.0.0.1", port_, kLong));
     say(socket,
@@ -60,7 +60,7 @@ class Job {
     ASSERT_EQ(send(socket.fd(), bytes.data(), bytes.size(), MSG_NOSIGNAL), static_cast<ssize_t>(bytes.size()));
   }
 
-  /// Calls body(link) as every rank, and rethrows what the lowest rank threw.
+  /// Calls body(link) as every rank, and rethrows the exception of the lowest rank.
   void run(const std::function<void(RankLink&)>& body) const {
     std::vector<std::future<void>> ranks;
     for (int rank = 0; rank < size_; ++rank) {
@@ -253,7 +253,7 @@ TEST(Control, RefusesStrangers) {
   });
 }
 
-// It is never read to its end, and dropped after a while.
+// The flood is never read to its end, and is dropped after a while.
 TEST(Control, AFloodFromAStrangerDisturbsNobody) {
   RankLimits limits;
   limits.silence = milliseconds(3000);
@@ -362,7 +362,7 @@ TEST(Sockets, InterfaceWithAnAddress) {
   EXPECT_EQ(interface_with("192.0.2.1"), "") << "an address for documentation";
 }
 
-/// Both ends of a connection.
+/// Returns both ends of a connection.
 std::pair<Socket, Connection> connect_pair(bool is_trusted) {
   int files[2];
   EXPECT_EQ(socketpair(AF_UNIX, SOCK_STREAM, 0, files), 0);
@@ -386,7 +386,7 @@ TEST(Connections, AssembleMessagesFromPieces) {
 }
 
 TEST(Connections, RefuseMessagesOfAbsurdLength) {
-  constexpr std::size_t kHeader = 12, kSize = 8;  // of the message, and of its part
+  constexpr std::size_t kHeader = 12, kSize = 8;  // header of the message and of its part
   const std::string bytes = to_bytes({MessageKind::kSet, 0, {std::string(kMaxUntrustedBytes - kSize, 'x')}});
   const auto receive = [](const std::string& sent) {
     auto [there, here] = connect_pair(/*is_trusted=*/false);
@@ -396,7 +396,7 @@ TEST(Connections, RefuseMessagesOfAbsurdLength) {
   EXPECT_NO_THROW(receive(bytes));
   EXPECT_THROW(receive(to_bytes({MessageKind::kSet, 0, {std::string(kMaxUntrustedBytes, 'x')}}).substr(0, kHeader)),
                Error);
-  for (const char high : {'\x01', '\xff'}) {  // of a part
+  for (const char high : {'\x01', '\xff'}) {  // byte of the part's size
     std::string absurd = bytes;
     absurd[kHeader + kSize - 1] = high;
     EXPECT_THROW(receive(absurd), Error);

@@ -1,5 +1,5 @@
-// A program of several ranks for dist_tests: dist_rank RANKS SCENARIO. Without the environment of a launcher it starts
-// its own ranks. Prints what is wrong to standard error and fails, or "ok RANK" to standard output.
+// A program of several ranks for dist_tests: dist_rank RANKS SCENARIO. Without the environment of a launcher, it starts
+// its own ranks. Prints faults to standard error and fails, or prints "ok RANK" to standard output.
 #include <torch/types.h>
 #include <unistd.h>
 
@@ -31,7 +31,7 @@ std::int64_t total(const Counts& counts) {
   return std::accumulate(counts.begin(), counts.end(), std::int64_t{0});
 }
 
-/// Bytes that tell where they come from: row i that rank `from` sends to rank `to`. Every bit pattern occurs, also
+/// Returns bytes that identify their origin: row i that rank `from` sends to rank `to`. Every bit pattern occurs, also
 /// those that are NaN as floats.
 torch::Tensor make_rows(int from, int to, std::int64_t n, std::int64_t bytes) {
   torch::Tensor rows = torch::empty({n, bytes}, torch::kUInt8);
@@ -43,7 +43,7 @@ torch::Tensor make_rows(int from, int to, std::int64_t n, std::int64_t bytes) {
   return rows;
 }
 
-/// Rows of `type` with the bytes of make_rows(); 12 bytes a row.
+/// Returns rows of `type` with the bytes of make_rows(), 12 bytes per row.
 torch::Tensor typed(const torch::Tensor& bytes, torch::ScalarType type) {
   const auto size = static_cast<std::int64_t>(torch::elementSize(type));
   torch::Tensor rows = torch::empty({bytes.size(0), 2, bytes.size(1) / size / 2}, type);
@@ -51,7 +51,7 @@ torch::Tensor typed(const torch::Tensor& bytes, torch::ScalarType type) {
   return rows;
 }
 
-/// count_of(from, to) rows go from each rank to each.
+/// Checks an exchange in which count_of(from, to) rows go from each rank to each.
 template <class CountOf>
 void check_all_to_all(Communicator& ranks, const char* name, CountOf&& count_of) {
   for (const torch::ScalarType type : {torch::kFloat32, torch::kUInt8, torch::kInt32, torch::kInt64, torch::kBool}) {
@@ -71,7 +71,7 @@ void check_all_to_all(Communicator& ranks, const char* name, CountOf&& count_of)
   }
 }
 
-/// n rows of each rank, and some more of the others than rank 0.
+/// Checks the gathering of n + rank * n_more rows from each rank.
 void check_all_gather(Communicator& ranks, std::int64_t n, std::int64_t n_more) {
   Counts counts;
   std::vector<torch::Tensor> expected;
@@ -98,7 +98,7 @@ void check_collectives(Communicator& ranks) {
   const auto ints = torch::TensorOptions(torch::kInt32).device(device);
   const torch::Tensor shifted = torch::arange(1 + 3 * ranks.size(), ints).narrow(0, 1, 3 * ranks.size());
   const torch::Tensor pairs = torch::stack({shifted, shifted}, 1).view({-1}).narrow(0, 1, 2 * ranks.size());
-  const Counts ones(static_cast<std::size_t>(size), 1);  // rows of 8 bytes that begin at 4: no whole int64
+  const Counts ones(static_cast<std::size_t>(size), 1);  // rows of 8 bytes that begin at byte 4: not an int64
   expect(ranks.all_to_all_rows(pairs.view({size, 2}), ones, ones)
              .equal(pairs.view({size, 2}).narrow(0, rank, 1).expand({size, 2})),
          "rows at an odd address");
@@ -120,7 +120,7 @@ void check_collectives(Communicator& ranks) {
   ranks.barrier("end");
 }
 
-/// Where ranks other than the failing one wait for it.
+/// The operation in which ranks other than the failing one wait for it.
 void wait_in(const std::string& operation, Communicator& ranks) {
   const auto n = static_cast<std::size_t>(ranks.size());
   if (operation == "exchange") {
@@ -154,9 +154,9 @@ void run_scenario(const std::string& scenario, Communicator& ranks) {
   } else if (what == "exit") {
     ranks.barrier("start");
     if (is_failing) std::_Exit(3);
-    raise(SIGPIPE);  // as writing to a connection that the other rank has closed
+    raise(SIGPIPE);  // as if writing to a connection that the other rank has closed
     wait_in(operation, ranks);
-  } else if (what == "wait") {  // for a signal, and leave files in the folder that `operation` names
+  } else if (what == "wait") {  // waits for a signal, and leaves files in the folder that `operation` names
     static volatile std::sig_atomic_t got = 0;
     std::signal(SIGTERM, [](int signal) { got = signal; });
     const std::string name = operation + "/" + std::to_string(ranks.rank());
@@ -174,7 +174,7 @@ void read_limit(const char* name, std::chrono::milliseconds& limit) {
   if (const char* const value = std::getenv(name)) limit = std::chrono::milliseconds(std::atoi(value));
 }
 
-/// Starts ranks with the environment that torchrun gives them; its agent listens at MASTER_PORT.
+/// Starts ranks with the environment of torchrun, whose agent listens at MASTER_PORT.
 int start_as_torchrun(int size) {
   const Socket agent = listen_at("127.0.0.1", 0);
   std::error_code error;

@@ -1,5 +1,5 @@
-// Real processes that exchange tensors and records, fail, and are killed: dist_rank.cpp, on CPUs. Time limits are far
-// above what a loaded machine needs, or far below what a test expects to end otherwise.
+// Tests real processes that exchange tensors and messages, fail, and are killed: dist_rank.cpp, on CPUs. Time limits
+// are far above the needs of a loaded machine, or far below the time at which the test would otherwise end.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -30,7 +30,7 @@ int count_of(const std::string& text, const std::string& part) {
   return n;
 }
 
-/// All ranks but the failing one say `line`, once each, and nothing else but what `own` says.
+/// Expects that all ranks but the failing one print `line`, once each, and that nothing else is printed except `own`.
 void expect_named(const Outcome& outcome, int exit_code, int n_others, const std::string& line,
                   const std::string& own) {
   EXPECT_EQ(outcome.exit_code, exit_code) << outcome.err;
@@ -46,7 +46,7 @@ TEST_P(Collectives, TransferEveryByte) {
   EXPECT_EQ(count_of(outcome.out, "ok "), GetParam()) << outcome.out;
 }
 
-// Alone; a pair; a number that is no power of two.
+// Alone, a pair, and a number that is not a power of two.
 INSTANTIATE_TEST_SUITE_P(Ranks, Collectives, testing::Values(1, 2, 3));
 
 TEST(Ranks, TransferEveryByteThroughRankZero) {
@@ -140,7 +140,7 @@ TEST(StartOfRanks, NamesAnOccupiedPort) {
                              " of 127.0.0.1 is occupied; set MASTER_PORT to a free port (torchrun: --master-port)\n");
 }
 
-/// Whether `n` files in the folder end in `suffix`.
+/// Returns whether `n` files in the folder end in `suffix`.
 bool has_files(const std::filesystem::path& folder, const std::string& suffix, int n) {
   const std::filesystem::directory_iterator files(folder);
   return n ==

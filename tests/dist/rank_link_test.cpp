@@ -1,4 +1,4 @@
-// What a rank sends when rank 0 is slow to read.
+// Tests the messages of a rank when rank 0 is slow to read.
 #include <gtest/gtest.h>
 #include <poll.h>
 #include <pthread.h>
@@ -26,13 +26,13 @@ namespace {
 using std::chrono::milliseconds;
 using test::fails_with;
 
-constexpr milliseconds kUnreached{60000};  // where a test fails if it is reached
+constexpr milliseconds kUnreached{60000};  // a test fails if it reaches this limit
 
-/// The other end of a link, which lets rank 1 of 2 join and then does what a test says.
+/// The other end of a link. It lets rank 1 of 2 join and then does what a test requests.
 class OtherEnd {
  public:
   explicit OtherEnd(const RankLimits& limits) : listening_(listen_at("127.0.0.1", 0)) {
-    const int bytes = 4096;  // inherited by connections: soon full
+    const int bytes = 4096;  // inherited by connections, and soon full
     EXPECT_EQ(setsockopt(listening_.fd(), SOL_SOCKET, SO_RCVBUF, &bytes, sizeof bytes), 0);
     auto link = std::async(std::launch::async, [&limits, port = port_of(listening_)] {
       return std::make_unique<RankLink>("127.0.0.1", port, 1, 2, "job", limits);
@@ -45,10 +45,10 @@ class OtherEnd {
   }
   RankLink& link() { return *link_; }
   const Socket& connection() const { return connection_.socket(); }
-  /// Ends what the link waits for.
+  /// Closes the connection, which ends all waits of the link.
   void hang_up() { connection_.close(); }
 
-  /// Of this kind; others are passed over. Nothing if it does not come.
+  /// Returns the next message of this kind and skips others. Returns nullopt if it does not come.
   std::optional<Message> receive(MessageKind kind) {
     std::optional<Message> found;
     while (!found) {

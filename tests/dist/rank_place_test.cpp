@@ -1,4 +1,4 @@
-// Which rank this process is: the environments of three launchers, and what is wrong with some.
+// Tests how a process determines its rank, with valid and invalid environments of three launchers.
 #include <gtest/gtest.h>
 
 #include <map>

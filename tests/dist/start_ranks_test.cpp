@@ -1,4 +1,4 @@
-// The launcher of ranks on one machine, with shells as ranks.
+// Tests the launcher of ranks on one machine, with shells as ranks.
 #include <gtest/gtest.h>
 
 #include <csignal>
@@ -42,7 +42,7 @@ TEST(StartRanks, TellsEachItsPlace) {
 }
 
 TEST(StartRanks, OnlyRankZeroHasTheSocket) {
-  // ls -l shows where the descriptor leads.
+  // ls -l shows the target of the descriptor.
   EXPECT_EQ(run_shells(2,
                        "if [ $RANK = 0 ]; then ls -l /proc/self/fd/$B3DGS_LISTENING_SOCKET | grep -q socket; else "
                        "[ -z \"$B3DGS_LISTENING_SOCKET\" ]; fi")
