@@ -1,4 +1,4 @@
-// Comparison of tensors. A failure reports the worst entry, or the first that differs: its index and both values.
+// Compares tensors. A failure reports the index and both values of the worst entry, or of the first that differs.
 #pragma once
 
 #include <gtest/gtest.h>
@@ -8,7 +8,7 @@
 
 namespace b3dgs::test {
 
-/// A flat index as "[row, column, ...]".
+/// Returns a flat index as "[row, column, ...]".
 inline std::string place_in(const torch::Tensor& tensor, std::int64_t flat) {
   std::string place;
   for (std::int64_t axis = tensor.dim() - 1; axis >= 0; --axis) {
@@ -18,7 +18,7 @@ inline std::string place_in(const torch::Tensor& tensor, std::int64_t flat) {
   return "[" + place + "]";
 }
 
-/// Whether types, shapes and all entries are equal; NaN differs from everything.
+/// Returns whether types, shapes and all entries are equal. NaN differs from everything.
 inline testing::AssertionResult same(const torch::Tensor& actual, const torch::Tensor& expected) {
   if (!actual.defined() || !expected.defined()) return testing::AssertionFailure() << "an undefined tensor";
   if (actual.scalar_type() != expected.scalar_type() || actual.sizes() != expected.sizes()) {
@@ -33,7 +33,8 @@ inline testing::AssertionResult same(const torch::Tensor& actual, const torch::T
                                      << ", expected " << expected.flatten()[first].item<double>();
 }
 
-/// Whether |actual - expected| <= allowed for all entries. `allowed` is broadcast to their shape. NaN always fails.
+/// Returns whether |actual - expected| <= allowed for all entries. `allowed` is broadcast to their shape. NaN always
+/// fails.
 inline testing::AssertionResult within(const torch::Tensor& actual, const torch::Tensor& expected,
                                        const torch::Tensor& allowed) {
   if (!actual.defined() || actual.sizes() != expected.sizes()) {

@@ -1,4 +1,4 @@
-// Checks the type and the message of an exception, and what texts contain.
+// Checks the type and the message of an exception, and the content of texts.
 #pragma once
 
 #include <gtest/gtest.h>

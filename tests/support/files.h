@@ -18,7 +18,7 @@ inline void write_bytes(const std::filesystem::path& path, const std::string& by
   std::ofstream(path, std::ios::binary) << bytes;
 }
 
-/// The bytes of a value in memory, to assemble binary files.
+/// Returns the bytes of a value in memory, to assemble binary files.
 template <class T>
 std::string bytes_of(T value) {
   return {reinterpret_cast<const char*>(&value), sizeof(value)};

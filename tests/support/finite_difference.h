@@ -10,9 +10,9 @@
 
 namespace b3dgs::test {
 
-/// Gradient of value(x) at `x` by central differences at two step sizes with Richardson extrapolation: the error is of
-/// fourth order in the step, about 1e-10 relative for smooth functions of order 1. `step` is relative for entries
-/// above 1.
+/// Returns the gradient of value(x) at `x` by central differences at two step sizes with Richardson extrapolation. The
+/// error is of fourth order in the step, about 1e-10 relative for smooth functions of order 1. `step` is relative for
+/// entries above 1.
 template <class Function>
 std::vector<double> numeric_gradient(Function&& value, std::vector<double> x, double step = 1e-3) {
   std::vector<double> gradient(x.size());
@@ -32,7 +32,7 @@ std::vector<double> numeric_gradient(Function&& value, std::vector<double> x, do
   return gradient;
 }
 
-/// Whether all entries of two gradients agree within `tolerance` times the larger of their norms.
+/// Returns whether all entries of two gradients agree within `tolerance` times the larger of their norms.
 inline testing::AssertionResult gradients_agree(const std::vector<double>& analytic, const std::vector<double>& numeric,
                                                 double tolerance = 1e-6) {
   if (analytic.size() != numeric.size()) {

@@ -1,4 +1,4 @@
-// For tests that need a GPU. Without one they are skipped, or fail if B3DGS_REQUIRE_GPU=1.
+// Support for tests that need a GPU. Without one they are skipped, or fail if B3DGS_REQUIRE_GPU=1.
 #pragma once
 
 #include <cuda_runtime_api.h>
@@ -13,7 +13,7 @@
 
 namespace b3dgs::test {
 
-/// The reason why no GPU can be used; empty if one can.
+/// Returns the reason why no GPU can be used, or an empty text.
 inline std::string gpu_fault() {
   int n_devices = 0;
   const cudaError_t code = cudaGetDeviceCount(&n_devices);

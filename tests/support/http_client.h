@@ -1,4 +1,4 @@
-// HTTP over a socket to a server on this machine: well-formed requests, and bytes as they come. Waits at most half a
+// HTTP over a socket to a server on this machine, with well-formed requests and with raw bytes. Waits at most half a
 // minute for the server.
 #pragma once
 
@@ -51,7 +51,7 @@ class RawClient {
 
   bool is_connected() const { return is_connected_; }
 
-  /// False once the server has closed the connection, or takes nothing any more.
+  /// Returns false once the server has closed the connection or stops reading.
   bool send(std::string_view bytes) {
     while (!bytes.empty()) {
       const ssize_t n = ::send(socket_, bytes.data(), bytes.size(), MSG_NOSIGNAL);
@@ -61,7 +61,7 @@ class RawClient {
     return true;
   }
 
-  /// Reads until the server closes the connection. False if it does not.
+  /// Reads until the server closes the connection. Returns false if it does not.
   bool is_closed_by_server() {
     char bytes[4096];
     for (;;) {
@@ -71,7 +71,7 @@ class RawClient {
     }
   }
 
-  /// The next answer, if a whole one comes. Of its body, as much as Content-Length says.
+  /// Returns the next complete answer, with as much of its body as Content-Length says.
   std::optional<HttpAnswer> answer() {
     std::string text;
     std::size_t end = std::string::npos;
@@ -106,7 +106,7 @@ class RawClient {
   bool is_connected_ = false;
 };
 
-/// A request as it is sent.
+/// Returns the text of a request.
 inline std::string http_request(const std::string& method, const std::string& path, HttpHeaders headers,
                                 const std::string& body = {}) {
   headers.emplace("Content-Length", std::to_string(body.size()));
@@ -116,7 +116,7 @@ inline std::string http_request(const std::string& method, const std::string& pa
   return text + "\r\n" + body;
 }
 
-/// Asks each time on a connection of its own.
+/// Sends each request on a new connection.
 class HttpClient {
  public:
   explicit HttpClient(int port) : port_(port) {}

@@ -10,7 +10,7 @@
 
 namespace b3dgs::test {
 
-/// Calls `work(i)` in `n` child processes at once. Each has to return without an exception.
+/// Calls `work(i)` in `n` child processes at once. Each must return without an exception.
 template <class Work>
 void run_processes(int n, const Work& work) {
   std::vector<pid_t> children;

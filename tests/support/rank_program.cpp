@@ -25,7 +25,7 @@ bool same_bytes(const torch::Tensor& a, const torch::Tensor& b) {
 }
 
 int run_rank_program(const RankProgram& program) {
-  // The number is that of the environment where a launcher gave one.
+  // The environment of a launcher determines the number of ranks, if there is one.
   const std::optional<RankPlace> place = choose_rank_place(std::getenv("RANK") == nullptr ? program.size : 0);
   if (!place) return start_ranks(program.size, program.arguments, program.start);
   torch::set_num_threads(1);
@@ -62,7 +62,7 @@ int run_scenarios(int argc, char** argv, void (*run)(const std::string& scenario
   program.body = [&](Communicator& ranks) {
     std::istringstream list(scenarios);
     for (std::string scenario; std::getline(list, scenario, ',');) {
-      torch::manual_seed(11);  // whole tensors are the same on all ranks
+      torch::manual_seed(11);  // so that whole tensors are the same on all ranks
       try {
         run(scenario, ranks);
       } catch (const LogicError& error) {

@@ -1,4 +1,4 @@
-// What test programs of several ranks have in common: their start, and how they say that an expectation failed.
+// Shared by test programs of several ranks: their start, and the report of a failed expectation.
 #pragma once
 
 #include <torch/types.h>
@@ -12,10 +12,11 @@
 
 namespace b3dgs::test {
 
-/// @throws LogicError unless the condition holds: the rank fails, and tells the others
+/// @throws LogicError unless the condition is true; the rank fails, and tells the others
 void expect(bool condition, const std::string& what);
 
-/// Whether the tensors have the same bytes, whatever their types and shapes. Contiguous, on the CPU.
+/// Returns whether the tensors have the same bytes, whatever their types and shapes. They must be contiguous, on the
+/// CPU.
 bool same_bytes(const torch::Tensor& a, const torch::Tensor& b);
 
 /// Thrown by a rank to end with this exit code.
@@ -25,23 +26,23 @@ struct Exit {
 
 struct RankProgram {
   int size = 1;
-  std::vector<std::string> arguments;             // of this program, for the ranks that it starts
-  std::function<void(Communicator& ranks)> body;  // of each rank
+  std::vector<std::string> arguments;             // arguments of this program, for the ranks that it starts
+  std::function<void(Communicator& ranks)> body;  // body of each rank
   StartOptions start{};
   RankLimits limits{};
 };
 
-/// The device is that of the environment variable TEST_DEVICE: "cuda" (number 0, which all ranks share), otherwise the
-/// CPU. With TEST_RELAY, tensors go through rank 0 in any case. Without the environment of a launcher: starts the
-/// ranks. Otherwise this process is one of them: calls body(), and prints "ok RANK" after it. Returns the exit code.
+/// Starts the ranks if there is no environment of a launcher. Otherwise this process is a rank: calls body(), and then
+/// prints "ok RANK". Returns the exit code. The device comes from the environment variable TEST_DEVICE: "cuda" (number
+/// 0, which all ranks share), otherwise the CPU. With TEST_RELAY, tensors always go through rank 0.
 /// @throws what body() throws
 int run_rank_program(const RankProgram& program);
 
-/// Calls run() for the exit code; prints an exception as one line and returns its exit code.
+/// Calls run() for the exit code. Prints an exception as one line and returns its exit code.
 int report_errors(const std::function<int()>& run);
 
-/// main() of a program PROGRAM RANKS SCENARIO[,SCENARIO...]: each rank calls run(SCENARIO, ranks) for one after the
-/// other, with the same random numbers.
+/// Implements main() of a program PROGRAM RANKS SCENARIO[,SCENARIO...]. Each rank calls run(SCENARIO, ranks) for one
+/// scenario after the other, with the same random numbers.
 int run_scenarios(int argc, char** argv, void (*run)(const std::string& scenario, Communicator& ranks));
 
 }  // namespace b3dgs::test

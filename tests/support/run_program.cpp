@@ -21,7 +21,7 @@ namespace {
 
 using SteadyClock = std::chrono::steady_clock;
 
-/// In the child: standard streams to files, limits, then the program.
+/// Runs in the child: redirects standard streams to files, sets limits, then runs the program.
 [[noreturn]] void become_program(char* const* argv, const RunOptions& options, const std::string& out,
                                  const std::string& err) {
   const auto redirect = [](int stream, const char* file, int flags) {
@@ -38,7 +38,7 @@ using SteadyClock = std::chrono::steady_clock;
     std::signal(SIGXFSZ, SIG_IGN);  // then write() fails instead
     if (setrlimit(RLIMIT_FSIZE, &limits) != 0) _exit(126);
   }
-  // Without this capability, root needs permissions like others. Other users do not have it, and cannot drop it.
+  // Without this capability, root needs permissions like others. Other users do not have it and cannot drop it.
   if (options.obeys_permissions && prctl(PR_CAPBSET_DROP, CAP_DAC_OVERRIDE) != 0 && geteuid() == 0) _exit(126);
   execv(argv[0], argv);
   _exit(127);

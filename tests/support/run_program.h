@@ -17,9 +17,9 @@ struct Outcome {
 
 struct RunOptions {
   std::string program = B3DGS_PROGRAM;
-  std::filesystem::path folder;       // working folder; empty: the current one
-  long long file_size_limit = 0;      // bytes; writes beyond it fail as on a full disk; 0: no limit
-  bool obeys_permissions = false;     // of files, also if root runs the tests
+  std::filesystem::path folder;       // working folder, empty for the current one
+  long long file_size_limit = 0;      // bytes, 0 for no limit; writes beyond it fail as on a full disk
+  bool obeys_permissions = false;     // obey file permissions, even if root runs the tests
   std::function<bool()> signal_when;  // polled while the program runs; sends `signal` once it is true
   int signal = 0;
   int n_signals = 1;  // one per millisecond

@@ -1,5 +1,5 @@
-// Whether files, or lists of numbers, are equal. A failure names the first difference, where EXPECT_EQ prints them
-// whole and EXPECT_TRUE(a == b) says "false". Tensors: approx.h.
+// Compares files, or lists of numbers. A failure names the first difference, while EXPECT_EQ prints them whole and
+// EXPECT_TRUE(a == b) prints "false". For tensors, use approx.h.
 #pragma once
 
 #include <gtest/gtest.h>

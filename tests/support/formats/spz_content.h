@@ -1,4 +1,4 @@
-// SPZ files byte by byte, independent of the writer.
+// Makes SPZ files byte by byte, independent of the writer.
 #pragma once
 
 #include <zlib.h>
@@ -20,7 +20,7 @@ inline std::string spz_header(std::uint8_t version, std::uint32_t count, std::ui
   return bytes;
 }
 
-/// The content before compression; all bytes after the header are 0x21.
+/// Returns the content before compression. All bytes after the header are 0x21.
 inline std::string spz_content(std::uint8_t version, std::uint32_t count, std::uint8_t sh_degree) {
   const std::size_t n_sh = static_cast<std::size_t>(sh_degree + 1) * (sh_degree + 1u) - 1;
   const std::size_t bytes_each = (version == 1 ? 6 : 9) + 7 + (version < 3 ? 3 : 4) + 3 * n_sh;

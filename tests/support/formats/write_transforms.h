@@ -12,7 +12,7 @@ namespace b3dgs::test {
 
 using Json = nlohmann::ordered_json;
 
-/// Rows of the camera-to-world matrix.
+/// Returns the rows of the camera-to-world matrix.
 inline Json transform_matrix(const Pose& pose) {
   const OpenGlMatrix m = opengl_from_pose(pose);
   Json rows = Json::array();
@@ -21,7 +21,7 @@ inline Json transform_matrix(const Pose& pose) {
   return rows;
 }
 
-/// w, h, fl_x, ..., of a camera with the model PINHOLE, OPENCV, OPENCV_FISHEYE, SIMPLE_RADIAL or RADIAL.
+/// Returns w, h, fl_x, ... of a camera with the model PINHOLE, OPENCV, OPENCV_FISHEYE, SIMPLE_RADIAL or RADIAL.
 inline Json intrinsics(const ColmapCamera& camera) {
   Json json{{"camera_model", camera_model_name(camera.model)}, {"w", camera.width}, {"h", camera.height}};
   std::string params = camera_model_params(camera.model);
@@ -38,7 +38,7 @@ inline Json intrinsics(const ColmapCamera& camera) {
   return json;
 }
 
-/// Frames with their own intrinsics; file paths are "images/NAME".
+/// Returns frames with their own intrinsics. File paths are "images/NAME".
 inline Json transforms_of(const ColmapModel& model) {
   Json json{{"frames", Json::array()}};
   for (const ColmapImage& image : model.images) {

@@ -1,6 +1,6 @@
-// Comparison of images with two tolerances. Two correct rasterizers may decide differently about a splat at the cutoff
-// or cap or a pixel at the stop; the reference marks those pixels. There must be few of them, and they may differ by at
-// most what one decision can change. Other pixels must agree closely.
+// Compares images with two tolerances. Two correct rasterizers may decide differently about a splat at the cutoff or
+// cap or a pixel at the stop. The reference marks those pixels. There must be few of them, and they may differ by at
+// most the effect of one decision. Other pixels must agree closely.
 #pragma once
 
 #include <algorithm>
@@ -12,11 +12,11 @@ namespace b3dgs::test {
 struct BandLimits {
   double tight = 1e-5;         // unmarked pixels, for values up to 1
   double flipped = 0.011;      // marked pixels: one decision changes 1/255 at the cutoff, 0.01 at the stop
-  double marked_share = 0.01;  // largest share of marked pixels
+  double marked_share = 0.01;  // largest fraction of marked pixels
 };
 
-/// Whether an image ([H, W] or [H, W, 3]) agrees with the reference. `marked` [H, W] are the pixels near a decision.
-/// Tolerances are multiplied by `scale`, the largest value that one splat can add: its colour or its depth.
+/// Returns whether an image ([H, W] or [H, W, 3]) agrees with the reference. `marked` [H, W] are the pixels near a
+/// decision. Tolerances are multiplied by `scale`, the largest value that one splat can add: its colour or its depth.
 inline testing::AssertionResult images_agree(const torch::Tensor& actual, const torch::Tensor& expected,
                                              const torch::Tensor& marked, double scale, const BandLimits& limits = {}) {
   const std::int64_t n_marked = marked.sum().item<std::int64_t>();

@@ -1,4 +1,4 @@
-// Comparison of the gradient with respect to the camera's pose with the dense reference, for any view class with the
+// Compares the gradient with respect to the camera's pose with the dense reference, for any view class with the
 // interface of CpuView (cpu_harness.h).
 #pragma once
 
@@ -6,7 +6,7 @@
 
 namespace b3dgs::test {
 
-/// Sizes of the terms of which the gradient is the sum: the parts of the Gaussians.
+/// Sizes of the terms of the gradient, which are the contributions of the Gaussians.
 struct CameraTerms {
   double rotation = 0, translation = 0;
 

@@ -8,7 +8,7 @@ namespace b3dgs::test {
 /// smooth_scene() with three Gaussians outside the image, where the Jacobian of the projection is clamped.
 inline TestScene clamped_scene() {
   TestScene scene = smooth_scene();
-  // Far to the left and below, and large enough to be seen all over the image.
+  // Far to the left and below, and large enough to be visible all over the image.
   scene.view.rotation = {{1, 0, 0, 0, 1, 0, 0, 0, 1}};
   scene.view.translation = scene.view.center = {0, 0, 0};
   GaussianTensors& g = scene.gaussians;

@@ -1,4 +1,4 @@
-// For tests: the CPU rasterizer on tensors, and a choice of SIMD target and number of threads.
+// Test support: the CPU rasterizer on tensors, and a choice of SIMD target and number of threads.
 #pragma once
 
 #include <hwy/targets.h>
@@ -16,7 +16,7 @@
 
 namespace b3dgs::test {
 
-/// Limits Highway to one instruction set while it lives.
+/// Limits Highway to one instruction set during its lifetime.
 class ScopedSimdTarget {
  public:
   explicit ScopedSimdTarget(std::int64_t target) {
@@ -31,7 +31,7 @@ class ScopedSimdTarget {
   ScopedSimdTarget& operator=(const ScopedSimdTarget&) = delete;
 };
 
-/// Sets the number of threads while it lives.
+/// Sets the number of threads during its lifetime.
 class ScopedThreadCount {
  public:
   explicit ScopedThreadCount(int n) : before_(thread_count()) { set_thread_count(n); }
@@ -54,7 +54,7 @@ inline GaussianArrays arrays_of(const TestScene& scene) {
   return b3dgs::arrays_of(scene.gaussians, torch::kCPU);
 }
 
-/// Gives each Gaussian a 3D smoothing filter of none, a fifth, one or three times its scale.
+/// Gives each Gaussian a 3D smoothing filter of 0, 0.2, 1 or 3 times its scale.
 inline void add_filters(TestScene& scene) {
   const torch::Tensor steps = torch::tensor({0.0f, 0.2f, 1.0f, 3.0f});
   const torch::Tensor rows = torch::arange(scene.gaussians.size(), torch::kInt64) % 4;
@@ -73,7 +73,7 @@ class CpuView {
                          {color.data_ptr<float>(), depth.data_ptr<float>(), alpha.data_ptr<float>()});
   }
 
-  /// Gradients in the structure of the dense reference, in float.
+  /// Returns gradients in the structure of the dense reference, in float.
   DenseGradients backward(const RenderedViewGrad& grad) {
     DenseGradients out;
     out.parameters = scene_.gaussians;
@@ -85,7 +85,7 @@ class CpuView {
     return out;
   }
 
-  /// Of the last backward(), [6] double.
+  /// Returns the camera gradient of the last backward(), [6] double.
   torch::Tensor camera_gradient() const {
     return torch::from_blob(const_cast<double*>(rasterizer_->camera_gradient()), {kCameraGradients}, torch::kFloat64)
         .clone();
@@ -105,7 +105,7 @@ class CpuView {
     return copy;
   }
 
-  /// [H, W] int64, index of the last Gaussian blended, -1 if none; from last_ids and the tiles' lists.
+  /// [H, W] int64, index of the last Gaussian blended, -1 if none. Computed from last_ids and the tiles' lists.
   torch::Tensor last_gaussians() const {
     const TileGrid grid = rasterizer_->grid();
     const BinnedSplats bins = rasterizer_->bins();
@@ -131,7 +131,8 @@ class CpuView {
   std::unique_ptr<RasterizerBackend> rasterizer_ = cpu::make_rasterizer();
 };
 
-/// Gradients by the view of size about 1 that differ between pixels and channels; 0 where `off`, if given, holds.
+/// Returns gradients of a view with size about 1 that differ between pixels and channels. 0 where `off`, if given, is
+/// true.
 inline RenderedViewGrad uneven_grad(const PinholeView& view, const torch::Tensor& off = {}) {
   const std::int64_t h = view.height, w = view.width;
   const torch::Tensor on = off.defined() ? torch::logical_not(off).to(torch::kFloat32) : torch::ones({h, w});
@@ -142,12 +143,12 @@ inline RenderedViewGrad uneven_grad(const PinholeView& view, const torch::Tensor
           (wave(h * w, 0.9).view({h, w}) * on).contiguous(), (wave(h * w, 2.3).view({h, w}) * on).contiguous()};
 }
 
-/// Zero scores of N Gaussians.
+/// Returns zero scores of N Gaussians.
 inline GaussianScores make_scores(std::int64_t n) {
   return {torch::zeros({n}), torch::zeros({n}), torch::zeros({n}), torch::zeros({n})};
 }
 
-/// An error [H, W] within [0, 1] that differs between pixels; 0 where `off`, if given, holds.
+/// Returns an error [H, W] within [0, 1] that differs between pixels. 0 where `off`, if given, is true.
 inline torch::Tensor uneven_error(const PinholeView& view, const torch::Tensor& off = {}) {
   const std::int64_t h = view.height, w = view.width;
   const torch::Tensor wave = torch::sin(torch::arange(h * w, torch::kFloat64) * 0.7).square().view({h, w});

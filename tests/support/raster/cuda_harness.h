@@ -1,4 +1,4 @@
-// For tests: the CUDA rasterizer on tensors in host memory; the counterpart of cpu_harness.h.
+// Test support: the CUDA rasterizer on tensors in host memory, the counterpart of cpu_harness.h.
 #pragma once
 
 #include "raster/cuda/passes.h"
@@ -16,21 +16,21 @@ inline std::string name_of_scene(const testing::TestParamInfo<TestSceneRow>& inf
   return info.param.name;
 }
 
-/// A tensor in device memory: this LibTorch may have no CUDA.
+/// A tensor in device memory, because this LibTorch may have no CUDA.
 class DeviceTensor {
  public:
-  /// A copy, of an undefined tensor too.
+  /// Copies a tensor, which may be undefined.
   explicit DeviceTensor(const torch::Tensor& host)
       : host_(host.defined() ? host.contiguous() : torch::Tensor()), bytes_(host_.defined() ? host_.nbytes() : 0) {
     if (host_.defined()) {
       B3DGS_CUDA_CHECK(cudaMemcpy(bytes_.data(), host_.data_ptr(), host_.nbytes(), cudaMemcpyHostToDevice));
     }
   }
-  /// Filled with 0xff bytes.
+  /// Makes a tensor filled with 0xff bytes.
   explicit DeviceTensor(torch::IntArrayRef sizes, torch::ScalarType type = torch::kFloat32)
       : host_(torch::empty(sizes, type)), bytes_(host_.nbytes()) {}
 
-  /// Null if it is undefined.
+  /// Returns null if the tensor is undefined.
   template <class T = float>
   T* data() const {
     return host_.defined() ? reinterpret_cast<T*>(bytes_.data()) : nullptr;
@@ -120,7 +120,7 @@ class CudaView {
     return out;
   }
 
-  /// Of the last backward(), [6] double.
+  /// Returns the camera gradient of the last backward(), [6] double.
   torch::Tensor camera_gradient() const {
     const std::vector<double> values = download(rasterizer_->camera_gradient(), kCameraGradients);
     return torch::tensor(values, torch::kFloat64);
@@ -158,13 +158,13 @@ class CudaView {
         if (id < 0) continue;
         const auto tile = static_cast<std::size_t>(y / grid.tile.height * grid.columns + x / grid.tile.width);
         const std::int32_t row = ids.at(static_cast<std::size_t>(offsets[tile] + id));
-        places[y][x] = row % scene_.gaussians.size();  // second splats of a panorama follow those of all Gaussians
+        places[y][x] = row % scene_.gaussians.size();  // the second splats of a panorama follow those of all Gaussians
       }
     }
     return last;
   }
 
-  /// For further passes on the rendered view.
+  /// Gives access to further passes on the rendered view.
   RasterizerBackend& rasterizer() { return *rasterizer_; }
   RenderedView image() const { return images_.to_host(); }
 

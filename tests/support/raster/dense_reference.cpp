@@ -17,7 +17,7 @@ constexpr double kCutoff = 1.0 / 255.0;
 constexpr double kCap = 0.99;
 constexpr double kStop = 1e-4;
 constexpr double kBlur = 0.3;    // px^2
-constexpr double kMargin = 0.3;  // of half the image
+constexpr double kMargin = 0.3;  // fraction of half the image
 constexpr double kMinRatio = 2.5e-5;
 
 torch::Tensor vector3(const Vec3f& v) {
@@ -36,7 +36,7 @@ torch::Tensor column(const torch::Tensor& matrix, int i) {
   return matrix.index({Slice(), i});
 }
 
-/// Rotation matrices [N, 3, 3] of quaternions [N, 4]: v + 2 w (u x v) + 2 u x (u x v), as a matrix.
+/// Returns rotation matrices [N, 3, 3] of quaternions [N, 4]: v + 2 w (u x v) + 2 u x (u x v), as a matrix.
 torch::Tensor rotations(const torch::Tensor& quats) {
   const torch::Tensor unit = quats / quats.norm(2, 1, true);
   const torch::Tensor w = unit.index({Slice(), 0, None, None});
@@ -70,7 +70,7 @@ torch::Tensor weighted_sum(const DenseView& view, const RenderedViewGrad& grad) 
   return sum;
 }
 
-/// [N, 3] colours before the clamp at 0.
+/// Returns [N, 3] colours before the clamp at 0.
 torch::Tensor sh_colors(const GaussianTensors& gaussians, const torch::Tensor& means, const torch::Tensor& rows,
                         const torch::Tensor& camera_center, int degree) {
   const torch::Tensor offset = means - camera_center;
@@ -81,7 +81,7 @@ torch::Tensor sh_colors(const GaussianTensors& gaussians, const torch::Tensor& m
   return (basis.unsqueeze(2) * coefficients).sum(1) + 0.5;
 }
 
-/// x / z or y / z, clamped to the extended image, for the Jacobian of the projection.
+/// Returns x / z or y / z, clamped to the extended image, for the Jacobian of the projection.
 torch::Tensor clamp_slope(const torch::Tensor& slope, double focal, double center, double size) {
   const double margin = kMargin * 0.5 * size / focal;
   return slope.clamp(-center / focal - margin, (size - center) / focal + margin);
@@ -97,12 +97,12 @@ bool sees_all_around(const CameraView& view) {
          (view.lens.kind == LensKind::kFisheye && view.lens.max_angle > 80 * kPi / 180);
 }
 
-/// [N] angles to the axis of points [N, 3].
+/// Returns [N] angles to the axis of points [N, 3].
 torch::Tensor angles_to_axis(const torch::Tensor& points) {
   return torch::atan2(points.slice(1, 0, 2).norm(2, 1), column(points, 2));
 }
 
-/// [N, 2] px
+/// Returns pixels [N, 2] in px.
 torch::Tensor lens_pixels(const CameraView& view, const torch::Tensor& points) {
   const torch::Tensor x = column(points, 0), y = column(points, 1), z = column(points, 2);
   const auto k = [&](int i) { return double{view.lens.k[i]}; };
@@ -128,11 +128,11 @@ torch::Tensor lens_pixels(const CameraView& view, const torch::Tensor& points) {
   return torch::stack({view.fx * u + double{view.cx}, view.fy * v + double{view.cy}}, 1);
 }
 
-/// The nearest points that the lens is linearised at, and which [N] differ from the points.
+/// Returns the nearest points where the lens is linearised, and which [N] differ from the given points.
 std::pair<torch::Tensor, torch::Tensor> limited_points(const CameraView& view, const torch::Tensor& points) {
   const torch::Tensor x = column(points, 0), y = column(points, 1), z = column(points, 2);
   const torch::Tensor t = points.norm(2, 1);
-  constexpr double kLeastSquare = 1e-60;  // so that the gradient is finite on the axis, where nothing is limited
+  constexpr double kLeastSquare = 1e-60;  // keeps the gradient finite on the axis, where nothing is limited
   if (view.lens.kind == LensKind::kEquirectangular) {
     const torch::Tensor h = (x * x + z * z).clamp_min(kLeastSquare).sqrt(), latitude = torch::atan2(y, h);
     const torch::Tensor scale = t * std::cos(kMaxLatitude) / h;
@@ -149,7 +149,7 @@ std::pair<torch::Tensor, torch::Tensor> limited_points(const CameraView& view, c
   return {torch::stack({scale * x, scale * y, z}, 1), is_limited};
 }
 
-/// Projected centres [N, 2] and Jacobians [N, 2, 3] of points [N, 3].
+/// Returns projected centres [N, 2] and Jacobians [N, 2, 3] of points [N, 3].
 std::pair<torch::Tensor, torch::Tensor> project_through_lens(const CameraView& view, const torch::Tensor& given) {
   const torch::AutoGradMode with_graph(true);
   const torch::Tensor points = given.requires_grad() ? given : given.detach().requires_grad_(true);
@@ -167,7 +167,7 @@ std::pair<torch::Tensor, torch::Tensor> project_through_lens(const CameraView& v
 
 class HazardList {
  public:
-  /// Adds a line for every Gaussian for which `is_close` holds; `rows` are their indices.
+  /// Adds a line for every Gaussian for which `is_close` is true. `rows` are their indices.
   void add(const char* decision, const torch::Tensor& is_close, const torch::Tensor& rows) {
     const torch::Tensor found = rows.masked_select(is_close);
     for (std::int64_t i = 0; i < found.numel(); ++i) {
@@ -183,7 +183,7 @@ torch::Tensor is_near(const torch::Tensor& value, double threshold) {
   return (value - threshold).abs() < kDecisionBand * std::abs(threshold);
 }
 
-/// [n_pixels, M] whether the culling square of each Gaussian reaches the tile of each pixel along one axis.
+/// Returns [n_pixels, M] whether the culling square of each Gaussian reaches the tile of each pixel along one axis.
 torch::Tensor square_reaches(const torch::Tensor& pixel, const torch::Tensor& mean, const torch::Tensor& radius,
                              int tile, const torch::Tensor& rows, HazardList& hazards) {
   const torch::Tensor lower = (mean - radius) / tile;
@@ -194,22 +194,23 @@ torch::Tensor square_reaches(const torch::Tensor& pixel, const torch::Tensor& me
   return (pixel_tile >= lower.floor()) & (pixel_tile < upper.ceil());
 }
 
-/// [M] whether the culling squares overlap a tile along one axis of an image of `size` px. `square_reaches` notes what
-/// is doubtful.
+/// Returns [M] whether the culling squares overlap a tile along one axis of an image of `size` px. `square_reaches`
+/// reports doubtful cases.
 torch::Tensor square_meets_a_tile(const torch::Tensor& mean, const torch::Tensor& radius, std::int32_t tile,
                                   std::int64_t size) {
   const auto n_tiles = static_cast<double>((size + tile - 1) / tile);
   return (((mean - radius) / tile).floor().clamp_min(0.0) < ((mean + radius) / tile).ceil().clamp_max(n_tiles));
 }
 
-/// The ellipses of M Gaussians; each member is [M].
+/// The ellipses of M Gaussians. Each member is [M].
 struct Ellipses {
   torch::Tensor mean_x, mean_y;  // px
   torch::Tensor xx, xy, yy;      // covariance, px^2
   torch::Tensor rim;             // sigma where alpha is 1/255, negative if it is nowhere
 };
 
-/// [M] the least sigma over a rectangle grown by `margin` [M] on each side: 0 at the centre, or that of an edge.
+/// Returns [M] the least sigma over a rectangle grown by `margin` [M] on each side: 0 at the centre, or that of an
+/// edge.
 torch::Tensor least_sigma(const Ellipses& e, double x_low, double x_high, double y_low, double y_high,
                           const torch::Tensor& margin) {
   const torch::Tensor left = x_low - margin, right = x_high + margin, top = y_low - margin, bottom = y_high + margin;
@@ -230,7 +231,7 @@ torch::Tensor least_sigma(const Ellipses& e, double x_low, double x_high, double
   return torch::where(inside, torch::zeros_like(least), least);
 }
 
-/// [M] whether each ellipse meets a tile within `margin` [M].
+/// Returns [M] whether each ellipse meets a tile within `margin` [M].
 torch::Tensor meets_a_tile(const Ellipses& e, std::int64_t width, std::int64_t height, TileShape tile,
                            const torch::Tensor& margin) {
   torch::Tensor meets = torch::zeros_like(e.xx, torch::kBool);
@@ -282,7 +283,7 @@ DenseView dense_render(const GaussianTensors& leaves, const CameraView& view, co
   HazardList hazards;
   DenseView out;
 
-  // Centres, and the rows that are seen, nearest first.
+  // Centres, and the visible rows, nearest first.
   const DensePose pose(view, motion);
   const torch::Tensor all_centers = torch::matmul(leaves.means, pose.rotation.t()) + pose.translation;
   const bool is_pinhole = view.lens.kind == LensKind::kPinhole, is_radial = sees_all_around(view);
@@ -350,7 +351,7 @@ DenseView dense_render(const GaussianTensors& leaves, const CameraView& view, co
     opacity = opacity * (scales / filtered_scales).prod(1);
   }
   torch::Tensor drawn_scales = filtered_scales;
-  if (is_radial) {  // at most kMaxSpread of the distance, without a gradient through the factor
+  if (is_radial) {  // at most kMaxSpread of the distance; the factor has no gradient
     const torch::Tensor share = filtered_scales.detach().amax(1) / depth.detach();
     hazards.add("largest spread", is_near(share, kMaxSpread), rows);
     drawn_scales = filtered_scales * (kMaxSpread / share).clamp_max(1.0).unsqueeze(1);
@@ -398,7 +399,7 @@ DenseView dense_render(const GaussianTensors& leaves, const CameraView& view, co
   out.seen = torch::zeros({leaves.size()}, torch::kBool).index_copy(0, rows, touches);
   out.seen_nearly = torch::zeros({leaves.size()}, torch::kBool).index_copy(0, rows, nearly_touches);
 
-  // Every pixel against every Gaussian: [n_pixels, n_seen].
+  // Compare every pixel with every Gaussian: [n_pixels, n_seen].
   const torch::Tensor pixel_x = torch::arange(width, torch::kFloat64).repeat({height});
   const torch::Tensor pixel_y = torch::arange(height, torch::kFloat64).repeat_interleave(width);
   torch::Tensor dx = pixel_x.unsqueeze(1) + 0.5 - column(means2d, 0);
@@ -425,7 +426,7 @@ DenseView dense_render(const GaussianTensors& leaves, const CameraView& view, co
   }
 
   // Transmittance behind each Gaussian as if no pixel stopped. It decreases monotonically, so it is correct up to the
-  // first value below the limit, and everything from there on is left out.
+  // first value below the limit, and everything from there on is skipped.
   const torch::Tensor unstopped = torch::cumprod(1.0 - capped.detach() * reached, 1);
   const torch::Tensor blended = reached & (unstopped >= kStop);
   const torch::Tensor alpha = capped * blended;
@@ -451,7 +452,7 @@ DenseView dense_render(const GaussianTensors& leaves, const CameraView& view, co
   }
   out.contributes = torch::zeros({leaves.size()}, torch::kBool).index_copy(0, rows, blended.any(0));
 
-  // Decisions behind the end of a pixel do not matter: only those up to and including the stop count.
+  // Decisions behind the end of a pixel do not matter, so only those up to and including the stop count.
   const torch::Tensor before = torch::cat({ones, unstopped}, 1).slice(1, 0, n_seen);
   const torch::Tensor doubtful =
       is_near(uncapped.detach(), kCutoff) | is_near(uncapped.detach(), kCap) | (reached & is_near(unstopped, kStop));

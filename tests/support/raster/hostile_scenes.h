@@ -1,5 +1,5 @@
-// Extreme and invalid random scenes: NaN, infinities, huge and degenerate Gaussians and cameras. A rasterizer must
-// either render a finite image with finite gradients or throw a NumericError that names a Gaussian.
+// Extreme and invalid random scenes with NaN, infinities, and huge and degenerate Gaussians and cameras. A rasterizer
+// must either render a finite image with finite gradients or throw a NumericError that names a Gaussian.
 #pragma once
 
 #include <gtest/gtest.h>
@@ -16,14 +16,14 @@
 
 namespace b3dgs::test {
 
-/// Random numbers that are the same on every machine: the standard fixes engines, but not distributions.
+/// Random numbers that are the same on every machine. The C++ standard fixes engines, but not distributions.
 class Dice {
  public:
   explicit Dice(std::uint32_t seed) : engine_(seed) {}
   int below(int n) { return static_cast<int>(engine_() % static_cast<std::uint32_t>(n)); }
   bool one_in(int n) { return below(n) == 0; }
   double uniform(double low, double high) { return low + (high - low) * (engine_() / 4294967296.0); }
-  /// A random power of ten with an exponent in the range, of either sign.
+  /// Returns a random power of ten with an exponent in the range, of either sign.
   float power_of_ten(double low, double high) {
     const double value = std::pow(10.0, uniform(low, high));
     return static_cast<float>(one_in(2) ? value : -value);
@@ -33,7 +33,7 @@ class Dice {
   std::mt19937 engine_;
 };
 
-/// Gaussians in front of the camera, some of them with an extreme or invalid parameter.
+/// Makes Gaussians in front of the camera, some of them with an extreme or invalid parameter.
 inline TestScene hostile_scene(std::uint32_t seed) {
   Dice dice(seed);
   const int n = 1 + dice.below(48), degree_max = dice.below(4);
@@ -97,7 +97,7 @@ inline TestScene hostile_scene(std::uint32_t seed) {
   return scene;
 }
 
-/// Number of scenes: 400, or the value of the environment variable B3DGS_HOSTILE_SCENES.
+/// Returns the number of scenes: 400, or the value of the environment variable B3DGS_HOSTILE_SCENES.
 inline std::uint32_t hostile_scene_count() {
   const char* asked = std::getenv("B3DGS_HOSTILE_SCENES");
   return asked != nullptr ? static_cast<std::uint32_t>(std::atoll(asked)) : 400;
@@ -113,7 +113,7 @@ struct HostileOutcome {
   int rendered = 0, refused = 0;
 };
 
-/// Renders a scene; View is CpuView or CudaView.
+/// Renders a scene. View is CpuView or CudaView.
 template <class View>
 void expect_finite_or_refused(const TestScene& scene, const RenderSettings& settings, HostileOutcome& outcome) {
   try {
@@ -131,7 +131,7 @@ void expect_finite_or_refused(const TestScene& scene, const RenderSettings& sett
   }
 }
 
-/// Settings for a scene: culling changes with the seed.
+/// Returns settings for a scene. Culling changes with the seed.
 inline RenderSettings hostile_settings(const TestScene& scene, std::uint32_t seed) {
   RenderSettings settings = settings_of(scene);
   settings.culling = seed % 2 == 0 ? Culling::kEllipse : Culling::kSquare;

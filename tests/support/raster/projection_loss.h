@@ -1,4 +1,4 @@
-// For tests: a function of a projection, and its gradient by project_backward().
+// Test support: a function of a projection, and its gradient by project_backward().
 #pragma once
 
 #include <vector>
@@ -7,7 +7,7 @@
 
 namespace b3dgs::test {
 
-/// Sum over a few pixels of q * ln(alpha), plus the depth: the function whose gradient project_backward() computes.
+/// Sum over a few pixels of q * ln(alpha), plus the depth. project_backward() computes the gradient of this function.
 struct ProjectionLoss {
   std::vector<Vec3<double>> pixels;  // x, y in px and q
   double depth_weight = 0.4;

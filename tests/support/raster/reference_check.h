@@ -1,5 +1,5 @@
-// Comparison of a rasterizer with the dense reference: what must agree, and how closely. Works on any view class with
-// the interface of CpuView (cpu_harness.h).
+// Compares a rasterizer with the dense reference, with the tolerance of each result. Works on any view class with the
+// interface of CpuView (cpu_harness.h).
 #pragma once
 
 #include <gtest/gtest.h>
@@ -18,7 +18,7 @@ inline constexpr std::pair<Culling, const char*> kCullings[] = {{Culling::kEllip
 
 inline constexpr KernelFamily kFamilies[] = {KernelFamily::kPaper, KernelFamily::kOwn};
 
-/// The kernels of a family. Which Gaussians a view sees, and with Culling::kSquare the image, depends on its tiles.
+/// Returns the kernels of a family. Its tiles determine visibility and, with Culling::kSquare, the image.
 inline std::vector<KernelRow> kernels_of(KernelFamily family) {
   std::vector<KernelRow> rows;
   for (const KernelRow& row : kForwardKernels) {
@@ -55,9 +55,9 @@ void expect_same_image(const FoundView& found, const DenseView& expected) {
   EXPECT_TRUE(within(found.last_gaussians() * settled, expected.last_gaussians * settled, 0)) << "last Gaussian";
 }
 
-/// Compares the gradients of one group, as a whole and row by row; `size` [N] is the norm of each row. A row may differ
-/// by a share of the largest row as well: it is a sum over pixels of terms that may cancel, each of which can be as
-/// large as in the largest row and is rounded accordingly. Where even the largest row is the result of cancellation,
+/// Compares the gradients of one group, as a whole and row by row. `size` [N] is the norm of each row. A row may also
+/// differ by a fraction of the largest row, because it is a sum over pixels of terms that may cancel. Each term can be
+/// as large as in the largest row and is rounded accordingly. If even the largest row is the result of cancellation,
 /// `terms` [N] is the size of the terms, which float rounds in the 7th digit.
 inline testing::AssertionResult same_gradient(const torch::Tensor& found, const torch::Tensor& expected,
                                               const torch::Tensor& size, const torch::Tensor& terms) {
@@ -78,9 +78,9 @@ inline torch::Tensor row_norms(const torch::Tensor& tensor) {
                              : tensor.reshape({tensor.size(0), -1}).norm(2, 1);
 }
 
-/// The size of each row's terms: the root of the sum of their squares over the pixels. Random signs of the gradients
-/// with respect to pixels give that on average; this averages several draws. Scales and rotation share the gradient
-/// with respect to one matrix, so the rounding error of a needle's rotation appears in its scales, too.
+/// The size of each row's terms: the root of the sum of their squares over the pixels. Random signs of the pixel
+/// gradients give that on average, and this averages several draws. Scales and rotation share the gradient with respect
+/// to one matrix, so the rounding error of a needle's rotation also appears in its scales.
 struct TermSizes {
   std::vector<torch::Tensor> parameters;  // [N] each
   torch::Tensor means2d;                  // [N]
@@ -122,7 +122,8 @@ inline void expect_same_gradients(const DenseGradients& found, const Reference& 
     const torch::Tensor& group = *found.parameters.all()[i];
     torch::Tensor size = row_norms(*expected.parameters.all()[i]);
     if (group.is_same(found.parameters.quats)) {
-      // Rotating a sphere changes nothing: its rotation gradient is rounding error of the terms of its scale gradient.
+      // Rotating a sphere changes nothing, so its rotation gradient is rounding error of the terms of its scale
+      // gradient.
       size = size + row_norms(expected.parameters.log_scales) / row_norms(reference.leaves.quats.detach());
     }
     const torch::Tensor rounded = terms != nullptr ? terms->parameters[i] : torch::zeros_like(size);
@@ -135,7 +136,7 @@ inline void expect_same_gradients(const DenseGradients& found, const Reference& 
   EXPECT_TRUE(same_gradient(found.means2d, expected.means2d, size, rounded)) << "means2d";
 }
 
-/// Compares which Gaussians are seen, and their radii.
+/// Compares which Gaussians are visible, and their radii.
 inline void expect_same_radii(const torch::Tensor& found, const DenseView& expected) {
   const torch::Tensor seen = found > 0;
   const auto count = [](const torch::Tensor& which) { return which.sum().item<std::int64_t>(); };
@@ -150,7 +151,8 @@ inline void expect_same_radii(const torch::Tensor& found, const DenseView& expec
 /// Compares anti-aliased views of a scene, with and without 3D filters, and their gradients.
 template <class FoundView>
 void expect_same_antialiased_views(TestScene scene) {
-  // With filters only ellipses: the squares of some larger splats end on the border of a tile within rounding.
+  // Filters are tested only with ellipses, because the squares of some larger splats end on a tile border within
+  // rounding.
   for (const auto& [culling, with_filters] :
        {std::pair(Culling::kEllipse, false), std::pair(Culling::kSquare, false), std::pair(Culling::kEllipse, true)}) {
     if (with_filters) add_filters(scene);

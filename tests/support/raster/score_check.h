@@ -1,5 +1,5 @@
-// Comparison of scores and absolute gradients with the dense reference, for any view class with the interface of
-// CpuView (cpu_harness.h).
+// Compares scores and absolute gradients with the dense reference, for any view class with the interface of CpuView
+// (cpu_harness.h).
 #pragma once
 
 #include "support/approx.h"
@@ -7,7 +7,7 @@
 
 namespace b3dgs::test {
 
-/// Sums over the reference's pixels for all N Gaussians, as double.
+/// Returns sums over the reference's pixels for all N Gaussians, as double.
 inline GaussianScores dense_scores(const DenseView& view, const torch::Tensor& error, std::int64_t n) {
   const torch::Tensor nothing = torch::zeros({n}, torch::kFloat64);
   const torch::Tensor largest = view.weights.numel() > 0 ? view.weights.amax(0) : torch::zeros_like(view.rows);
@@ -19,7 +19,7 @@ inline GaussianScores dense_scores(const DenseView& view, const torch::Tensor& e
 /// Checks score() of a view with an error that is 0 at pixels near a decision.
 template <class FoundView>
 void expect_same_scores(FoundView& found, const TestScene& scene, const DenseView& reference) {
-  constexpr double kFlip = 0.011;  // the most that one decision changes a weight, see BandLimits
+  constexpr double kFlip = 0.011;  // largest change of a weight from one decision, see BandLimits
   const std::int64_t n = scene.gaussians.size();
   const torch::Tensor error = uneven_error(scene.view, reference.near_decision);
   const GaussianScores expected = dense_scores(reference, error, n), scores = make_scores(n);

@@ -1,5 +1,5 @@
-// For tests: a view projected in one or several rasterizers and rendered in another has the same bytes as one that a
-// single rasterizer renders.
+// Test support: checks that a view projected in one or several rasterizers and rendered in another has the same bytes
+// as one that a single rasterizer renders.
 #pragma once
 
 #include <gtest/gtest.h>
@@ -21,12 +21,12 @@ inline bool same_bytes(const torch::Tensor& a, const torch::Tensor& b) {
          (left.numel() == 0 || std::memcmp(left.data_ptr(), right.data_ptr(), left.nbytes()) == 0);
 }
 
-/// Bits of a float tensor as int32.
+/// Returns the bits of a float tensor as int32.
 inline torch::Tensor bits_of(const torch::Tensor& tensor) {
   return tensor.contiguous().view(torch::kInt32);
 }
 
-/// What a view gives the owner of its Gaussians.
+/// The data of a view for the owner of its Gaussians.
 struct OwnedView {
   ViewStatistics statistics;
   SplatRecordTensors kept;
@@ -39,7 +39,7 @@ struct WholeView {
   OwnedView owned;
 };
 
-/// Rows of a view's splats, of tensors that have a row for each.
+/// Returns rows of a view's splats, from tensors that have a row for each.
 inline ViewSplats rows_of_splats(const ViewSplats& all, const torch::Tensor& rows) {
   return {all.splats.index_select(0, rows), all.extents.index_select(0, rows), all.radii.index_select(0, rows)};
 }
@@ -55,8 +55,8 @@ inline GaussianTensors rows_of_gaussians(const GaussianTensors& all, const torch
   return some;
 }
 
-/// Compares what the owner of Gaussians `rows` of all has with what one rasterizer gives for all. Records may be in any
-/// order.
+/// Compares the data that the owner of Gaussians `rows` has with the data that one rasterizer gives for all Gaussians.
+/// Records may be in any order.
 inline void expect_rows_of_view(const OwnedView& found, const OwnedView& all, const torch::Tensor& rows) {
   const auto expect_rows = [&](const torch::Tensor& part, const torch::Tensor& whole, const char* what) {
     EXPECT_TRUE(same_bytes(part, whole.index_select(0, rows))) << what;
@@ -80,13 +80,12 @@ inline void expect_rows_of_view(const OwnedView& found, const OwnedView& all, co
   EXPECT_TRUE(same(own_records, whole_records));
 }
 
-/// The Gaussians of a scene, in shards that are dealt out one by one and projected by different objects of type Split,
-/// and rendered by another. Split has the passes of Rasterizer and SplatOwner on host tensors:
-///   std::optional<ViewSplats> project(GaussianTensors, CameraView, RenderSettings), without a value for an invalid
-///     Gaussian;
-///   std::optional<WholeView> whole(scene, settings, grad, error) and
-///   RenderedView forward_splats(ViewSplats, CameraView, RenderSettings), backward_splats(grad), score_splats(error);
-///   OwnedView keep(ViewSplats, sums, scores, n_gaussians).
+/// Splits the Gaussians of a scene into shards in turn, projects each with a different object of type Split, and
+/// renders them with another. Split has the passes of Rasterizer and SplatOwner on host tensors:
+///   std::optional<ViewSplats> project(GaussianTensors, CameraView, RenderSettings), nullopt for an invalid Gaussian
+///   std::optional<WholeView> whole(scene, settings, grad, error)
+///   RenderedView forward_splats(ViewSplats, CameraView, RenderSettings), backward_splats(grad), score_splats(error)
+///   OwnedView keep(ViewSplats, sums, scores, n_gaussians)
 /// Returns whether the scene can be rendered.
 template <class Split>
 bool expect_same_through_splats(const TestScene& scene, const RenderSettings& settings, std::int64_t n_shards) {
@@ -125,7 +124,7 @@ bool expect_same_through_splats(const TestScene& scene, const RenderSettings& se
   EXPECT_TRUE(same_bytes(images.depth, expected->images.depth)) << "depth";
   EXPECT_TRUE(same_bytes(images.alpha, expected->images.alpha)) << "alpha";
 
-  // Back to the owners: row order[k] of `together` is row k of the renderer.
+  // Return the rows to the owners: row order[k] of `together` is row k of the renderer.
   const torch::Tensor place = torch::argsort(order);
   const torch::Tensor sums = renderer.backward_splats(grad).index_select(0, place);
   const torch::Tensor scores = renderer.score_splats(error).index_select(0, place);
@@ -141,7 +140,7 @@ bool expect_same_through_splats(const TestScene& scene, const RenderSettings& se
   return true;
 }
 
-/// The settings that matter for the split, in turn.
+/// Returns the settings that matter for the split, in turn.
 inline std::vector<RenderSettings> split_settings(const RenderSettings& base) {
   RenderSettings inverse = base, smooth = base;
   inverse.inverse_depth = true;

@@ -10,7 +10,7 @@ namespace {
 
 constexpr double kShDegree0 = 0.28209479177387814;  // value of the constant spherical harmonic
 
-/// The same sequence with every standard library, unlike std::uniform_real_distribution.
+/// Gives the same sequence with every standard library, unlike std::uniform_real_distribution.
 class Random {
  public:
   explicit Random(std::uint64_t seed) : engine_(seed) {}
@@ -60,7 +60,7 @@ void set_pose(PinholeView& view, Quat q, std::array<double, 3> center) {
   view.center = {static_cast<float>(center[0]), static_cast<float>(center[1]), static_cast<float>(center[2])};
 }
 
-/// A Gaussian described by how it looks in the image.
+/// A Gaussian described by its look in the image.
 struct Splat2D {
   double x = 0, y = 0, depth = 1;       // px, px, world units
   std::array<double, 3> size{1, 1, 1};  // standard deviations, px at that depth
@@ -69,7 +69,7 @@ struct Splat2D {
   std::array<double, 3> color{0.5, 0.5, 0.5};  // degree 0
 };
 
-/// The same, described in space.
+/// A Gaussian described in space.
 struct SphereSplat {
   std::array<double, 3> camera{0, 0, 1};  // camera coordinates
   std::array<double, 3> size{1, 1, 1};    // standard deviations, world units
@@ -85,7 +85,7 @@ class SceneBuilder {
     scene_.sh_degree = sh_degree_max;
   }
 
-  /// Adds a Gaussian; `sh_amplitude` bounds its coefficients above degree 0.
+  /// Adds a Gaussian. `sh_amplitude` bounds its coefficients above degree 0.
   void add(const Splat2D& splat, Random& random, double sh_amplitude = 0.0) {
     const PinholeView& view = scene_.view;
     SphereSplat sphere{
@@ -138,7 +138,7 @@ struct Range {
   double min = 0, max = 0;
 };
 
-/// Ranges of add_cloud()'s uniform distributions; sizes are uniform in the logarithm.
+/// Ranges of add_cloud()'s uniform distributions. Sizes are uniform in the logarithm.
 struct Cloud {
   int n = 0;
   Range x, y;  // px
@@ -149,7 +149,7 @@ struct Cloud {
   double sh_amplitude = 0.05;
 };
 
-/// Over the image and `margin` px around it.
+/// Makes a cloud over the image and `margin` px around it.
 Cloud cloud_over(const PinholeView& view, int n, double margin) {
   Cloud cloud;
   cloud.n = n;
@@ -158,7 +158,7 @@ Cloud cloud_over(const PinholeView& view, int n, double margin) {
   return cloud;
 }
 
-/// Each Gaussian gets a different depth; the order of depths is not that of the indices.
+/// Gives each Gaussian a different depth. The order of depths is not that of the indices.
 void add_cloud(SceneBuilder& builder, const Cloud& cloud, Random& random) {
   std::vector<int> depth_index(cloud.n);
   for (int i = 0; i < cloud.n; ++i) depth_index[i] = i;
@@ -461,7 +461,7 @@ TestScene smooth_scene() {
 
 namespace {
 
-/// Gaussians in all directions of the camera up to `max_angle` (degrees).
+/// Makes Gaussians in all directions of the camera up to `max_angle` (degrees).
 TestScene lens_scene(const CameraView& view, double max_angle, std::uint64_t seed) {
   constexpr int kCount = 260;
   SceneBuilder builder(view, 2);

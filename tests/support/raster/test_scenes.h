@@ -19,15 +19,15 @@ struct TestScene {
   int sh_degree = 0;  // rendered; shN may be allocated for a higher degree
 };
 
-/// Spheres of various colours, SH degree 0. @param means [N, 3] @param scales, opacities [N]
+/// Makes spheres of various colours, SH degree 0. @param means [N, 3] @param scales, opacities [N]
 GaussianTensors make_spheres(const torch::Tensor& means, const torch::Tensor& scales, const torch::Tensor& opacities);
 
-TestScene empty_scene();                    // no Gaussian at all
+TestScene empty_scene();                    // no Gaussians
 TestScene one_splat();                      // in the middle of a tile
 TestScene splat_on_tile_corner();           // centre on the common corner of four tiles
-TestScene behind_the_camera();              // nothing is seen: behind or at the camera, or nearer than the near plane
+TestScene behind_the_camera();              // nothing is visible: behind the camera, at it, or before the near plane
 TestScene around_the_near_plane();          // some nearer, some farther
-TestScene thirty_three_in_one_tile();       // one more than a warp has lanes; no other tile is reached
+TestScene thirty_three_in_one_tile();       // one more than the lanes of a warp; no other tile is reached
 TestScene ten_thousand_in_one_tile();       // one long list, the other tiles empty
 TestScene ends_along_a_long_list();         // thousands of faint splats, and a few opaque ones in between
 TestScene opaque_front_layer();             // every pixel finishes in front of most Gaussians
@@ -47,21 +47,21 @@ TestScene near_the_cutoff();                // opacities just above 1/255, and b
 TestScene degree_below_maximum();           // SH degree 1 of 3
 TestScene no_higher_degrees();              // shN has no rows
 TestScene distorted_lens();                 // FULL_OPENCV, with tangential and thin-prism terms
-TestScene fov_lens();                       // the three perspective lenses with a radial law of their own
+TestScene fov_lens();                       // the three perspective lenses with their own radial functions
 TestScene division_lens();                  //
 TestScene eucm_lens();                      //
-TestScene fisheye_lens();                   // 200 degrees; Gaussians all around the camera, some surround it
+TestScene fisheye_lens();                   // 200 degrees; Gaussians all around the camera, and some that surround it
 TestScene prism_fisheye_lens();             // 120 degrees, all terms
 
-/// A panorama, with Gaussians across its seam and beyond the latitude of linearisation; none is wider than half the
+/// A panorama, with Gaussians across its seam and beyond the latitude of linearisation. None is wider than half the
 /// image.
 TestScene panorama();
 
-/// All pixels far from all thresholds: alphas from 0.02 to 0.7, no stop, no clamp. For finite differences.
+/// All pixels are far from all thresholds: alphas from 0.02 to 0.7, no stop, no clamp. For finite differences.
 TestScene smooth_scene();
 
-/// 30 000 Gaussians, a third of them behind the camera: enough work for several threads. Too many for the dense
-/// reference, and not in test_scenes().
+/// 30 000 Gaussians, a third of them behind the camera, which is enough work for several threads. Too many for the
+/// dense reference, and not in test_scenes().
 TestScene large_cloud();
 
 struct TestSceneRow {

@@ -1,4 +1,4 @@
-// Scenes whose photographs have gains and tints of their own, and gradients of appearance models.
+// Scenes whose photographs have their own gains and tints, and gradients of appearance models.
 #pragma once
 
 #include <gtest/gtest.h>
@@ -20,7 +20,7 @@
 
 namespace b3dgs::test {
 
-/// The channels of each training photograph multiplied by random gains, up to a factor of exp(1.5 x strength).
+/// Multiplies the channels of each training photograph by random gains, up to a factor of exp(1.5 x strength).
 inline void jitter_exposures(std::vector<View>& views, double strength) {
   const RandomKey key{21, RandomStream::kExposureJitter, 0};
   for (std::size_t i = 0; i < views.size(); ++i) {
@@ -34,7 +34,7 @@ inline void jitter_exposures(std::vector<View>& views, double strength) {
   }
 }
 
-/// Views of two sizes, with masks, gains and tints.
+/// Makes views of two sizes, with masks, gains and tints.
 inline Scene make_jittered_scene() {
   TinySceneOptions options;
   options.masked = true;
@@ -47,7 +47,7 @@ inline Scene make_jittered_scene() {
   return scene;
 }
 
-/// Mean PSNR of a PLY with the colours of each render fitted to its photograph.
+/// Returns the mean PSNR of a PLY, with the colours of each render fitted to its photograph.
 inline double corrected_psnr(const std::filesystem::path& ply, const TrainConfig& config,
                              const std::vector<View>& views) {
   const SplatCloud cloud = read_splat_ply(ply);

@@ -12,7 +12,7 @@
 
 namespace b3dgs::test {
 
-/// The sum of w / z [H, W] that a camera sees of Gaussians.
+/// Returns the sum of w / z [H, W] that a camera sees of Gaussians.
 inline torch::Tensor inverse_depth(const GaussianTensors& gaussians, const Camera& camera) {
   Rasterizer rasterizer(torch::kCPU);
   RenderSettings settings;
@@ -28,11 +28,11 @@ inline void write_depth_png(const std::filesystem::path& path, int width, int he
 }
 
 /// Writes the inverse depth d of every training view to FOLDER/VIEW.png as (d - offset) / scale, and adds points to the
-/// scene that are where the view sees a surface.
+/// scene where the view sees a surface.
 inline void add_depth_maps(Scene& scene, const GaussianTensors& truth, const std::filesystem::path& folder,
                            double scale, double offset) {
   constexpr std::int64_t kStep = 5;       // px between points
-  constexpr double kLeastInverse = 0.15;  // 1 / world units: less is hardly covered by Gaussians
+  constexpr double kLeastInverse = 0.15;  // 1 / world units; pixels with less are hardly covered by Gaussians
   for (View& view : scene.train) {
     const Camera& camera = view.camera;
     const torch::Tensor map = inverse_depth(truth, camera).contiguous();

@@ -13,7 +13,7 @@ namespace b3dgs::test {
 
 class DiskScene {
  public:
-  /// With `distorted` the camera has lens distortion, so that undistorted photographs have a mask.
+  /// With `distorted`, the camera has lens distortion, so that undistorted photographs have a mask.
   explicit DiskScene(bool distorted = false, const TinySceneOptions& options = {}) {
     Scene tiny = make_tiny_scene(options);
     std::vector<View> views = tiny.train;
@@ -46,7 +46,7 @@ class DiskScene {
 
   std::int64_t image_bytes() const { return image_bytes_; }  // of a decoded photograph
 
-  /// Loads the scene with host memory for that many photographs, besides what is always in memory.
+  /// Loads the scene with host memory for that many photographs, plus the data that is always in memory.
   Scene load(double photographs = 1e6) const {
     SceneOptions options;
     options.source_path = folder_.path().string();

@@ -1,5 +1,5 @@
-// Trainings with every feature on that changes what is learned. What must hold for all of them (exact resume, any
-// number of threads, any number of processes, a GPU) is tested with these, once, instead of feature by feature.
+// Trainings with every feature that changes the result. Requirements for all of them (exact resume, any number of
+// threads, any number of processes, a GPU) are tested once with these, instead of feature by feature.
 #pragma once
 
 #include <filesystem>
@@ -23,11 +23,11 @@ struct FeatureScene {
   Scene scene;
 };
 
-/// The features that exclude each other: strategy, number of views of a step, model of the photographs' colours.
+/// The features that exclude each other: strategy, views per step, and model of the photographs' colours.
 struct FeatureRow {
   const char* strategy;
   int batch;
-  bool has_grid;  // else exposures
+  bool has_grid;  // otherwise exposures
 
   std::string name() const { return strategy + std::to_string(batch); }
 };
@@ -35,9 +35,9 @@ struct FeatureRow {
 inline constexpr FeatureRow kFeatureRows[] = {{"default", 1, false}, {"mcmc", 1, true},  {"budget", 1, false},
                                               {"default", 3, true},  {"mcmc", 3, false}, {"budget", 3, true}};
 
-/// Of 23 iterations, so that the last step of three views has only two. Checkpoints: before anything happens, around
-/// rounds of density control (10, 15, 20), among the scored steps before them, at an opacity reset, after the last
-/// round.
+/// Makes a training of 23 iterations, so that the last step of three views has only two. Checkpoints come before
+/// anything happens, around rounds of density control (10, 15, 20), among the scored steps before them, at an opacity
+/// reset, and after the last round.
 inline TrainConfig every_feature(const FeatureRow& row, const std::filesystem::path& depth_maps) {
   const bool is_budget = row.strategy == std::string("budget"), is_mcmc = row.strategy == std::string("mcmc");
   TrainConfig config = is_budget ? eventful_budget_config() : eventful_config();
@@ -51,7 +51,7 @@ inline TrainConfig every_feature(const FeatureRow& row, const std::filesystem::p
   config.depths = depth_maps.string();
   config.opacity_reg = config.scale_reg = 0.01;
   config.coarse_scale = 3;
-  config.coarse_until = 40;  // a third of the size, then half of it, then all
+  config.coarse_until = 40;  // a third of the size, then half of it, then full size
   if (is_mcmc) {             // noise moves Gaussians that are nearly transparent
     config.init_opacity = 0.05;
     config.prune_opacity = 0.045;

@@ -11,8 +11,8 @@
 
 namespace b3dgs::test {
 
-/// The tiny scene seen by another camera from the same places, but nearer. Panoramas look away from the Gaussians,
-/// so that the seam is among them. `truth_out` (may be null) receives these.
+/// Makes the tiny scene seen by another camera from the same directions, but nearer. Panoramas look away from the
+/// Gaussians, so that the seam is among them. `truth_out` (may be null) receives the Gaussians.
 inline Scene lens_scene(const Camera& lens, GaussianTensors* truth_out = nullptr) {
   TinySceneOptions options;
   options.log_scale = -2.6f;
@@ -37,7 +37,7 @@ inline Scene lens_scene(const Camera& lens, GaussianTensors* truth_out = nullptr
     }
   }
   if (truth_out != nullptr) *truth_out = truth;
-  scene.test = scene.train;  // how well the views are learned, not what is between them
+  scene.test = scene.train;  // measures how well the views are learned, not interpolation between them
   return scene;
 }
 
@@ -50,7 +50,7 @@ inline TrainConfig lens_config() {
   config.iterations = 200;
   config.device = "cpu";
   config.kernel = "sub-tile";
-  config.densify_from_iter = 1000;  // none
+  config.densify_from_iter = 1000;  // no densification
   config.test_iterations = {1, 200};
   return config;
 }

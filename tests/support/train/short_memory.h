@@ -1,4 +1,4 @@
-// Lack of memory, as a test wants it: a MemorySource with a limit and failures, and failures of LibTorch's allocator.
+// Simulates a lack of memory: a MemorySource with a limit and failures, and failures of LibTorch's allocator.
 #pragma once
 
 #include <c10/core/CPUAllocator.h>
@@ -34,7 +34,7 @@ class ShortMemory final : public MemorySource {
   }
 };
 
-/// LibTorch's memory of the CPU, some of whose allocations fail: those for which `fails` returns true.
+/// LibTorch's CPU allocator, except that allocations for which `fails` returns true fail.
 class FailingAllocator final : public c10::Allocator {
  public:
   explicit FailingAllocator(std::function<bool(std::size_t n_bytes)> fails) : fails_(std::move(fails)) {
@@ -57,7 +57,7 @@ class FailingAllocator final : public c10::Allocator {
   const std::function<bool(std::size_t n_bytes)> fails_;
 };
 
-/// Fails the allocation that comes after `n` others; -1: none.
+/// Fails the allocation that comes after `n` others. -1 means none.
 struct FailOnce {
   std::int64_t n = -1;
   bool has_failed = false;

@@ -15,7 +15,7 @@
 
 namespace b3dgs::test {
 
-/// Camera at `center` that looks at the origin, +y down.
+/// Makes a camera at `center` that looks at the origin, +y down.
 inline Camera look_at_origin(double x, double y, double z, int width, int height) {
   const double length = std::sqrt(x * x + y * y + z * z);
   const double f[3] = {-x / length, -y / length, -z / length};  // forward
@@ -44,7 +44,7 @@ struct TinySceneOptions {
   bool masked = false;          // the left fifth of every image is wrong and marked invalid
 };
 
-/// Few Gaussians in many views, which a short training learns well.
+/// Makes few Gaussians in many views, which a short training learns well.
 inline TinySceneOptions learnable_scene() {
   TinySceneOptions options;
   options.n_gaussians = 60;

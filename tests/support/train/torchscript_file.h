@@ -8,7 +8,7 @@
 
 namespace b3dgs::test {
 
-/// `body`: the indented lines of forward(self, a, b).
+/// Writes a network. `body` has the indented lines of forward(self, a, b).
 inline void write_network(const std::filesystem::path& file, const std::string& body) {
   torch::jit::Module module("Network");
   module.define("def forward(self, a, b):\n" + body + "\n");

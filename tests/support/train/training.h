@@ -29,7 +29,7 @@ inline TrainConfig eventful_config() {
   config.percent_dense = 0.02;
   config.random_background = true;
   config.test_iterations = config.save_iterations = {};
-  config.kernel = "sub-tile";  // a selection by times would differ from run to run
+  config.kernel = "sub-tile";  // a selection by timing would differ from run to run
   return config;
 }
 
@@ -57,7 +57,7 @@ inline TrainConfig growing_budget_config(int iterations, int last_round) {
   return config;
 }
 
-/// A checkpoint's bytes without the duration and the ID of the training, and without another key of its header.
+/// Returns a checkpoint's bytes without the duration and ID of the training, and without another key of its header.
 inline std::string timeless_bytes(const std::filesystem::path& checkpoint, const std::string& without = "") {
   CheckpointFile file = read_checkpoint_file(checkpoint);
   file.header.erase("elapsed_s");
@@ -72,10 +72,10 @@ inline std::string timeless_bytes(const std::filesystem::path& checkpoint, const
 
 struct Trained {
   TrainResult result;
-  std::string ply, checkpoint;  // file contents; the checkpoint without times
+  std::string ply, checkpoint;  // file contents; the checkpoint is without times
 };
 
-/// Without `resume`, replaces the model in the folder.
+/// Replaces the model in the folder, unless it resumes.
 inline Trained train(const TrainConfig& config, const Scene& scene, const std::filesystem::path& folder,
                      const std::filesystem::path& resume = {}, const TrainHooks& hooks = {}) {
   if (resume.empty()) {
@@ -90,8 +90,8 @@ inline Trained train(const TrainConfig& config, const Scene& scene, const std::f
   return run;
 }
 
-/// Stops a training at each of `stops` and resumes it up to config.iterations, in folders below `folder`. Files must be
-/// those of `whole`, which was never interrupted, byte for byte.
+/// Stops a training at each of `stops` and resumes it up to config.iterations, in folders below `folder`. Files must
+/// equal those of `whole`, which was never interrupted, byte for byte.
 inline void expect_exact_resume(const TrainConfig& config, const Scene& scene, const Trained& whole,
                                 const std::filesystem::path& folder, std::initializer_list<int> stops) {
   for (const int stop : stops) {
@@ -107,8 +107,8 @@ inline void expect_exact_resume(const TrainConfig& config, const Scene& scene, c
   }
 }
 
-/// Trains, and again from each of config.checkpoint_iterations: the end is that of the training that was never
-/// interrupted, byte for byte, which is returned.
+/// Trains, and trains again from each of config.checkpoint_iterations. The results must equal those of the
+/// uninterrupted training, byte for byte. Returns that training.
 inline Trained expect_exact_resume_from_checkpoints(const TrainConfig& config, const Scene& scene,
                                                     const std::filesystem::path& folder) {
   const Trained whole = train(config, scene, folder / "whole");
