@@ -55,8 +55,7 @@ SurfacePoint ball(Random& random) {
   return {Vec{-0.9, -0.5, 0.6} + 0.6 * normal, normal, color, 0.25};
 }
 
-/// Returns a point on a box. Each face has two shades of one colour. There is no bottom face, because the box stands on
-/// the ground.
+/// Returns a point on a box. Each face has two shades of one colour. No bottom face: the box stands on the ground.
 SurfacePoint box(Random& random) {
   constexpr double kHalf = 0.42;
   static constexpr Vec kFaceColors[5] = {

@@ -32,8 +32,7 @@ struct Place {
   bool is_road = false;
 };
 
-/// Every third point is on the road. Do not change the order of the random numbers, because published benchmarks use
-/// it.
+/// Every third point is on the road. Published benchmarks depend on the order of the random numbers: do not change it.
 Place draw_place(int index, double skew, Random& random) {
   Place place;
   place.is_road = index % 3 == 0;

@@ -35,8 +35,7 @@ void remove_scene(OwnFiles& own, const fs::path& folder) {
   for (const char* const part : {"images", "sparse", "truth.ply"}) own.remove(folder / part);
 }
 
-/// Cleans up after a failure. kOptionsFile stays if there are other files, so that the folder still counts as a
-/// synthetic scene.
+/// Cleans up after a failure. kOptionsFile stays beside other files, so the folder still counts as a synthetic scene.
 void remove_unfinished(OwnFiles& own, const fs::path& folder) {
   remove_scene(own, folder);
   std::error_code error;  // ignored: another error is being reported

@@ -40,8 +40,7 @@ struct Photographs {
 /// iteration uses one photograph, also with --batch. Returns the factor, 1 without a change. Idempotent.
 double limit_epochs(TrainConfig& config, const Photographs& photographs, const GivenOptions& given);
 
-/// Returns "schedule    8,400 iterations: each photograph 400 times (--max_epochs)" if training ends there, otherwise
-/// empty.
+/// Returns "schedule    8,400 iterations: each photograph 400 times (--max_epochs)" if training ends there, or "".
 std::string describe_epochs(const TrainConfig& config, const Photographs& photographs);
 
 }  // namespace b3dgs

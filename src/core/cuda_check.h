@@ -1,5 +1,4 @@
-// Error checks for CUDA calls. A failure becomes an exception with the call, its location, and CUDA's error name and
-// text.
+// Error checks for CUDA calls. A failure throws the call, its location, and CUDA's error name and text.
 #pragma once
 
 #include <cuda_runtime_api.h>

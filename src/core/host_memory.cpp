@@ -13,8 +13,7 @@ namespace fs = std::filesystem;
 
 constexpr std::int64_t kUnknown = std::numeric_limits<std::int64_t>::max();
 
-/// Returns the number in a file, or in its line "KEY NUMBER" or "KEY NUMBER UNIT". Returns nullopt if there is none, as
-/// in "max".
+/// Returns the number in a file, or in its line "KEY NUMBER" or "KEY NUMBER UNIT", or nullopt if there is none ("max").
 std::optional<std::int64_t> read_number(const fs::path& file, const std::string& wanted = "") {
   std::ifstream in(file);
   std::string key, rest;

@@ -142,8 +142,7 @@ inline std::string json_damage(std::string_view text) {
   }
 }
 
-/// Returns an integer in [min, max]. @throws InputError naming `place` and `what` for other values, including 1.0 and
-/// true
+/// Returns an integer in [min, max]. @throws InputError naming `place` and `what` for others, including 1.0 and true
 template <class Integer>
 Integer json_integer(const nlohmann::ordered_json& json, const char* what, const std::string& place,
                      Integer min = std::numeric_limits<Integer>::min(),

@@ -25,8 +25,7 @@ B3DGS_HD std::array<std::uint32_t, 4> philox4x32(std::array<std::uint32_t, 4> co
   return counter;
 }
 
-/// Numbers of different streams are independent. Add streams only at the end, because the value is part of every
-/// number.
+/// Numbers of different streams are independent. Add streams only at the end: the value is part of every number.
 enum class RandomStream : std::uint32_t {
   kViewOrder,
   kBackground,
@@ -60,8 +59,7 @@ B3DGS_HD std::array<float, 4> random_uniform(const RandomKey& key, std::uint64_t
   return values;
 }
 
-/// Returns numbers with mean 0 and standard deviation 1 (Box-Muller, in double so that devices round to the same
-/// float).
+/// Returns numbers of mean 0, standard deviation 1 (Box-Muller, in double so that devices round to the same float).
 B3DGS_HD std::array<float, 4> random_normal(const RandomKey& key, std::uint64_t row) {
   const std::array<std::uint32_t, 4> bits = random_bits(key, row);
   std::array<float, 4> values{};

@@ -29,8 +29,7 @@ std::int64_t sum_of(const std::vector<std::int64_t>& counts) {
   return std::accumulate(counts.begin(), counts.end(), std::int64_t{0});
 }
 
-/// The unit that an all-to-all counts: the largest type that divides a row, because c10d (1.13) counts only to 2^31 -
-/// 1.
+/// The unit that an all-to-all counts: the largest type that divides a row. c10d (1.13) counts only to 2^31 - 1.
 struct Unit {
   torch::ScalarType type;
   std::int64_t per_row;

@@ -180,8 +180,7 @@ struct BlendBackwardArgs : BlendForwardArgs {
 };
 
 /// Load counting. Counts the list entries that each pixel evaluates, up to the one that finishes it, and those that it
-/// blends. The counts are the same for every kernel, because entries that a schedule evaluates beyond the end do not
-/// count.
+/// blends. The counts are the same for every kernel, because entries evaluated beyond the end do not count.
 struct CountLoadArgs : TileLists {
   std::int32_t* processed = nullptr;     // [H, W] out: entries evaluated
   std::int32_t* contributing = nullptr;  // [H, W] out: entries blended

@@ -135,8 +135,7 @@ class RasterizerBackend {
   virtual const std::int32_t* radii() const = 0;     // [N]
   virtual const std::int32_t* last_ids() const = 0;  // [H, W]
   virtual const Splat* splats() const = 0;           // [n_rows()] indexed by bins().splat_ids
-  /// Returns the number of splats on the CPU. On a GPU, returns that of rows of cuda::ProjectOutputs, some without a
-  /// splat.
+  /// Returns the number of splats on the CPU, and on a GPU that of rows of cuda::ProjectOutputs, some without a splat.
   virtual std::int64_t n_rows() const { return state_.n_splats; }
   virtual BinnedSplats bins() const = 0;
   const TileGrid& grid() const { return state_.grid; }

@@ -1,5 +1,4 @@
-// Tests anti-aliasing on one Gaussian: the properties of its two filters, and their gradients by finite differences, in
-// double.
+// Tests the two filters of anti-aliasing on one Gaussian, and their gradients by finite differences, in double.
 #include "raster/math/antialiasing.h"
 
 #include <gtest/gtest.h>

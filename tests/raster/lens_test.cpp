@@ -217,8 +217,7 @@ Vec3<double> ray_of(const LensParams<double>& lens, double x, double y, Vec3<dou
 }
 
 TEST(Lens, SmallGaussiansLookAsAlongExactRays) {
-  // Compare the exponent of the projected ellipse with half the least squared Mahalanobis distance along the pixel's
-  // ray.
+  // Compare the exponent of the projected ellipse with half the least squared Mahalanobis distance along the ray.
   const Shape<double> shape = make_shape<double>({-6.1, -6.6, -7.2}, {0.9, 0.2, -0.3, 0.1});  // up to 0.002 of 1.7
   for (const LensRow& row : lenses()) {
     for (const Place& place : places(row.lens)) {

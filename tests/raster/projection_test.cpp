@@ -14,8 +14,7 @@ namespace {
 using test::gradients_agree;
 using test::numeric_gradient;
 
-/// Makes a rotated and translated view with an off-centre principal point. It sees x/z from -0.23 to 0.94 and y/z from
-/// -0.9 to 0.34.
+/// Makes a rotated, translated view with an off-centre principal point: x/z from -0.23 to 0.94, y/z from -0.9 to 0.34.
 PinholeView turned_view() {
   const Shape<double> shape = make_shape<double>({0, 0, 0}, {0.9, 0.2, -0.3, 0.1});
   PinholeView view{};

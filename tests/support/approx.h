@@ -33,8 +33,7 @@ inline testing::AssertionResult same(const torch::Tensor& actual, const torch::T
                                      << ", expected " << expected.flatten()[first].item<double>();
 }
 
-/// Returns whether |actual - expected| <= allowed for all entries. `allowed` is broadcast to their shape. NaN always
-/// fails.
+/// Returns whether |actual - expected| <= allowed for all entries. `allowed` is broadcast to their shape. NaN fails.
 inline testing::AssertionResult within(const torch::Tensor& actual, const torch::Tensor& expected,
                                        const torch::Tensor& allowed) {
   if (!actual.defined() || actual.sizes() != expected.sizes()) {

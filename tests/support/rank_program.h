@@ -15,8 +15,7 @@ namespace b3dgs::test {
 /// @throws LogicError unless the condition is true; the rank fails, and tells the others
 void expect(bool condition, const std::string& what);
 
-/// Returns whether the tensors have the same bytes, whatever their types and shapes. They must be contiguous, on the
-/// CPU.
+/// Returns whether two contiguous CPU tensors have the same bytes, whatever their types and shapes.
 bool same_bytes(const torch::Tensor& a, const torch::Tensor& b);
 
 /// Thrown by a rank to end with this exit code.

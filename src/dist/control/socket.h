@@ -11,8 +11,7 @@ namespace b3dgs {
 
 using Socket = Descriptor;
 
-/// Listens at this address only. Port 0 means a free one. @throws InputError if the address is unknown or the port in
-/// use
+/// Listens only at this address. Port 0 means a free one. @throws InputError for an unknown address or a port in use
 Socket listen_at(const std::string& address, int port);
 
 int port_of(const Socket& socket);

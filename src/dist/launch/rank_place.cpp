@@ -131,8 +131,7 @@ std::optional<RankPlace> read_rank_place(const Environment& environment) {
   if (variables.has("RANK") || variables.has("WORLD_SIZE")) {
     const bool is_own = variables.has("B3DGS_JOB"), is_torchrun = variables.has("TORCHELASTIC_RUN_ID");
     const RankPlace place = read_torch_variables(environment, is_own, is_torchrun);
-    // mpirun and srun may start torchrun, or this program's own launcher, on each machine. Their ranks count other
-    // processes.
+    // mpirun and srun may start torchrun or this program's own launcher on each machine. Their ranks count others.
     if (!has_openmpi || is_own || is_torchrun) return place;
     const RankPlace other = read_openmpi_variables(environment);
     if (place.rank == other.rank && place.size == other.size) return place;

@@ -32,7 +32,7 @@ struct PackedSplats {
 };
 
 /// Calls add_one(i, out) for each Gaussian. It adds the Gaussian's splats, at most n_each, and returns whether the
-/// Gaussian is valid. Each chunk first packs its splats where all of them would fit. Then the chunks are moved
+/// Gaussian is valid. Each chunk first packs its splats where all of them would fit, then the chunks are moved
 /// together.
 template <class AddOne>
 PackedSplats pack_splats(std::int64_t n, std::int64_t n_each, const SplatRowArrays& room, AddOne&& add_one) {

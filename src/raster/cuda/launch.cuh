@@ -50,8 +50,7 @@ void with_sh_degree(int degree, Body&& body) {
   }
 }
 
-/// Calls body(degree, antialiasing, lens). The first two are constants as above, the last is Pinhole or the view's
-/// ViewLens.
+/// Calls body(degree, antialiasing, lens). The first two are constants as above, the last is a Pinhole or a ViewLens.
 template <int kMinDegree = 0, class Body>
 void with_constants(int sh_degree, bool antialiasing, const ViewLens& view_lens, Body&& body) {
   with_sh_degree<kMinDegree>(sh_degree, [&](auto degree) {

@@ -311,8 +311,7 @@ struct CameraGradientArgs {
 inline constexpr int kCameraGradientParts = 1024;
 void camera_gradient(const CameraGradientArgs& args, const LaunchContext& context);
 
-/// Sums the contributions of all splats in the order that camera_gradient() uses. `parts` and `out` are the same as
-/// there.
+/// Sums the contributions of all splats in the order of camera_gradient(), with the same `parts` and `out`.
 void sum_camera_parts(const float* splat_parts, std::int64_t n_splats, double* parts, double* out,
                       const LaunchContext& context);
 

@@ -182,8 +182,7 @@ B3DGS_BLEND_FN Mask<Real> blend_over(PixelState<Real>& pixel, Mask<Real> contrib
   return accepted;
 }
 
-/// Like blend_over(), but for the transmittance alone. Returns the splat's weight in the pixel, 0 where it is not
-/// blended.
+/// Like blend_over(), but for the transmittance alone. Returns the splat's weight in the pixel, or 0 if not blended.
 template <class Real>
 B3DGS_BLEND_FN Real blend_weight_over(Real& transmittance, Mask<Real> contributes, Real alpha) {
   const Real zero(0.0f);

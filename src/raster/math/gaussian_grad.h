@@ -77,8 +77,7 @@ B3DGS_HD void keep_splat(const SplatRecordArrays& out, std::int64_t m, std::int3
   out.means2d[2 * std::int64_t{i} + 1] = centre.y;
 }
 
-/// Writes all outputs of row m, whose sums are complete. The outputs of Gaussians without a splat are written
-/// elsewhere.
+/// Writes all outputs of row m, whose sums are complete. Gaussians without a splat are written elsewhere.
 B3DGS_HD void keep_splat(const KeepSplatsArgs& args, std::int64_t m) {
   const std::int32_t i = args.rows.splats[m].gaussian;
   keep_splat(args.out, m, i, args.splat_grads[m].sum, args.rows.splats[m].clamped);

@@ -24,8 +24,7 @@ auto with_lens(const LensParams<Real>& lens, Visit&& visit) {
   return lens.kind == LensKind::kPinhole ? visit(Pinhole{}) : visit(lens);
 }
 
-// Largest latitude, in degrees, at which the Jacobian of a panorama is evaluated. It grows without bound towards the
-// poles.
+// Largest latitude (degrees) at which the Jacobian of a panorama is evaluated. Towards the poles it is unbounded.
 inline constexpr double kMaxLatitude = 86;
 // A fisheye does not see a Gaussian whose centre is farther beyond max_angle than this (rad).
 inline constexpr double kAngleMargin = 0.35;
@@ -304,8 +303,7 @@ B3DGS_HD Real lens_depth(const LensParams<Real>& lens, const Vec3<Real>& c) {
   return has_radial_depth(lens) ? sqrt(dot(c, c)) : c.z;
 }
 
-/// Returns the factor for the size of a Gaussian with this centre and largest standard deviation
-/// (kMaxSpreadOfDistance).
+/// Returns the size factor of a Gaussian with this centre and largest standard deviation (kMaxSpreadOfDistance).
 template <class Real>
 B3DGS_HD Real lens_shrink(const LensParams<Real>& lens, const Vec3<Real>& c, Real sigma) {
   const Real most = Real(kMaxSpreadOfDistance) * lens_depth(lens, c);

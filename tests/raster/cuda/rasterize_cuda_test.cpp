@@ -222,8 +222,7 @@ TEST(RasterizeCuda, TakesTheMemoryThatIsForecast) {
     const double forecast = memory.of_image + memory.bytes(n, static_cast<double>(view.rasterizer().bins().n_pairs));
     const double taken = static_cast<double>(view.rasterizer().memory_bytes());
     EXPECT_GE(taken, forecast);
-    // The forecast is for the longest segments. In views with few pairs, segments are shorter. 28 bytes per pixel of
-    // one.
+    // The forecast is for the longest segments. Views with few pairs have shorter ones: 28 bytes for each pixel of one.
     cuda::ViewCounts counts{};
     counts.n_pairs = view.rasterizer().bins().n_pairs;
     int n_multiprocessors = 0;

@@ -131,8 +131,7 @@ class CpuView {
   std::unique_ptr<RasterizerBackend> rasterizer_ = cpu::make_rasterizer();
 };
 
-/// Returns gradients of a view with size about 1 that differ between pixels and channels. 0 where `off`, if given, is
-/// true.
+/// Returns gradients of a view with size about 1 that differ between pixels and channels. 0 where `off` is true.
 inline RenderedViewGrad uneven_grad(const PinholeView& view, const torch::Tensor& off = {}) {
   const std::int64_t h = view.height, w = view.width;
   const torch::Tensor on = off.defined() ? torch::logical_not(off).to(torch::kFloat32) : torch::ones({h, w});

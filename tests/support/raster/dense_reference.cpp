@@ -209,8 +209,7 @@ struct Ellipses {
   torch::Tensor rim;             // sigma where alpha is 1/255, negative if it is nowhere
 };
 
-/// Returns [M] the least sigma over a rectangle grown by `margin` [M] on each side: 0 at the centre, or that of an
-/// edge.
+/// Returns [M] the least sigma over a rectangle grown by `margin` [M] on each side: 0 at the centre, or of an edge.
 torch::Tensor least_sigma(const Ellipses& e, double x_low, double x_high, double y_low, double y_high,
                           const torch::Tensor& margin) {
   const torch::Tensor left = x_low - margin, right = x_high + margin, top = y_low - margin, bottom = y_high + margin;

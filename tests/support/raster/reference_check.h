@@ -122,8 +122,7 @@ inline void expect_same_gradients(const DenseGradients& found, const Reference& 
     const torch::Tensor& group = *found.parameters.all()[i];
     torch::Tensor size = row_norms(*expected.parameters.all()[i]);
     if (group.is_same(found.parameters.quats)) {
-      // Rotating a sphere changes nothing, so its rotation gradient is rounding error of the terms of its scale
-      // gradient.
+      // Rotating a sphere changes nothing, so its rotation gradient is rounding error of the scale gradient's terms.
       size = size + row_norms(expected.parameters.log_scales) / row_norms(reference.leaves.quats.detach());
     }
     const torch::Tensor rounded = terms != nullptr ? terms->parameters[i] : torch::zeros_like(size);
@@ -151,8 +150,7 @@ inline void expect_same_radii(const torch::Tensor& found, const DenseView& expec
 /// Compares anti-aliased views of a scene, with and without 3D filters, and their gradients.
 template <class FoundView>
 void expect_same_antialiased_views(TestScene scene) {
-  // Filters are tested only with ellipses, because the squares of some larger splats end on a tile border within
-  // rounding.
+  // Filters only with ellipses, because the squares of some larger splats end on a tile border within rounding.
   for (const auto& [culling, with_filters] :
        {std::pair(Culling::kEllipse, false), std::pair(Culling::kSquare, false), std::pair(Culling::kEllipse, true)}) {
     if (with_filters) add_filters(scene);

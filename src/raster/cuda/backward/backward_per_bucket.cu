@@ -304,8 +304,7 @@ class PatchBlend {
       sum[kQuv] += row_qu * v;
       sum[kQvv] += row_q * (v * v);
     }
-    // Sum over the four lanes of an entry. Lanes exchange halves of the sums, so that each ends with two of the first
-    // eight.
+    // Sum over the four lanes of an entry. Lanes exchange halves, so that each ends with two of the first eight sums.
     const bool upper = (lane_ & 2) != 0, odd = (lane_ & 1) != 0;
     const auto exchange = [](float low, float high, bool keep_high, int distance) {
       return (keep_high ? high : low) + __shfl_xor_sync(kFullWarp, keep_high ? low : high, distance);

@@ -76,8 +76,7 @@ __global__ void __launch_bounds__(kCutThreads) cut_lists_kernel(const BlendForwa
   }
   atomicAdd(&n_long, own_long);
   __syncthreads();
-  // Scan from the largest number of segments down. This gives ranks and the start of each segment number in the task
-  // list.
+  // Scan from the largest number of segments down: ranks, and the start of each segment number in the task list.
   const std::int32_t n_tiles_with = next_rank[kLast - thread];
   std::int32_t n_ranked = 0;
   BlockScan(scan_memory).InclusiveSum(n_tiles_with, n_ranked);
