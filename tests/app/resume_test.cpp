@@ -164,7 +164,9 @@ TEST_F(Resume, WithOtherImageSizesIsRefusedBeforePhotographsAreDecoded) {
   for (const fs::directory_entry& image : fs::directory_iterator(fs::path(scene()) / "images")) {
     fs::resize_file(image.path(), fs::file_size(image.path()) / 2);  // its header is intact
   }
-  expect_refused(train({"--resume", a.root(), "--iterations", "5", "-r", "2"}), {"training view 0", "-r"});
+  const Outcome refused = train({"--resume", a.root(), "--iterations", "5", "-r", "2"});
+  expect_refused(refused, {"expected training view 0 to be 00000.png, 48 x 36 px, found 00000.png, 24 x 18 px;", "-r"});
+  EXPECT_EQ(refused.err.find_first_of("{}"), std::string::npos) << refused.err;
 }
 
 TEST_F(Resume, OptionsAreCheckedBeforePhotographsAreDecoded) {
