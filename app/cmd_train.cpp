@@ -29,7 +29,7 @@
 #include "core/text.h"
 #include "dist/communicator.h"
 #include "dist/launch/start_ranks.h"
-#include "multi/rank_stepper.h"
+#include "multi/rank_team.h"
 #include "report/train_report.h"
 #include "scene/images/image_memory.h"
 #include "train/checkpoint/checkpoint.h"
@@ -202,7 +202,7 @@ int train(const CommandLine& line, const TrainCommandOptions& options, const std
   TrainHooks hooks = hooks_for(status);  // which is silent on other ranks
   hooks.stop_signal = &stop_signal();
   hooks.on_loading = on_loading;
-  use_rank_stepper(ranks, config, hooks);
+  use_rank_team(ranks, config, hooks);
   if (is_first) hooks.on_progress = std::ref(progress);
   std::unique_ptr<Trainer> owned;
   hooks.on_result = [&] { record_previews(*owned, scene, folder, ranks); };

@@ -7,10 +7,11 @@
 #include <utility>
 #include <vector>
 
-#include "multi/rank_stepper.h"
+#include "multi/rank_team.h"
 #include "multi/rows.h"
 #include "train/checkpoint/checkpoint.h"
 #include "train/density/row_edit.h"
+#include "train/density_control.h"
 
 namespace b3dgs {
 
@@ -35,7 +36,7 @@ std::int64_t checksum_of(const RowEdit& edit) {
 
 }  // namespace
 
-std::string RankStepper::lack_of_memory(const std::function<void()>& work) {
+std::string RankTeam::lack_of_memory(const std::function<void()>& work) {
   try {
     work();
   } catch (const OutOfMemoryError& error) {
@@ -46,24 +47,24 @@ std::string RankStepper::lack_of_memory(const std::function<void()>& work) {
   return "";
 }
 
-void RankStepper::adopt_model() {
+void RankTeam::distribute_model() {
   const torch::Device device = training_.device;
   state_.n_of_all_ranks = state_.gaussians.size();
   owners_ = RowOwners::round_robin(ranks_.rank(), ranks_.size(), state_.gaussians.size(), device);
   for (torch::Tensor* tensor : row_tensors(state_)) *tensor = own_rows(*tensor, owners_).to(device);
-  // What is whole on every rank.
+  // The appearance is whole on every rank.
   visit_appearance(state_.appearance, [&](const char*, torch::Tensor& tensor) { tensor = tensor.to(device); });
 }
 
-GaussianTensors RankStepper::whole_gaussians() {
-  GaussianTensors whole = flushed_state().gaussians;
+GaussianTensors RankTeam::gather_gaussians() {
+  GaussianTensors whole = training_.flushed_state().gaussians;
   for (torch::Tensor* tensor : whole.all()) *tensor = gather_rows_on_first(ranks_, *tensor, owners_);
   if (whole.filters.defined()) whole.filters = gather_rows_on_first(ranks_, whole.filters, owners_);
   return whole;
 }
 
-void RankStepper::write_checkpoint(const nlohmann::ordered_json& scene_fingerprint) {
-  const TrainState& own = flushed_state();
+void RankTeam::write_checkpoint() {
+  const TrainState& own = training_.flushed_state();
   std::set<const void*> rows;  // tensors of which each rank has a part
   for (const torch::Tensor* tensor : row_tensors(state_)) rows.insert(tensor->unsafeGetTensorImpl());
   std::vector<CheckpointTensor> tensors = checkpoint_tensors(own);
@@ -77,58 +78,41 @@ void RankStepper::write_checkpoint(const nlohmann::ordered_json& scene_fingerpri
       if (whole.defined()) take(whole.data_ptr(), whole.nbytes());
     };
   }
-  if (writes_files()) training_.recorder.write_checkpoint(checkpoint_header(config_, own, scene_fingerprint), tensors);
+  on_first(
+      [&] { training_.recorder.write_checkpoint(checkpoint_header(config_, own, training_.fingerprint), tensors); });
   while (n_read < tensors.size()) tensors[n_read].read([](const void*, std::size_t) {});
 }
 
-std::optional<std::int64_t> RankStepper::room_for_gaussians() {
-  // Scaled to the whole model, as if each rank's share stayed the same; the smallest result counts.
-  constexpr std::int64_t kUnlimited = std::numeric_limits<std::int64_t>::max();
-  std::int64_t count = Stepper::room_for_gaussians().value_or(kUnlimited);
-  if (owners_.n_own() == 0) count = kUnlimited;
-  if (count != kUnlimited) {
-    const double share = static_cast<double>(owners_.n_own()) / static_cast<double>(owners_.n_rows());
-    count = static_cast<std::int64_t>(static_cast<double>(count) / share);
-  }
-  const std::int64_t least = -ranks_.max("room", -count);
-  return least == kUnlimited ? std::nullopt : std::optional(least);
-}
-
-void RankStepper::begin_round() {
-  Stepper::begin_round();
-  model_ratios_.begin_round();
-}
-
-MemoryRemedy RankStepper::together(MemoryRemedy remedy) {
-  return [this, remedy = std::move(remedy)] { return ranks_.max("remedy", remedy() ? 1 : 0) != 0; };
-}
-
-void RankStepper::apply_round(const DensityRound& round, int iteration, std::int64_t limit) {
+void RankTeam::run_round(int iteration, std::int64_t limit,
+                         const std::function<void(const DensityRound&)>& on_planned) {
+  const DensityRound round = plan_round(iteration, limit);
+  on_planned(round);
   OwnRowEdit own;
   allocate_together([&] {
     own = own_part(round.edit, owners_);
     const std::int64_t n_own = own.owners.n_own(), n_rows = std::max<std::int64_t>(1, own.owners.n_rows());
-    reserve_rows(own.edit, limit > 0 ? std::max<std::int64_t>(1, limit * n_own / n_rows) : 0);
+    reserve_rows(training_, own.edit, limit > 0 ? std::max<std::int64_t>(1, limit * n_own / n_rows) : 0);
   });
-  apply_reserved(own.edit, iteration);
+  apply_reserved(training_, own.edit, iteration);
   owners_ = std::move(own.owners);
   state_.n_of_all_ranks = owners_.n_rows();
+  model_ratios_.begin_round();
 }
 
-void RankStepper::allocate_together(const std::function<void()>& work) {
-  has_failed_together_ = false;
+void RankTeam::allocate_together(const std::function<void()>& work) {
+  can_save_ = false;
   const std::vector<std::string> failures = ranks_.exchange("memory", lack_of_memory(work));
   for (std::size_t r = 0; r < failures.size(); ++r) {
     if (!failures[r].empty()) throw_out_of_memory(r, failures[r]);
   }
 }
 
-void RankStepper::throw_out_of_memory(std::size_t rank, const std::string& reason) {
-  has_failed_together_ = true;
+void RankTeam::throw_out_of_memory(std::size_t rank, const std::string& reason) {
+  can_save_ = true;
   throw OutOfMemoryError(detail::concat("rank ", rank, " of ", ranks_.size(), ": ", reason));
 }
 
-DensityRound RankStepper::plan_round(int iteration, std::int64_t limit) {
+DensityRound RankTeam::plan_round(int iteration, std::int64_t limit) {
   const std::int64_t n = state_.n_gaussians();
   DensityStatistics statistics = state_.statistics;
   std::vector<torch::Tensor*> rows = statistics.all();
@@ -154,7 +138,7 @@ DensityRound RankStepper::plan_round(int iteration, std::int64_t limit) {
   return round;
 }
 
-std::int64_t RankStepper::remove_invalid_rows(std::int64_t row) {
+std::int64_t RankTeam::remove_invalid_rows(std::int64_t row) {
   if (renders_on_first_) {
     RenderRequest request;
     request.kind = RenderRequest::kRemove;

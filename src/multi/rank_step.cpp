@@ -10,7 +10,7 @@
 #include <utility>
 
 #include "config/batch_steps.h"
-#include "multi/rank_stepper.h"
+#include "multi/rank_team.h"
 #include "raster/math/project_splat.h"
 #include "raster/torch/rasterizer.h"
 #include "train/optimizer/adam.h"
@@ -19,8 +19,8 @@ namespace b3dgs {
 
 namespace {
 
-/// What the rank that renders a view tells all ranks. `own`: for each view that this rank renders, in their order, a
-/// tensor [n_columns]. Returns a row for each view.
+/// Gathers a row for each view from the rank that renders it. `own`: a tensor [n_columns] for each view that this rank
+/// renders, in their order. Returns the rows of all views.
 torch::Tensor gather_view_rows(Communicator& ranks, const std::vector<torch::Tensor>& own, std::int64_t n_columns,
                                torch::ScalarType type, const std::vector<int>& renderers) {
   const torch::TensorOptions options = torch::dtype(type).device(ranks.device());
@@ -31,9 +31,9 @@ torch::Tensor gather_view_rows(Communicator& ranks, const std::vector<torch::Ten
 }  // namespace
 
 /// Views of a step that the ranks take at a time: n_views_at_a_time(), or fewer at the end of a step.
-struct RankStepper::Part {
+struct RankTeam::Part {
   struct View {
-    ViewOfStep id;
+    StepView id;
     DensityPlan plan;
     CameraView camera;
     RenderSettings settings;
@@ -42,7 +42,9 @@ struct RankStepper::Part {
     bool refines_pose = false;
   };
 
+  std::size_t n_before = 0;  // views of the step before this part
   std::vector<View> views;
+  std::vector<ViewSize> sizes;                     // of the views that this rank renders
   std::vector<int> renderers;                      // the rank that renders each view
   std::vector<std::vector<std::int64_t>> counts;   // by rank: its splats of each view
   std::vector<torch::Tensor> splat_grads, scores;  // of the views that this rank renders, in their order
@@ -51,12 +53,12 @@ struct RankStepper::Part {
 
 // --- Views ---
 
-std::size_t RankStepper::n_views_at_a_time() const {
+std::size_t RankTeam::n_views_at_a_time() const {
   const double n_splats = model_ratios_.splats() * static_cast<double>(state_.n_gaussians());
   return views_at_a_time(n_splats, splats_at_a_time_, ranks_.size());
 }
 
-std::vector<std::int32_t> RankStepper::own_views_ahead() {
+std::vector<std::int32_t> RankTeam::own_views_ahead() {
   const std::size_t n_wanted = training_.views.images.n_upcoming_wanted();
   const auto n_of_step = static_cast<std::size_t>(std::max(ranks_.size(), config_.batch));
   const std::vector<std::int32_t> upcoming = training_.views.upcoming(state_.view_order, (n_wanted + 1) * n_of_step);
@@ -79,52 +81,57 @@ std::vector<std::int32_t> RankStepper::own_views_ahead() {
 
 // --- The step ---
 
-void RankStepper::take_step() {
-  has_failed_together_ = false;
+StepOutcome RankTeam::take_step(LastStep& before) {
+  can_save_ = false;
   const int last = step_end(config_.batch, config_.iterations, state_.iteration);
-  begin_step(last);
+  StepOutcome outcome;
+  begin_step(training_, last);
   do {
-    learn_part(last);
+    take_part(last, before, outcome);
   } while (state_.iteration < last);
-  finish_step(owners_.own());
+  finish_step(training_, outcome.views, owners_.own());
+  return outcome;
 }
 
-void RankStepper::learn_part(int last) {
+void RankTeam::take_part(int last, LastStep& before, StepOutcome& outcome) {
   Part part;
-  std::vector<ViewOfStep> views;
+  part.n_before = outcome.views.size();
   std::vector<std::int32_t> indices;
   for (std::size_t n = n_views_at_a_time(); n > 0 && state_.iteration < last; --n) {
     indices.push_back(state_.view_order.next(config_.seed, training_.views.size()));
-    views.push_back({indices.back(), ++state_.iteration});
-    part.views.emplace_back().id = views.back();
+    part.views.emplace_back().id = {indices.back(), ++state_.iteration};
   }
   part.renderers = render_plan_.renderers(indices);
   StepRecord record;
   record_errors(record, [&] { project_own_gaussians(part, record); });
-  exchange_records(part, record);
+  exchange_records(part, record, before, outcome.views.empty() ? before.unread_losses : outcome.unread_losses);
   renderers_ = part.renderers;
   render_own_views(part);
-  unread_losses_ = views;
-  keep_own_splats(part);
+  outcome.sizes.insert(outcome.sizes.end(), part.sizes.begin(), part.sizes.end());
+  keep_own_splats(part, regularization(training_, before));
   if (training_.objective.appearance()) gather_appearance_gradients(part);
-  learned_views_.insert(learned_views_.end(), views.begin(), views.end());
+  for (const Part::View& view : part.views) {
+    outcome.views.push_back(view.id);
+    outcome.unread_losses.push_back(view.id);
+  }
 }
 
-void RankStepper::project_own_gaussians(Part& part, StepRecord& record) {
+void RankTeam::project_own_gaussians(Part& part, StepRecord& record) {
   std::vector<CameraView> cameras;
   std::vector<RenderSettings> settings;
   for (Part::View& view : part.views) {
     view.plan = training_.density->plan(view.id.iteration);
     view.refines_pose = training_.views.poses.refines(view.id.index, view.id.iteration);
     view.camera = training_.views.camera(view.id.index, view.id.iteration);
-    view.settings = step_settings(view.id.iteration);
+    view.settings = step_settings(training_, view.id.iteration);
     part.has_scores |= view.plan.score;
     part.refines_poses |= view.refines_pose;
     cameras.push_back(view.camera);
     settings.push_back(view.settings);
   }
   const std::vector<ViewSplats> own = with_remedies(training_.remedies(), [&] {
-    std::vector<ViewSplats> projected = optimizer_.project_views(state_.gaussians, state_.adam, cameras, settings);
+    std::vector<ViewSplats> projected =
+        training_.optimizer.project_views(state_.gaussians, state_.adam, cameras, settings);
     splats_.pack(projected, part.renderers, owners_.own());
     return projected;
   });
@@ -135,7 +142,7 @@ void RankStepper::project_own_gaussians(Part& part, StepRecord& record) {
   }
 }
 
-void RankStepper::record_errors(StepRecord& record, const std::function<void()>& project) {
+void RankTeam::record_errors(StepRecord& record, const std::function<void()>& project) {
   try {
     project();
   } catch (const InvalidGaussianError& error) {
@@ -145,7 +152,7 @@ void RankStepper::record_errors(StepRecord& record, const std::function<void()>&
   }
 }
 
-void RankStepper::check_projections(const std::vector<StepRecord>& records) {
+void RankTeam::check_projections(const std::vector<StepRecord>& records) {
   constexpr std::int64_t kNone = std::numeric_limits<std::int64_t>::max();
   std::int64_t row = kNone;
   for (const StepRecord& record : records) {
@@ -157,7 +164,7 @@ void RankStepper::check_projections(const std::vector<StepRecord>& records) {
   }
 }
 
-void RankStepper::exchange_records(Part& part, StepRecord record) {
+void RankTeam::exchange_records(Part& part, StepRecord record, LastStep& before, std::vector<StepView>& unread) {
   record.asks = {training_.is_stopped(), training_.recorder.is_checkpoint_due()};
   training_.views.poses.take_queued_steps();  // of the step before: the device has finished it by now
   record.rendered = take_rendered();
@@ -172,15 +179,15 @@ void RankStepper::exchange_records(Part& part, StepRecord record) {
       part.views[v].n_splats += other.n_splats[v] + other.n_second[v];
     }
   }
-  add_rendered(rendered_before);
+  add_rendered(rendered_before, before, unread);
   check_projections(records);  // a step that failed is repeated: its counts are not of whole views
-  for (const Part::View& view : part.views) {
+  for (Part::View& view : part.views) {
     model_ratios_.add(view.n_splats, 0, state_.n_gaussians());
-    note_visibility(view.id.index, view.n_splats == 0);
+    view.id.is_empty = view.n_splats == 0;
   }
 }
 
-void RankStepper::render_own_views(Part& part) {
+void RankTeam::render_own_views(Part& part) {
   const std::vector<ViewSplats> splats = splats_.to_renderers(part.counts);
   std::vector<std::size_t> own;
   std::vector<std::int32_t> next;  // that this rank renders
@@ -202,8 +209,7 @@ void RankStepper::render_own_views(Part& part) {
   }
 }
 
-void RankStepper::render_view(Part& part, std::size_t v, const ViewSplats& splats,
-                              const std::vector<std::int32_t>& next) {
+void RankTeam::render_view(Part& part, std::size_t v, const ViewSplats& splats, const std::vector<std::int32_t>& next) {
   const Part::View& part_view = part.views[v];
   const int iteration = part_view.id.iteration;
   training_.timer.begin(Stage::kUpload);
@@ -212,34 +218,30 @@ void RankStepper::render_view(Part& part, std::size_t v, const ViewSplats& splat
                                               {next.begin(), next.begin() + static_cast<std::ptrdiff_t>(n_next)});
   training_.timer.end();
   if (AppearanceModel* const appearance = training_.objective.appearance()) {
-    appearance->set_place(static_cast<int>(learned_views_.size() + v));
+    appearance->set_place(static_cast<int>(part.n_before + v));
   }
-  decide_kernel(iteration);
+  decide_kernel(training_, iteration);
   const RenderSettings settings = training_.kernels.begin_view(iteration, part_view.settings);
   Rasterizer& rasterizer = training_.rasterizer;
   torch::Tensor entries, splat_grads, scores;
   with_remedies(training_.remedies(), [&] {
-    RenderedView rendered;
-    try {
-      rendered = rasterizer.forward_splats(splats, view.camera, settings);
-    } catch (const NumericError& error) {
-      throw NumericError(detail::concat("iteration ", iteration, ", view ", view.name, ": ", error.what()));
-    }
+    const RenderedView rendered =
+        b3dgs::render_view(view, iteration, [&] { return rasterizer.forward_splats(splats, view.camera, settings); });
     read_own_loss();  // of the view before: the next loss takes its place
     entries = queue_row_entries();
-    splat_grads = rasterizer.backward_splats(compare(view, iteration, rendered, part_view.plan.score));
+    splat_grads = rasterizer.backward_splats(loss_gradient(training_, view, iteration, rendered, part_view.plan.score));
     if (part.has_scores) {
       scores = rasterizer.score_splats(part_view.plan.score ? training_.objective.errors()
                                                             : torch::zeros_like(rendered.alpha));
     }
   });
-  note_view_size(iteration);
+  part.sizes.push_back(measure_view(training_, iteration));
   unread_view_ = UnreadView{v, entries};
   part.splat_grads.push_back(splat_grads);
   if (scores.defined()) part.scores.push_back(scores);
 }
 
-void RankStepper::keep_own_splats(Part& part) {
+void RankTeam::keep_own_splats(Part& part, const RegularizationWeights& weights) {
   constexpr std::int64_t kGradFloats = sizeof(SplatGradSum) / sizeof(float);
   constexpr std::int64_t kScores = sizeof(ScoreSums) / sizeof(std::int32_t);
   const std::vector<torch::Tensor> grads = splats_.to_owners(part.splat_grads, kGradFloats, torch::kFloat32);
@@ -248,9 +250,8 @@ void RankStepper::keep_own_splats(Part& part) {
   for (std::size_t v = 0; v < part.views.size(); ++v) {
     const Part::View& view = part.views[v];
     const ViewStatistics statistics = with_remedies(training_.remedies(), [&] {
-      if (view.plan.statistics) save_statistics();
-      return optimizer_.keep_splats(view.own, grads[v], view.camera, view.settings, state_.gaussians, view.n_splats,
-                                    regularization());
+      return training_.optimizer.keep_splats(view.own, grads[v], view.camera, view.settings, state_.gaussians,
+                                             view.n_splats, weights);
     });
     if (!view.plan.statistics) continue;
     training_.timer.begin(Stage::kDensify);
@@ -266,8 +267,8 @@ void RankStepper::keep_own_splats(Part& part) {
 
 // --- Appearance and poses, of which every rank learns the same ---
 
-void RankStepper::gather_pose_gradients(const Part& part, const std::vector<torch::Tensor>& splat_grads) {
-  // What each splat adds to the gradient of the camera, added up where the view was rendered.
+void RankTeam::gather_pose_gradients(const Part& part, const std::vector<torch::Tensor>& splat_grads) {
+  // The rank that rendered a view adds up the parts of its splats.
   std::vector<torch::Tensor> columns;
   for (std::size_t v = 0; v < part.views.size(); ++v) {
     const Part::View& view = part.views[v];
@@ -277,17 +278,16 @@ void RankStepper::gather_pose_gradients(const Part& part, const std::vector<torc
   for (const torch::Tensor& parts : splats_.columns_to_renderers(columns)) own.push_back(sum_camera_parts(parts));
   const torch::Tensor rows = gather_view_rows(ranks_, own, kCameraGradients, torch::kFloat64, renderers_);
   for (std::size_t v = 0; v < part.views.size(); ++v) {
-    const auto& [index, iteration] = part.views[v].id;
-    if (part.views[v].refines_pose) {
-      training_.views.poses.add_gradient(index, iteration, rows.select(0, static_cast<std::int64_t>(v)));
-    }
+    const Part::View& view = part.views[v];
+    if (!view.refines_pose) continue;
+    training_.views.poses.add_gradient(view.id.index, view.id.iteration, rows.select(0, static_cast<std::int64_t>(v)));
   }
 }
 
-void RankStepper::gather_appearance_gradients(const Part& part) {
+void RankTeam::gather_appearance_gradients(const Part& part) {
   AppearanceModel& appearance = *training_.objective.appearance();
   const auto grad_of = [&](std::size_t v) {
-    appearance.set_place(static_cast<int>(learned_views_.size() + v));
+    appearance.set_place(static_cast<int>(part.n_before + v));
     return appearance.grad();
   };
   std::vector<torch::Tensor> own;
@@ -303,14 +303,14 @@ void RankStepper::gather_appearance_gradients(const Part& part) {
 
 // --- What ranks tell each other of the views of the step before: losses and counted work ---
 
-torch::Tensor RankStepper::queue_row_entries() const {
+torch::Tensor RankTeam::queue_row_entries() const {
   const torch::Tensor entries = training_.rasterizer.row_entries();
   if (training_.device.is_cpu()) return entries;
   torch::Tensor on_host = torch::empty(entries.sizes(), torch::dtype(torch::kInt64).pinned_memory(true));
   return on_host.copy_(entries, /*non_blocking=*/true);
 }
 
-void RankStepper::read_own_loss() {
+void RankTeam::read_own_loss() {
   if (!unread_view_) return;
   const auto [v, entries] = *std::exchange(unread_view_, std::nullopt);
   rendered_.losses[v] = training_.objective.value();  // queued behind the entries, which are there, too
@@ -318,22 +318,23 @@ void RankStepper::read_own_loss() {
   rendered_.entries[v] = std::accumulate(counts, counts + entries.size(0), std::int64_t{0});
 }
 
-RenderedRecord RankStepper::take_rendered() {
+RenderedRecord RankTeam::take_rendered() {
   read_own_loss();
   return std::exchange(rendered_, {});
 }
 
-void RankStepper::complete_pending() {
-  training_.views.poses.take_queued_steps();
-  if (!unread_losses_.empty()) add_rendered(ranks_.exchange_record("rendered", take_rendered()));
+void RankTeam::read_losses(LastStep& last) {
+  if (last.unread_losses.empty()) return;
+  add_rendered(ranks_.exchange_record("rendered", take_rendered()), last, last.unread_losses);
 }
 
-void RankStepper::add_rendered(const std::vector<RenderedRecord>& of_ranks) {
-  const std::vector<ViewOfStep> unread = std::exchange(unread_losses_, {});
-  for (std::size_t v = 0; v < unread.size(); ++v) {
+void RankTeam::add_rendered(const std::vector<RenderedRecord>& of_ranks, LastStep& before,
+                            std::vector<StepView>& unread) {
+  const std::vector<StepView> views = std::exchange(unread, {});
+  for (std::size_t v = 0; v < views.size(); ++v) {
     const RenderedRecord& of_renderer = of_ranks[static_cast<std::size_t>(renderers_[v])];
-    render_plan_.set_work(unread[v].index, of_renderer.entries[v]);
-    add_loss(unread[v], of_renderer.losses[v]);
+    render_plan_.set_work(views[v].index, of_renderer.entries[v]);
+    add_loss(training_, before, views[v], of_renderer.losses[v]);
   }
 }
 

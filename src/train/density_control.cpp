@@ -1,10 +1,12 @@
-// Stepper's rounds of density control within the available memory.
+#include "train/density_control.h"
+
 #include <algorithm>
 #include <utility>
 #include <vector>
 
 #include "core/text.h"
-#include "train/stepper.h"
+#include "train/memory/memory.h"
+#include "train/memory_plan.h"
 
 namespace b3dgs {
 namespace {
@@ -16,14 +18,14 @@ std::int64_t smaller_limit(std::int64_t a, std::int64_t b) {
 
 }  // namespace
 
-void Stepper::run_density_control() {
+void DensityControl::run() {
   for (; state_.n_density_pending > 0; --state_.n_density_pending) {
     const int iteration = state_.iteration - state_.n_density_pending + 1;
     const DensityPlan plan = training_.density->plan(iteration);
     if (plan.densify) {
       training_.recorder.report_progress("densifying");
       training_.timer.start(StageTimes::Kind::kDensityRound);
-      flush();
+      training_.flush();
       run_round(iteration);
       training_.timer.finish();
       if (state_.n_gaussians() == 0) {
@@ -36,8 +38,11 @@ void Stepper::run_density_control() {
   }
 }
 
-void Stepper::run_round(int iteration) {
-  begin_round();
+void DensityControl::run_round(int iteration) {
+  state_.view_ratios.begin_round();
+  const auto together = [&](MemoryRemedy remedy) -> MemoryRemedy {  // all processes try again if it has helped one
+    return [this, remedy = std::move(remedy)] { return team_.max("remedy", remedy() ? 1 : 0) != 0; };
+  };
   const std::vector<MemoryRemedy> remedies{together(training_.wait_for_files()), together(training_.free_scratch())};
   // The second try prunes but does not grow the model. Its total may be unchanged, yet one of several processes may
   // hold more: the third try adds none.
@@ -54,26 +59,26 @@ void Stepper::run_round(int iteration) {
   training_.trim_memory();
 }
 
-void Stepper::plan_and_apply(int iteration, bool adds) {
+void DensityControl::plan_and_apply(int iteration, bool adds) {
   const std::int64_t before = state_.n_gaussians();
-  const std::int64_t room = room_for_gaussians().value_or(0);
-  if (state_.held_at > 0 && can_grow_again(room)) state_.held_at = 0;
-  const std::int64_t allowed = smaller_limit(config_.max_gaussians, state_.held_at);
-  const std::int64_t limit = adds ? smaller_limit(allowed, room) : 1;
-  const DensityRound round = plan_round(iteration, limit);
-  if (adds && round.n_over_limit > 0 && limit != allowed) hold_count(std::max(room, before));
-  apply_round(round, iteration, limit);
+  const std::int64_t capacity = gaussian_capacity(training_, team_).value_or(0);
+  if (state_.held_at > 0 && can_grow_again(capacity)) state_.held_at = 0;
+  const std::int64_t allowed = smaller_limit(training_.config.max_gaussians, state_.held_at);
+  const std::int64_t limit = adds ? smaller_limit(allowed, capacity) : 1;
+  team_.run_round(iteration, limit, [&](const DensityRound& round) {
+    if (adds && round.n_over_limit > 0 && limit != allowed) hold_count(std::max(capacity, before));
+  });
 }
 
-bool Stepper::can_grow_again(std::int64_t room) const {
-  // With less room, the count would be held again in every round.
+bool DensityControl::can_grow_again(std::int64_t capacity) const {
+  // With less capacity, the count would be held again in every round.
   constexpr double kWorthwhile = 1.05;
   // A deterministic training must not depend on how much memory is free.
-  if (config_.deterministic || growth_has_failed_) return false;
-  return room == 0 || static_cast<double>(room) > kWorthwhile * static_cast<double>(state_.held_at);
+  if (training_.config.deterministic || growth_has_failed_) return false;
+  return capacity == 0 || static_cast<double>(capacity) > kWorthwhile * static_cast<double>(state_.held_at);
 }
 
-void Stepper::hold_count(std::int64_t count) {
+void DensityControl::hold_count(std::int64_t count) {
   constexpr double kNoteworthy = 0.99;  // of the count logged before
   const std::int64_t before = std::exchange(state_.held_at, count);
   if (before > 0 && static_cast<double>(count) >= kNoteworthy * static_cast<double>(before)) return;
@@ -83,6 +88,28 @@ void Stepper::hold_count(std::int64_t count) {
                                 {"count", count},
                                 {"in_use_bytes", training_.memory->use().in_use},
                                 {"limit_bytes", training_.memory->limit().value_or(0)}});
+}
+
+void reserve_rows(Training& training, const RowEdit& edit, std::int64_t limit) {
+  TrainState& state = training.state;
+  const std::int64_t n_rows = edit.sources.size(0);
+  constexpr std::int64_t kSparePart = 8;
+  std::int64_t n_room = n_rows + n_rows / kSparePart;
+  if (limit > 0) n_room = std::max(n_rows, std::min(n_room, limit));
+  try {
+    training.row_editor.reserve(edit, n_room, state.gaussians, state.adam, state.statistics);
+  } catch (const OutOfMemoryError&) {
+    if (n_room == n_rows) throw;
+    training.row_editor.reserve(edit, n_rows, state.gaussians, state.adam, state.statistics);
+  }
+}
+
+void apply_reserved(Training& training, const RowEdit& edit, int iteration) {
+  TrainState& state = training.state;
+  training.is_consistent = false;
+  training.row_editor.apply(edit, state.gaussians, state.adam, state.statistics);
+  training.density->end_round(iteration, state.statistics);
+  training.is_consistent = true;
 }
 
 }  // namespace b3dgs

@@ -38,6 +38,8 @@ using RenderedFn =
 
 /// Renders a view, on `device`.
 using RenderFn = std::function<RenderedView(const CameraView&)>;
+/// Renders a view of the model in training. @throws InvalidGaussianError
+using RenderModelFn = std::function<RenderedView(const CameraView&, const RenderSettings&)>;
 
 /// Renders each view and compares it with its photograph. Views keep their order; those without a valid pixel are left
 /// out of the mean. `lpips`: may be null.

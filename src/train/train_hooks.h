@@ -16,7 +16,7 @@
 
 namespace b3dgs {
 
-class Stepper;
+class Team;
 struct Training;
 
 /// The model between two steps. Valid until TrainHooks::on_model returns.
@@ -39,8 +39,8 @@ struct TrainHooks : TrainListeners {
   // its time, which counts as output; whatever it does, the training stays the same. Not with several processes.
   std::function<bool()> wants_model;
   std::function<void(const ModelInTraining&)> on_model;
-  // Makes the stepper of a training on several processes (multi/rank_stepper.h). Empty: this process trains alone.
-  std::function<std::unique_ptr<Stepper>(Training&)> make_stepper;
+  // Makes the team of a training on several processes (multi/rank_team.h). Empty: this process trains alone.
+  std::function<std::unique_ptr<Team>(Training&)> make_team;
   std::optional<double> gpu_memory_gb;  // overrides the option, for processes that share a GPU
 
   // For tests and benchmarks.

@@ -11,10 +11,13 @@
 #include "config/train_options.h"
 #include "core/text.h"
 #include "train/checkpoint/checkpoint.h"
+#include "train/density_control.h"
 #include "train/device.h"
 #include "train/gaussians/gaussian_model.h"
+#include "train/recovery.h"
 #include "train/scene_limits.h"
-#include "train/stepper.h"
+#include "train/step.h"
+#include "train/team.h"
 #include "train/training.h"
 
 namespace b3dgs {
@@ -77,8 +80,10 @@ Trainer::Trainer(const TrainConfig& config, const Scene& scene, ModelFolder fold
       state_(training_->state),
       time_(training_->time),
       recorder_(training_->recorder) {
-  const auto& make_stepper = training_->hooks.make_stepper;
-  stepper_ = make_stepper ? make_stepper(*training_) : std::make_unique<Stepper>(*training_);
+  const auto& make_team = training_->hooks.make_team;
+  team_ = make_team ? make_team(*training_) : std::make_unique<Team>(*training_);
+  steps_ = std::make_unique<StepRecovery>(*training_, *team_);
+  density_control_ = std::make_unique<DensityControl>(*training_, *team_);
 }
 Trainer::~Trainer() = default;
 
@@ -91,11 +96,11 @@ void Trainer::ensure_model() {
                    "it: splats that are small in the image become too opaque; add --antialiasing");
   }
   state_.sh_degree = std::min(cloud.sh_degree, config_.sh_degree);
-  state_.gaussians = to_tensors(cloud, config_.sh_degree, stepper_->load_device());
-  stepper_->adopt_model();
+  state_.gaussians = to_tensors(cloud, config_.sh_degree, training_->whole_device);
+  team_->distribute_model();
   state_.adam = make_adam_state(state_.gaussians);
   state_.statistics = training_->density->make_statistics(state_.gaussians.size(), training_->device);
-  stepper_->prepare_appearance();
+  training_->prepare_appearance();
   const std::string warning = near_plane_warning(cloud.means, scene_.train, config_.near_plane);
   if (!warning.empty()) recorder_.warn(warning);
   if (scene_.train.size() == 1) {
@@ -111,16 +116,16 @@ void Trainer::ensure_model() {
 }
 
 std::vector<std::string> Trainer::resume(const std::filesystem::path& checkpoint) {
-  Checkpoint read = read_checkpoint(checkpoint, scene_, stepper_->load_device());
+  Checkpoint read = read_checkpoint(checkpoint, scene_, training_->whole_device);
   check_resume_options(read.config, read.state.iteration, config_, checkpoint.string());
-  training_->fingerprint = scene_identity(*training_);
+  if (training_->fingerprint.is_null()) training_->fingerprint = scene_identity(*training_);
   for (const std::string& change : scene_changes(read_checkpoint_header(checkpoint), training_->fingerprint)) {
     recorder_.warn(change);
   }
   state_ = std::move(read.state);
   if (!config_.antialiasing) state_.gaussians.filters = torch::Tensor();
-  stepper_->adopt_model();
-  stepper_->prepare_appearance();
+  team_->distribute_model();
+  training_->prepare_appearance();
   // Another strategy may record something else: it starts a new round of statistics.
   if (read.config.strategy != config_.strategy) {
     state_.statistics = training_->density->make_statistics(state_.gaussians.size(), training_->device);
@@ -150,7 +155,7 @@ TrainResult Trainer::run(std::optional<int> until) {
       end_with_checkpoint(error);
     }
   }
-  if (state_.iteration == config_.iterations && state_.iteration > 0) stepper_->warn_of_empty_views();
+  if (state_.iteration == config_.iterations && state_.iteration > 0) steps_->warn_of_empty_views(state_.iteration);
   time_.finish_training();
   wait();
   time_.output([&] { recorder_.finish_files(); });
@@ -167,30 +172,30 @@ TrainResult Trainer::run(std::optional<int> until) {
 void Trainer::step() {
   ensure_model();
   time_.begin_training();
-  stepper_->step();
-  stepper_->run_density_control();
+  steps_->take_step();
+  density_control_->run();
   time_.end_training();
   recorder_.collect_stage_times();
 }
 
 void Trainer::wait() {
-  stepper_->complete_pending();
-  if (state_.iteration == config_.iterations) stepper_->decide_kernel(state_.iteration + 1);
+  steps_->read_losses();
+  if (state_.iteration == config_.iterations) decide_kernel(*training_, state_.iteration + 1);
   recorder_.wait_for_stage_times();
 }
 
 void Trainer::run_iteration() {
   time_.begin_training();
-  stepper_->step();
+  steps_->take_step();
   recorder_.report_progress("training");
   time_.end_training();
   const bool is_last = state_.iteration == config_.iterations;
   const OutputPlan plan = output_plan(config_, state_.first_of_step(), state_.iteration, !scene_.test.empty());
   const bool uses_device = plan.statistics || plan.evaluate || plan.save;
   // Reading the loss waits for most of the step on a GPU.
-  const bool ends = stepper_->must_stop();
-  if (plan.log || uses_device || plan.checkpoint || ends) time_.train([&] { stepper_->complete_pending(); });
-  if (uses_device || plan.checkpoint || ends) time_.train([&] { stepper_->flush(); });
+  const bool ends = team_->requests().stop;
+  if (plan.log || uses_device || plan.checkpoint || ends) time_.train([&] { steps_->read_losses(); });
+  if (uses_device || plan.checkpoint || ends) time_.train([&] { training_->flush(); });
   if (uses_device) {
     time_.output([&] { write_outputs(plan); });
   } else if (plan.log) {
@@ -200,31 +205,33 @@ void Trainer::run_iteration() {
   }
   if (is_last) {
     time_.output([&] {
-      stepper_->on_first([&] {
+      render_on_first([&](const RenderModelFn&) {
         if (training_->hooks.on_result) recorder_.try_to_write(training_->hooks.on_result);
       });
     });
   }
   // If the last PLY could not be written, density control is left to the resumed training: it writes that PLY first.
-  if (!is_last || stepper_->has_written_files()) time_.train([&] { stepper_->run_density_control(); });
-  if (training_->hooks.wants_model && stepper_->is_alone() && training_->hooks.wants_model()) show_model();
-  result_.interrupted = !is_last && stepper_->must_stop();
+  if (!is_last || team_->ask_first("files", recorder_.failed_files().empty()))
+    time_.train([&] { density_control_->run(); });
+  if (training_->hooks.wants_model && training_->hooks.wants_model()) show_model();
+  result_.interrupted = !is_last && team_->requests().stop;
   recorder_.set_ending(result_.interrupted);
-  if (plan.checkpoint || result_.interrupted || stepper_->is_checkpoint_due()) time_.output([&] { write_state(); });
+  if (plan.checkpoint || result_.interrupted || team_->requests().write_checkpoint)
+    time_.output([&] { write_state(); });
   if (result_.interrupted && !plan.save) time_.output([&] { write_ply(); });
-  // Of several processes, none holds the whole model on its device.
-  if (is_last && stepper_->is_alone() && !training_->is_stopped()) time_.output([&] { log_floaters(); });
+  // With several processes, no single one holds the whole model on its device.
+  if (is_last && state_.is_whole() && !training_->is_stopped()) time_.output([&] { log_floaters(); });
   if (training_->hooks.wait_for_files) recorder_.wait_for_files();
   recorder_.collect_files();
 }
 
 void Trainer::show_model() {
   time_.train([&] {
-    stepper_->complete_pending();
-    stepper_->flush();
+    steps_->read_losses();
+    training_->flush();
   });
   time_.output([&] {
-    const TrainState& whole = stepper_->flushed_state();
+    const TrainState& whole = training_->flushed_state();
     training_->hooks.on_model(
         {whole.iteration, whole.gaussians, whole.poses, whole.sh_degree, training_->kernels.kernel()});
   });
@@ -233,8 +240,9 @@ void Trainer::show_model() {
 Evaluation Trainer::evaluate(const std::vector<View>& views, const RenderedFn& on_rendered) {
   B3DGS_CHECK(has_begun_, "evaluate() before run()");
   Evaluation evaluation;
-  stepper_->on_first(
-      [&] { evaluation = evaluate_here(with_refined_poses(views, scene_.train, state_.poses), on_rendered); });
+  render_on_first([&](const RenderModelFn& render) {
+    evaluation = evaluate_with(render, with_refined_poses(views, scene_.train, state_.poses), on_rendered);
+  });
   return evaluation;
 }
 
@@ -251,7 +259,7 @@ std::filesystem::path Trainer::write_checkpoint() {
 }
 
 std::filesystem::path Trainer::save() {
-  B3DGS_CHECK(stepper_->is_alone(), "save() of several processes");
+  B3DGS_CHECK(state_.is_whole(), "save() of several processes");
   std::filesystem::path checkpoint = write_checkpoint();
   if (!std::filesystem::exists(training_->folder.ply(state_.iteration))) {
     recorder_.set_ending(true);
@@ -270,32 +278,23 @@ std::optional<MemoryForecast> Trainer::forecast_memory() {
   const std::optional<std::int64_t> limit = training_->memory->limit();
   if (!limit) return std::nullopt;
   ensure_model();
-  const GaussianMemory each = stepper_->memory_of_gaussian();
-  const auto n = static_cast<double>(state_.gaussians.size());
-  MemoryForecast forecast;
-  forecast.limit = *limit;
-  forecast.model = static_cast<std::int64_t>(n * (each.state + each.step));
-  forecast.pairs = static_cast<std::int64_t>(n * each.view);
-  forecast.photographs = std::max<std::int64_t>(0, training_->memory->use().in_use - state_bytes(state_));
-  forecast.images = stepper_->memory_of_images();
-  forecast.largest_count = largest_count(*limit, forecast.photographs + forecast.images, each);
-  return forecast;
+  return b3dgs::forecast_memory(*training_, *limit);
 }
 
 // --- Failures ---
 
 std::string Trainer::save_last_state() {
   const int iteration = state_.iteration;
-  if (!stepper_->can_save()) return stepper_->last_checkpoint();
+  if (!team_->can_save()) return training_->last_checkpoint();
   if (iteration == 0) return "";
-  stepper_->complete_pending();
-  if (!training_->is_consistent) return stepper_->last_checkpoint();
+  steps_->read_losses();
+  if (!training_->is_consistent) return training_->last_checkpoint();
   training_->free_scratch()();
   recorder_.set_ending(true);
   write_state();
-  if (!stepper_->has_written_files()) {
+  if (!team_->ask_first("files", recorder_.failed_files().empty())) {
     const std::vector<WrittenFile>& failed = recorder_.failed_files();
-    return kNoCheckpoint + (failed.empty() ? "see rank 0" : failed.back().error) + stepper_->last_checkpoint();
+    return kNoCheckpoint + (failed.empty() ? "see rank 0" : failed.back().error) + training_->last_checkpoint();
   }
   return detail::concat("; iteration ", iteration, " is saved, ",
                         training_->resume_words(training_->folder.checkpoint(iteration)));
@@ -308,7 +307,7 @@ void Trainer::end_with_checkpoint(const std::exception& cause) {
   } catch (const LossError&) {
     throw;
   } catch (const std::exception& error) {
-    saved = kNoCheckpoint + first_line(error.what()) + stepper_->last_checkpoint();
+    saved = kNoCheckpoint + first_line(error.what()) + training_->last_checkpoint();
   }
   if (is_out_of_memory(cause)) {
     throw OutOfMemoryError(detail::concat("out of memory after iteration ", state_.iteration, ", with ",

@@ -7,6 +7,7 @@
 
 #include <cstdint>
 #include <filesystem>
+#include <functional>
 #include <memory>
 #include <optional>
 #include <string>
@@ -17,24 +18,16 @@
 #include "model/model_folder.h"
 #include "scene/scene.h"
 #include "train/evaluate.h"
+#include "train/memory_plan.h"
 #include "train/train_hooks.h"
 
 namespace b3dgs {
 
-class Stepper;
-struct BlendInput;
+class DensityControl;
+class StepRecovery;
+class Team;
 struct OutputPlan;
 struct Training;
-
-/// Of a GPU, bytes besides the CUDA context, before the first step.
-struct MemoryForecast {
-  std::int64_t limit = 0;          // what training may use
-  std::int64_t photographs = 0;    // those that stay on the GPU
-  std::int64_t model = 0;          // parameters, moments and statistics at the initial count
-  std::int64_t pairs = 0;          // splats and (tile, splat) pairs of a view of that model
-  std::int64_t images = 0;         // what is stored for each pixel of the largest view
-  std::int64_t largest_count = 0;  // Gaussians that fit
-};
 
 /// Checks the options without the scene: that they go together, and that the file of --init_ply can be read. A Trainer
 /// does so, too, but the scene has been loaded by then. @throws InputError
@@ -111,10 +104,12 @@ class Trainer {
   /// Marks the folder as the one of this training, and sets aside what it holds of later iterations.
   void claim_folder();
   void warn_of_disk_space();
+  /// Calls work() in the first process.
+  void render_on_first(const std::function<void(const RenderModelFn&)>& work);
   void write_outputs(const OutputPlan& plan);
-  void log_load();
+  void log_load(const RenderModelFn& render);
   void log_floaters();
-  Evaluation evaluate_here(const std::vector<View>& views, const RenderedFn& on_rendered);
+  Evaluation evaluate_with(const RenderModelFn& render, const std::vector<View>& views, const RenderedFn& on_rendered);
   void write_ply();
   /// cameras.json and poses.json, with the refined poses.
   void write_poses();
@@ -126,8 +121,10 @@ class Trainer {
   TrainState& state_;
   TimeAccount& time_;
   TrainRecorder& recorder_;
-  std::unique_ptr<Stepper> stepper_;
-  std::optional<OwnFiles> own_files_;  // of the folder, while it is written
+  std::unique_ptr<Team> team_;
+  std::unique_ptr<StepRecovery> steps_;
+  std::unique_ptr<DensityControl> density_control_;
+  std::unique_ptr<OwnFiles> own_files_;  // of the folder, while it is written
   TrainResult result_;
   bool has_begun_ = false;
   std::filesystem::path resumed_;             // checkpoint

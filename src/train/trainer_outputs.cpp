@@ -5,17 +5,18 @@
 #include "model/model_folder.h"
 #include "train/appearance/appearance_model.h"
 #include "train/checkpoint/checkpoint.h"
+#include "train/density_control.h"
 #include "train/gaussians/gaussian_model.h"
-#include "train/stepper.h"
+#include "train/recovery.h"
+#include "train/team.h"
 #include "train/trainer.h"
 #include "train/training.h"
 
 namespace b3dgs {
 
 void Trainer::claim_folder() {
-  if (!stepper_->writes_files()) return;
   const ModelFolder& folder = training_->folder;
-  own_files_.emplace(folder.root());
+  own_files_ = std::make_unique<OwnFiles>(folder.root());
   state_.training_id = claim_training_id(folder, resumed_, state_.training_id);
   if (!resumed_.empty()) {
     const std::filesystem::path aside = set_aside_after(folder, state_.iteration);
@@ -46,13 +47,12 @@ void Trainer::warn_of_disk_space() {
 void Trainer::begin() {
   if (has_begun_) return;
   if (training_->fingerprint.is_null()) training_->fingerprint = scene_identity(*training_);
-  stepper_->check_same_scene(training_->fingerprint);
   ensure_model();
-  claim_folder();
+  team_->on_first([&] { claim_folder(); });
   if (config_.pose_opt && scene_.train.size() < 3) {
     recorder_.warn("--pose_opt has no effect: only the first and the last training view exist, whose poses are fixed");
   }
-  if (stepper_->writes_files()) recorder_.open_log();
+  team_->on_first([&] { recorder_.open_log(); });
   has_begun_ = true;
   if (!resumed_.empty()) {
     recorder_.log_event(state_.iteration, "resumed",
@@ -72,15 +72,15 @@ void Trainer::begin() {
   const bool is_complete = state_.iteration == config_.iterations;
   const bool wants_ply =
       state_.iteration > 0 && output_plan(config_, state_.first_of_step(), state_.iteration, false).save;
-  Stepper::Missing missing;
-  missing.ply = wants_ply && !std::filesystem::exists(training_->folder.ply(state_.iteration));
+  const bool lacks_ply =
+      team_->ask_first("missing PLY", wants_ply && !std::filesystem::exists(training_->folder.ply(state_.iteration)));
   // A complete training that is resumed in another folder has its files there, too.
-  missing.checkpoint =
-      state_.n_density_pending > 0 || !std::filesystem::exists(training_->folder.checkpoint(state_.iteration));
-  missing = stepper_->agree_on_start(missing);
-  if (missing.ply && (state_.n_density_pending > 0 || is_complete)) write_ply();
-  stepper_->run_density_control();
-  if (is_complete && missing.checkpoint) write_state();
+  const bool lacks_checkpoint = team_->ask_first(
+      "missing checkpoint",
+      state_.n_density_pending > 0 || !std::filesystem::exists(training_->folder.checkpoint(state_.iteration)));
+  if (lacks_ply && (state_.n_density_pending > 0 || is_complete)) write_ply();
+  density_control_->run();
+  if (is_complete && lacks_checkpoint) write_state();
   if (is_complete) {
     recorder_.say(
         detail::concat("all ", config_.iterations, " iterations are done; raise --iterations to train longer"));
@@ -88,8 +88,13 @@ void Trainer::begin() {
   }
 }
 
+void Trainer::render_on_first(const std::function<void(const RenderModelFn&)>& work) {
+  steps_->read_losses();
+  team_->render_on_first(work);
+}
+
 /// How uneven the load of some views is: always the same views, so that the log shows the effect of training only.
-void Trainer::log_load() {
+void Trainer::log_load(const RenderModelFn& render) {
   constexpr int kMostViews = 4;
   const int n = std::min(kMostViews, training_->views.size());
   RenderSettings settings = evaluation_settings(config_, state_.sh_degree);
@@ -99,7 +104,7 @@ void Trainer::log_load() {
   for (int i = 0; i < n; ++i) {
     const TrainView& view = training_->views.images.stored_view(training_->views.size() * i / n);
     loads.push_back(with_remedies(training_->remedies(), [&] {
-      stepper_->without_invalid_gaussians([&] { stepper_->render(view.camera, settings); });
+      steps_->without_invalid_gaussians([&] { render(view.camera, settings); });
       return training_->rasterizer.count_load();
     }));
   }
@@ -114,7 +119,7 @@ void Trainer::log_floaters() {
   }
   try {
     const FloaterCount count = with_remedies({training_->wait_for_files(), training_->free_scratch()}, [&] {
-      return count_floaters(training_->rasterizer, stepper_->flushed_state().gaussians, views,
+      return count_floaters(training_->rasterizer, training_->flushed_state().gaussians, views,
                             evaluation_settings(config_, state_.sh_degree));
     });
     recorder_.log_event(
@@ -127,35 +132,36 @@ void Trainer::log_floaters() {
   }
 }
 
-Evaluation Trainer::evaluate_here(const std::vector<View>& views, const RenderedFn& on_rendered) {
+Evaluation Trainer::evaluate_with(const RenderModelFn& render, const std::vector<View>& views,
+                                  const RenderedFn& on_rendered) {
   ColorEvaluation colors = color_evaluation(config_);
   if (state_.appearance.exposures.defined()) {
     colors.exposures = named_exposures(state_.appearance.exposures, scene_.train);
   }
   RenderSettings settings = evaluation_settings(config_, state_.sh_degree);
   settings.keep_for_backward = false;
-  const RenderFn render = [&](const CameraView& view) { return stepper_->render(view, settings); };
+  const RenderFn render_view = [&](const CameraView& view) { return render(view, settings); };
   return with_remedies(training_->remedies(), [&] {
-    return stepper_->without_invalid_gaussians(
-        [&] { return evaluate_views(render, training_->device, views, on_rendered, /*lpips=*/nullptr, colors); });
+    return steps_->without_invalid_gaussians(
+        [&] { return evaluate_views(render_view, training_->device, views, on_rendered, /*lpips=*/nullptr, colors); });
   });
 }
 
 void Trainer::write_outputs(const OutputPlan& plan) {
   std::optional<ImageQuality> test_quality;
   if (plan.statistics || plan.evaluate) {
-    stepper_->on_first([&] {
-      if (plan.statistics) log_load();
+    render_on_first([&](const RenderModelFn& render) {
+      if (plan.statistics) log_load(render);
       if (!plan.evaluate) return;
       recorder_.report_progress("evaluating");
       const std::vector<View>& views = scene_.test;
-      const Evaluation evaluation = evaluate_here(views, {});
+      const Evaluation evaluation = evaluate_with(render, views, {});
       recorder_.add_evaluation(evaluation, evaluation_source(config_, views, "test"));
       if (!evaluation.views.empty()) test_quality = evaluation.mean;
     });
   }
-  if (plan.log && stepper_->writes_files()) {
-    recorder_.log_iteration(test_quality, training_->kernels.kernel());
+  if (plan.log) {
+    team_->on_first([&] { recorder_.log_iteration(test_quality, training_->kernels.kernel()); });
   }
   if (plan.save) write_ply();
 }
@@ -164,17 +170,18 @@ void Trainer::write_ply() {
   const torch::Tensor& exposures = state_.appearance.exposures;
   const ModelFolder& folder = training_->folder;
   recorder_.report_progress("saving");
-  const GaussianTensors whole = stepper_->whole_gaussians();
-  if (!stepper_->writes_files()) return;
-  if (exposures.defined()) {
-    recorder_.try_to_write([&] {
-      const Exposures named = named_exposures(exposures, scene_.train);
-      write_exposures(folder.exposures(state_.iteration), named);
-      write_exposures(folder.exposures(), named);
-    });
-  }
-  recorder_.write_ply(whole);
-  recorder_.try_to_write([&] { write_poses(); });
+  const GaussianTensors whole = team_->gather_gaussians();
+  team_->on_first([&] {
+    if (exposures.defined()) {
+      recorder_.try_to_write([&] {
+        const Exposures named = named_exposures(exposures, scene_.train);
+        write_exposures(folder.exposures(state_.iteration), named);
+        write_exposures(folder.exposures(), named);
+      });
+    }
+    recorder_.write_ply(whole);
+    recorder_.try_to_write([&] { write_poses(); });
+  });
 }
 
 void Trainer::write_poses() {
@@ -185,9 +192,9 @@ void Trainer::write_poses() {
 
 void Trainer::write_state() {
   recorder_.report_progress("checkpoint");
-  stepper_->complete_pending();
+  steps_->read_losses();
   state_.elapsed_s = recorder_.elapsed_s();
-  stepper_->write_checkpoint(training_->fingerprint);
+  team_->write_checkpoint();
 }
 
 }  // namespace b3dgs

@@ -1,9 +1,10 @@
-// What the parts of a training share. A Trainer owns it, and it outlives everything that refers to it.
+// Shared by the parts of a training. A Trainer owns it, and it outlives everything that refers to it.
 #pragma once
 
 #include <filesystem>
 #include <memory>
 #include <nlohmann/json.hpp>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -13,8 +14,11 @@
 #include "scene/scene.h"
 #include "train/checkpoint/train_state.h"
 #include "train/density/density_strategy.h"
+#include "train/density/row_edit.h"
+#include "train/gaussians/smoothing_filter.h"
 #include "train/memory/memory.h"
 #include "train/objective.h"
+#include "train/optimizer/gaussian_optimizer.h"
 #include "train/output/train_recorder.h"
 #include "train/selection/kernel_check.h"
 #include "train/timing/timers.h"
@@ -32,8 +36,26 @@ struct Training {
 
   /// How to continue from a checkpoint.
   std::string resume_words(const std::filesystem::path& checkpoint) const;
+  /// "; last checkpoint: PATH", to be appended to an error.
+  std::string last_checkpoint() const;
 
-  // What can be done when memory is short.
+  /// Makes the appearance state, unless that of a checkpoint fits; drops it if no option asks for it.
+  void prepare_appearance();
+  /// With --antialiasing, computes the filters of the Gaussians if that is due or rows have changed. All processes call
+  /// it together.
+  void update_filters(bool is_due);
+  /// Applies the deferred optimizer updates, which is part of training.
+  void flush() {
+    if (state.gaussians.size() > 0) optimizer.flush(state.gaussians, state.adam);
+  }
+  /// The state without deferred updates, and with filters for anti-aliasing.
+  TrainState& flushed_state() {
+    flush();
+    update_filters(/*is_due=*/false);
+    return state;
+  }
+
+  // Remedies for a lack of memory.
   MemoryRemedy wait_for_files();
   MemoryRemedy free_scratch();
   MemoryRemedy release_photographs();
@@ -48,13 +70,23 @@ struct Training {
   const ModelFolder folder;
   const TrainHooks hooks;
   const torch::Device device;
+  /// The device for tensors of the whole model. With several processes this is the CPU, because the model may not fit
+  /// on one GPU.
+  const torch::Device whole_device;
   const std::shared_ptr<MemorySource> memory;
   Rasterizer rasterizer;
+  GaussianOptimizer optimizer;
+  RowEditor row_editor;
   Objective objective;
   const std::unique_ptr<DensityStrategy> density;
   KernelCheck kernels;
-  TrainState state;  // use Stepper::flushed_state() to read SH coefficients beyond degree 0 or their Adam moments
+  TrainState state;  // use flushed_state() to read SH coefficients beyond degree 0 or their Adam moments
   TrainingViews views;
+  EmptyViews empty_views;
+  CameraView largest_view{};                         // memory is planned for it
+  std::int64_t view_bytes = 0;                       // of the rasterizer's buffers after the last view
+  std::optional<SmoothingFilter> smoothing_filter;   // with --antialiasing
+  SmoothingFilter::FindLargest find_largest_filter;  // of several processes
   StageTimer timer;
   TimeAccount time;
   TrainRecorder recorder;
@@ -62,7 +94,7 @@ struct Training {
   bool is_consistent = true;           // `state`; false while, or after, a change to it was interrupted halfway
 };
 
-/// What a checkpoint says about the scene.
+/// Identifies the scene in a checkpoint.
 nlohmann::ordered_json scene_identity(const Training& training);
 
 }  // namespace b3dgs

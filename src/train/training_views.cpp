@@ -86,4 +86,18 @@ CameraView TrainingViews::camera(std::int32_t view, int iteration) {
   return scale == 1 ? camera : reduced_camera(camera, scale);
 }
 
+bool EmptyViews::add(std::int32_t view, bool is_empty) {
+  is_empty_[static_cast<std::size_t>(view)] = is_empty;
+  return ++n_rendered_ == is_empty_.size();
+}
+
+std::string EmptyViews::take_warning() {
+  const auto n = static_cast<std::size_t>(std::count(is_empty_.begin(), is_empty_.end(), true));
+  if (n == 0 || (n <= n_at_warning_ && 2 * n < is_empty_.size())) return "";
+  n_at_warning_ = n;
+  const auto first = std::find(is_empty_.begin(), is_empty_.end(), true) - is_empty_.begin();
+  return detail::concat("no Gaussian is visible in ", n, " of ", is_empty_.size(),
+                        " training views (first: ", views_[static_cast<std::size_t>(first)].name, ")");
+}
+
 }  // namespace b3dgs

@@ -6,6 +6,7 @@
 
 #include <cstdint>
 #include <map>
+#include <string>
 #include <utility>
 #include <vector>
 
@@ -76,6 +77,25 @@ class TrainingViews {
   const TrainConfig& config_;
   const Scene& scene_;
   ViewReducer reducer_;
+};
+
+/// The training views in which no Gaussian was visible when they were rendered last.
+class EmptyViews {
+ public:
+  /// `views` must outlive this.
+  explicit EmptyViews(const std::vector<View>& views) : views_(views), is_empty_(views.size()) {}
+
+  /// Adds a view that was rendered. Returns whether it was the last view to be rendered for the first time.
+  bool add(std::int32_t view, bool is_empty);
+  /// Renders in this session.
+  std::size_t n_rendered() const { return n_rendered_; }
+  /// Returns a warning if half of the views are empty, or more than at the last warning; else "".
+  std::string take_warning();
+
+ private:
+  const std::vector<View>& views_;
+  std::vector<bool> is_empty_;
+  std::size_t n_rendered_ = 0, n_at_warning_ = 0;
 };
 
 }  // namespace b3dgs

@@ -24,6 +24,8 @@ struct TrainState : StateValues {
 
   /// Gaussians of the model.
   std::int64_t n_gaussians() const { return n_of_all_ranks.value_or(gaussians.size()); }
+  /// Whether `gaussians` are all of them.
+  bool is_whole() const { return !n_of_all_ranks; }
 };
 
 }  // namespace b3dgs

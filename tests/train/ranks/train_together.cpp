@@ -18,7 +18,7 @@
 
 #include "core/check.h"
 #include "dist/communicator.h"
-#include "multi/rank_stepper.h"
+#include "multi/rank_team.h"
 #include "multi/rows.h"
 #include "multi/splats/splat_words.h"
 #include "support/files.h"
@@ -31,7 +31,7 @@
 #include "support/train/tiny_scene.h"
 #include "support/train/training.h"
 #include "train/checkpoint/checkpoint.h"
-#include "train/stepper.h"
+#include "train/step.h"
 
 namespace b3dgs {
 namespace {
@@ -56,7 +56,7 @@ constexpr std::int64_t kSplatsAtATime = 2000000;  // as by default
 /// Trains with `ranks`, or alone if it is null.
 Files train(const TrainConfig& config, const Scene& scene, const fs::path& folder, Communicator* ranks,
             const fs::path& resume = {}, TrainHooks hooks = {}, std::int64_t splats_at_a_time = kSplatsAtATime) {
-  if (ranks != nullptr) use_rank_stepper(*ranks, config, hooks, splats_at_a_time);
+  if (ranks != nullptr) use_rank_team(*ranks, config, hooks, splats_at_a_time);
   Trainer trainer(config, scene, ModelFolder(folder), hooks);
   if (!resume.empty()) trainer.resume(resume);
   Files files;
@@ -242,7 +242,7 @@ void check_few(Communicator& ranks) {
   const auto memory = std::make_shared<test::ShortMemory>();
   memory->bytes = std::int64_t{1} << 40;
   hooks.memory = memory;
-  use_rank_stepper(ranks, config, hooks);
+  use_rank_team(ranks, config, hooks);
   Trainer trainer(config, scene, ModelFolder(folder / "later"), hooks);
   trainer.resume(half);
   const std::int64_t n = trainer.n_gaussians();
@@ -291,7 +291,7 @@ void check_invalid(Communicator& ranks) {
   if (ranks.is_first()) expect(together.result.n_removed == 2, "two Gaussians are removed");
 
   TrainHooks hooks;
-  use_rank_stepper(ranks, config, hooks);
+  use_rank_team(ranks, config, hooks);
   Trainer trainer(config, scene, ModelFolder(folder / "evaluated"), hooks);
   trainer.resume(damaged);
   trainer.run(3);
@@ -475,7 +475,7 @@ void check_evaluation(Communicator& ranks) {
   if (ranks.is_first()) expect_same_bytes(resumed.checkpoint, alone.checkpoint, "resumed");
 
   TrainHooks quiet;
-  use_rank_stepper(ranks, config, quiet);
+  use_rank_team(ranks, config, quiet);
   Trainer trainer(config, scene, ModelFolder(folder / "goes on"), quiet);
   trainer.run(12);
   expect_failure(cause, others + cause, [&] {

@@ -1,6 +1,6 @@
-// What ranks agree on, and what rank 0 alone does while the others help: it evaluates and times kernels, for which it
-// renders views of the whole model; the others project their Gaussians on its request.
-#include "multi/rank_stepper.h"
+// The start of a training on several ranks, and renders of the whole model. While rank 0 evaluates or counts the load,
+// the others project their Gaussians on its request.
+#include "multi/rank_team.h"
 
 #include "core/json_text.h"
 #include "model/checkpoint/checkpoint_header.h"
@@ -55,11 +55,10 @@ std::string find_difference(const Json& there, const Json& first) {
 
 }  // namespace
 
-void use_rank_stepper(Communicator& ranks, const TrainConfig& config, TrainHooks& hooks,
-                      std::int64_t splats_at_a_time) {
+void use_rank_team(Communicator& ranks, const TrainConfig& config, TrainHooks& hooks, std::int64_t splats_at_a_time) {
   if (ranks.size() == 1) return;
-  hooks.make_stepper = [&ranks, splats_at_a_time](Training& training) {
-    return std::make_unique<RankStepper>(training, ranks, splats_at_a_time);
+  hooks.make_team = [&ranks, splats_at_a_time](Training& training) {
+    return std::make_unique<RankTeam>(training, ranks, splats_at_a_time);
   };
   if (kTorchHasCuda && config.gpu_memory_gb == 0 && ranks.shares_gpus()) {
     device_memory_size();  // makes the context of this process, which takes memory itself
@@ -70,16 +69,34 @@ void use_rank_stepper(Communicator& ranks, const TrainConfig& config, TrainHooks
   }
 }
 
-void RankStepper::on_first(const std::function<void()>& work) {
-  if (renders_on_first_) return work();
-  has_failed_together_ = false;
-  complete_pending();
-  update_filters(/*is_due=*/false);  // all ranks together
-  if (!ranks_.is_first()) return serve_renders();
+RankTeam::RankTeam(Training& training, Communicator& ranks, std::int64_t splats_at_a_time)
+    : Team(training, ranks.is_first()),
+      ranks_(ranks),
+      splats_at_a_time_(splats_at_a_time),
+      splats_(ranks),
+      render_plan_(ranks.size()) {
+  B3DGS_CHECK(!training.hooks.wants_model, "a model of several ranks cannot be shown");
+  can_save_ = false;
+  training.find_largest_filter = [&ranks](torch::Tensor& largest) {
+    const torch::Tensor bits = largest.view(torch::kInt32);  // in the order of the values
+    const std::vector<std::int64_t> ones(static_cast<std::size_t>(ranks.size()), 1);
+    largest = ranks.all_gather_rows(bits, ones).amax(0, /*keepdim=*/true).view(torch::kFloat32);
+  };
+  check_same_scene();
+}
+
+void RankTeam::render_on_first(const std::function<void(const RenderModelFn&)>& work) {
+  const RenderModelFn render_model = [this](const CameraView& view, const RenderSettings& settings) {
+    return render(view, settings);
+  };
+  if (renders_on_first_) return work(render_model);
+  can_save_ = false;
+  training_.update_filters(/*is_due=*/false);  // all ranks together
+  if (!is_first_) return serve_renders();
   renders_on_first_ = true;
   RenderRequest end;
   try {
-    work();
+    work(render_model);
   } catch (const PeerError&) {
     renders_on_first_ = false;
     throw;
@@ -90,23 +107,23 @@ void RankStepper::on_first(const std::function<void()>& work) {
     end.can_save = dynamic_cast<const LossError*>(&error) == nullptr;
     ranks_.exchange_record("render", end);
     ranks_.exchange("failure", error.what());
-    has_failed_together_ = end.can_save;
+    can_save_ = end.can_save;
     throw;
   }
   renders_on_first_ = false;
   ranks_.exchange_record("render", end);
 }
 
-void RankStepper::serve_renders() {
+void RankTeam::serve_renders() {
   for (;;) {
     const RenderRequest request = ranks_.exchange_record("render", RenderRequest{}).front();
     if (request.kind == RenderRequest::kDone) return;
     if (request.kind == RenderRequest::kFailed) {
-      has_failed_together_ = request.can_save;
+      can_save_ = request.can_save;
       throw PeerError(0, ranks_.size(), ranks_.exchange("failure", "").front());
     }
     if (request.kind == RenderRequest::kRemove) {
-      flush();
+      training_.flush();
       state_.n_removed += remove_invalid_rows(request.row);
       continue;
     }
@@ -120,8 +137,8 @@ void RankStepper::serve_renders() {
   }
 }
 
-RenderedView RankStepper::render(const CameraView& view, const RenderSettings& settings) {
-  B3DGS_CHECK(renders_on_first_, "render() outside on_first()");
+RenderedView RankTeam::render(const CameraView& view, const RenderSettings& settings) {
+  B3DGS_CHECK(renders_on_first_, "render() outside render_on_first()");
   RenderRequest request;
   request.kind = RenderRequest::kRender;
   request.view = view;
@@ -131,12 +148,13 @@ RenderedView RankStepper::render(const CameraView& view, const RenderSettings& s
   return project_and_render(view, settings);
 }
 
-RenderedView RankStepper::project_and_render(const CameraView& view, const RenderSettings& settings) {
+RenderedView RankTeam::project_and_render(const CameraView& view, const RenderSettings& settings) {
   StepRecord record;
   ViewSplats own;
   record_errors(record, [&] {
-    own = with_remedies(training_.remedies(),
-                        [&] { return training_.rasterizer.project(flushed_state().gaussians, view, settings); });
+    own = with_remedies(training_.remedies(), [&] {
+      return training_.rasterizer.project(training_.flushed_state().gaussians, view, settings);
+    });
     record.n_splats[0] = own.size();
   });
   const std::vector<StepRecord> records = ranks_.exchange_record("projected", record);
@@ -156,10 +174,11 @@ RenderedView RankStepper::project_and_render(const CameraView& view, const Rende
   return training_.rasterizer.forward_splats(splats.front(), view, settings);
 }
 
-void RankStepper::check_same_scene(const Json& fingerprint) {
+void RankTeam::check_same_scene() {
   const Scene& scene = training_.scene;
-  const std::string own = dump_json(describe(scene, fingerprint));
-  const std::string first = ranks_.exchange("scene", ranks_.is_first() ? own : "").front();
+  if (training_.fingerprint.is_null()) training_.fingerprint = scene_identity(training_);
+  const std::string own = dump_json(describe(scene, training_.fingerprint));
+  const std::string first = ranks_.exchange("scene", is_first_ ? own : "").front();
   std::string difference;
   if (own != first) {
     difference = find_difference(parse_json(own), parse_json(first)) + " (" + scene.source_path + ")";
@@ -170,30 +189,6 @@ void RankStepper::check_same_scene(const Json& fingerprint) {
     input_error("rank ", rank, " of ", ranks_.size(), " and rank 0 read different scenes: ", differences[rank],
                 "; this folder must be the same on all machines");
   }
-}
-
-Stepper::Missing RankStepper::agree_on_start(Missing here) {
-  return ranks_.exchange_record("start", here).front();
-}
-
-bool RankStepper::has_written_files() {
-  const bool here = training_.recorder.failed_files().empty();
-  return ranks_.exchange_record("files", std::int32_t{here}).front() != 0;
-}
-
-std::string RankStepper::last_checkpoint() const {
-  const std::vector<int> iterations = training_.folder.checkpoint_iterations();  // rank 0 has written them
-  if (iterations.empty()) return "; last checkpoint: none was written";
-  const std::filesystem::path last = training_.folder.checkpoint(iterations.back());
-  return "; last checkpoint: " + last.string() + ", " + training_.resume_words(last);
-}
-
-void RankStepper::compute_filters(SmoothingFilter& filter) {
-  filter.compute(state_.gaussians, [this](torch::Tensor& largest) {
-    const torch::Tensor bits = largest.view(torch::kInt32);  // in the order of the values
-    const std::vector<std::int64_t> ones(static_cast<std::size_t>(ranks_.size()), 1);
-    largest = ranks_.all_gather_rows(bits, ones).amax(0, /*keepdim=*/true).view(torch::kFloat32);
-  });
 }
 
 }  // namespace b3dgs

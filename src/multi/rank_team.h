@@ -1,12 +1,12 @@
-// The steps of a training on several processes (ranks). Each has some rows of the model (rows.h), with their
-// moments and statistics. With the same --batch, what is learned does not depend on the number of ranks: byte for byte
-// under the conditions in docs/distributed.md, else up to rounding.
+// A training on several processes (ranks). Each has some rows of the model (rows.h), with their moments and statistics.
+// With the same --batch, the result does not depend on the number of ranks: byte for byte under the conditions in
+// docs/distributed.md, else up to rounding.
 //
-//   rank_step.cpp     one step, its views all at once or in parts; who renders them, and their losses
-//   rank_model.cpp    the model distributed to the ranks and gathered for files; density control
-//   rank_stepper.cpp  what rank 0 does for all, and what ranks agree on, such as that all read the same scene
+//   rank_step.cpp   one step, its views all at once or in parts; who renders them, and their losses
+//   rank_model.cpp  the model distributed to the ranks and gathered for files; density control
+//   rank_team.cpp   the start, at which ranks compare their scenes, and the renders that rank 0 asks for
 //
-// Ranks take the same decisions in the same order: from what all of them know, or from what records tell them.
+// Ranks take the same decisions in the same order, from values that all of them know or have exchanged.
 #pragma once
 
 #include <optional>
@@ -20,25 +20,21 @@
 #include "multi/rows.h"
 #include "multi/splat_exchange.h"
 #include "raster/args.h"
+#include "raster/checks.h"
 #include "raster/math/gaussian_grad.h"
-#include "train/stepper.h"
+#include "train/team.h"
 
 namespace b3dgs {
 
-// What ranks tell each other on the host.
+// Records that ranks exchange on the host.
 
-/// What each rank tells the others of the views that it has rendered in the last step.
+/// Losses and counted work of the views that a rank has rendered in the last step.
 struct RenderedRecord {
   double losses[kMaxBatch]{};
   std::int64_t entries[kMaxBatch]{};
 };
 
-/// What a rank asks for after a step: `stop` holds if any does, the others if rank 0 does.
-struct StepRequests {
-  bool stop = false, write_checkpoint = false;
-};
-
-/// What each rank tells the others after its projections, for a step or for a view that rank 0 asks for.
+/// Each rank sends this after its projections, for a step or for a view that rank 0 asks for.
 struct StepRecord {
   std::int64_t invalid_row = -1;       // of the model; not -1: cannot be rendered
   RenderedRecord rendered{};           // of the step before
@@ -48,7 +44,7 @@ struct StepRecord {
   bool is_out_of_memory = false;
 };
 
-/// What rank 0 asks of the others in on_first().
+/// A request of rank 0 to the others in render_on_first().
 struct RenderRequest {
   enum Kind : std::int32_t { kDone, kRender, kRemove, kFailed };
   std::int64_t row = 0;  // to remove
@@ -60,52 +56,29 @@ struct RenderRequest {
 
 /// The Trainer of these hooks trains together with those of the other ranks, all with the same options and scene.
 /// `ranks` must outlive it; with one rank, nothing changes. Ranks that share a GPU get equal parts of what is free
-/// there, unless --gpu_memory_gb is given. All ranks call this together. `splats_at_a_time`: see RankStepper.
-void use_rank_stepper(Communicator& ranks, const TrainConfig& config, TrainHooks& hooks,
-                      std::int64_t splats_at_a_time = 2000000);
+/// there, unless --gpu_memory_gb is given. All ranks call this together. `splats_at_a_time`: see RankTeam.
+void use_rank_team(Communicator& ranks, const TrainConfig& config, TrainHooks& hooks,
+                   std::int64_t splats_at_a_time = 2000000);
 
-class RankStepper final : public Stepper {
+class RankTeam final : public Team {
  public:
   /// All must outlive this. `splats_at_a_time`: about how many splats each rank renders at a time. A step of more views
   /// is taken in parts: splats and sums on their way between ranks take up to 400 bytes for each of these splats.
-  RankStepper(Training& training, Communicator& ranks, std::int64_t splats_at_a_time)
-      : Stepper(training),
-        ranks_(ranks),
-        splats_at_a_time_(splats_at_a_time),
-        splats_(ranks),
-        render_plan_(ranks.size()) {}
+  /// @throws InputError if the ranks have read different scenes
+  RankTeam(Training& training, Communicator& ranks, std::int64_t splats_at_a_time);
 
-  void complete_pending() override;
+  std::int64_t max(const std::string& label, std::int64_t value) override { return ranks_.max(label, value); }
+  StepRequests requests() const override { return agreed_; }
+  StepOutcome take_step(LastStep& before) override;
+  void read_losses(LastStep& last) override;
 
-  // The model.
-  void adopt_model() override;
-  RenderedView render(const CameraView& view, const RenderSettings& settings) override;
-  GaussianTensors whole_gaussians() override;
-  void write_checkpoint(const nlohmann::ordered_json& scene_fingerprint) override;
-
-  // Density control: each rank plans the same round, from statistics of the whole model.
-  std::optional<std::int64_t> room_for_gaussians() override;
-  void begin_round() override;
-  DensityRound plan_round(int iteration, std::int64_t limit) override;
-  void apply_round(const DensityRound& round, int iteration, std::int64_t limit) override;
-  MemoryRemedy together(MemoryRemedy remedy) override;
-
-  // What ranks agree on, or rank 0 does for all.
-  bool is_alone() const override { return false; }
-  bool writes_files() const override { return ranks_.is_first(); }
-  void check_same_scene(const nlohmann::ordered_json& fingerprint) override;
-  Missing agree_on_start(Missing here) override;
-  bool must_stop() const override { return agreed_.stop; }
-  bool is_checkpoint_due() const override { return agreed_.write_checkpoint; }
-  void on_first(const std::function<void()>& work) override;
-  bool has_written_files() override;
-  std::string last_checkpoint() const override;
-  bool can_save() const override { return has_failed_together_; }
-
- protected:
-  void take_step() override;
-  void compute_filters(SmoothingFilter& filter) override;
+  void distribute_model() override;
+  void render_on_first(const std::function<void(const RenderModelFn&)>& work) override;
+  GaussianTensors gather_gaussians() override;
+  void write_checkpoint() override;
   std::int64_t remove_invalid_rows(std::int64_t row) override;
+  void run_round(int iteration, std::int64_t limit,
+                 const std::function<void(const DensityRound&)>& on_planned) override;
 
  private:
   // rank_step.cpp
@@ -115,17 +88,18 @@ class RankStepper final : public Stepper {
   std::vector<std::int32_t> own_views_ahead();
   /// Takes the next views of a step, up to the gradients of their splats, which each rank keeps for its Gaussians.
   /// `last`: the step's last iteration.
-  void learn_part(int last);
+  void take_part(int last, LastStep& before, StepOutcome& outcome);
   /// Calls project(). Errors are left in the record: all ranks learn of them.
   void record_errors(StepRecord& record, const std::function<void()>& project);
   /// @throws InvalidGaussianError or OutOfMemoryError, on all ranks, if that is what a record says
   void check_projections(const std::vector<StepRecord>& records);
   void project_own_gaussians(Part& part, StepRecord& record);
-  void exchange_records(Part& part, StepRecord record);
+  /// `unread`: views of the part before, or of the step before.
+  void exchange_records(Part& part, StepRecord record, LastStep& before, std::vector<StepView>& unread);
   void render_own_views(Part& part);
   /// View `v` of the part. `next`: views that this rank renders after this one.
   void render_view(Part& part, std::size_t v, const ViewSplats& splats, const std::vector<std::int32_t>& next);
-  void keep_own_splats(Part& part);
+  void keep_own_splats(Part& part, const RegularizationWeights& weights);
   /// `splat_grads`: of the own splats of each view.
   void gather_pose_gradients(const Part& part, const std::vector<torch::Tensor>& splat_grads);
   void gather_appearance_gradients(const Part& part);
@@ -133,19 +107,23 @@ class RankStepper final : public Stepper {
   torch::Tensor queue_row_entries() const;
   /// Waits for the loss of the view rendered last, if it has not been read.
   void read_own_loss();
-  /// What this rank has rendered in the last step, after read_own_loss().
+  /// Returns the record of the last step, after read_own_loss().
   RenderedRecord take_rendered();
-  /// Losses for the average, and work for the plans to come.
-  void add_rendered(const std::vector<RenderedRecord>& of_ranks);
+  /// Adds losses to the average, and work to the plan for later views.
+  void add_rendered(const std::vector<RenderedRecord>& of_ranks, LastStep& before, std::vector<StepView>& unread);
 
   // rank_model.cpp
+  /// Each rank plans the same round, from statistics of the whole model.
+  DensityRound plan_round(int iteration, std::int64_t limit);
   /// Calls work(), which allocates and exchanges nothing. @throws OutOfMemoryError on all ranks if that fails on one
   void allocate_together(const std::function<void()>& work);
   [[noreturn]] void throw_out_of_memory(std::size_t rank, const std::string& reason);
   /// Why there is no memory for work(); "" if there is.
   static std::string lack_of_memory(const std::function<void()>& work);
 
-  // rank_stepper.cpp
+  // rank_team.cpp
+  void check_same_scene();
+  RenderedView render(const CameraView& view, const RenderSettings& settings);
   void serve_renders();
   RenderedView project_and_render(const CameraView& view, const RenderSettings& settings);
 
@@ -156,7 +134,7 @@ class RankStepper final : public Stepper {
   ViewRatios model_ratios_;  // to the Gaussians of all ranks; without pairs
   RenderPlan render_plan_;
   StepRequests agreed_;
-  std::vector<int> renderers_;  // of `unread_losses_`
+  std::vector<int> renderers_;  // of the views whose losses are unread
   RenderedRecord rendered_;     // of the last step by this rank, but for unread_view_
   /// Rendered last: its loss may still be on the device.
   struct UnreadView {
@@ -164,8 +142,7 @@ class RankStepper final : public Stepper {
     torch::Tensor entries;  // queue_row_entries()
   };
   std::optional<UnreadView> unread_view_;
-  bool renders_on_first_ = false;     // within on_first()
-  bool has_failed_together_ = false;  // the exception that is under way was thrown by all ranks
+  bool renders_on_first_ = false;  // within render_on_first()
 };
 
 }  // namespace b3dgs
