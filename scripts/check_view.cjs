@@ -187,6 +187,8 @@ async function check_model(browser) {
   const view = await start(["view", path.join(folder, "done"), "--view", "0", "--device", "cpu"]);
   const page = await open(browser, view.url, {width: 1280, height: 800});
   assert(spread(await look(page)) > 5, "the picture shows something");
+  assert(await page.evaluate(() => image.height === picture.height || image.width === picture.width),
+    "the first picture has the size of the window, not that of the photograph");
   assert(await page.locator("#pause").isHidden(), "there is no training to pause");
   await page.click("[data-way=fly]");
   const before = await look(page);

@@ -75,14 +75,15 @@ Camera parse_camera(const Json& json, ImageSize size) {
 
 }  // namespace
 
-ImageSize fit_view(const ViewedScene& scene, int view, ImageSize within) {
+ImageSize fit_view(const ViewedScene& scene, int view, ImageSize within, bool may_enlarge) {
   check_size(within);
   if (view < 0 || view >= static_cast<int>(scene.views.size())) {
     input_error("view: expected a number from 0 to ", static_cast<int>(scene.views.size()) - 1, ", found ", view);
   }
   const Camera& camera = scene.views[static_cast<std::size_t>(view)].camera;
-  const double scale = std::min(
-      {1.0, within.width / static_cast<double>(camera.width), within.height / static_cast<double>(camera.height)});
+  double scale =
+      std::min(within.width / static_cast<double>(camera.width), within.height / static_cast<double>(camera.height));
+  if (!may_enlarge) scale = std::min(1.0, scale);
   const auto scaled = [&](int side) { return std::max(1, static_cast<int>(std::lround(scale * side))); };
   return {scaled(camera.width), scaled(camera.height)};
 }
@@ -96,7 +97,7 @@ FrameRequest parse_frame_request(const std::string& body, const ViewedScene& sce
   if (json.contains("quality")) request.quality = whole_number(json["quality"], "quality", 1, 100);
   if (json.contains("view")) {
     request.view = whole_number(json["view"], "view", 0, 1'000'000'000);
-    const ImageSize fitted = fit_view(scene, request.view, size);
+    const ImageSize fitted = fit_view(scene, request.view, size, request.mode != FrameMode::kDifference);
     request.camera = scene.views[static_cast<std::size_t>(request.view)].camera.scaled_to(fitted.width, fitted.height);
   } else {
     request.camera = parse_camera(member(json, "camera"), size);

@@ -14,7 +14,7 @@ inline constexpr std::int64_t kMaxFramePixels = 4'000'000;
 ///   {"width": 800, "height": 600, "mode": "render", "quality": 85, and one of
 ///    "view": 3,
 ///    "camera": {"camera_to_world": [16 numbers], "fov": 50}}
-/// A view's camera is reduced to fit into the size. A camera of its own has that size; it is given as in the camera
+/// A view's camera is scaled to fit into the size. A camera of its own has that size; it is given as in the camera
 /// paths that nerfstudio writes: row-major, OpenGL axes (+x right, +y up, -z forward), vertical field of view in
 /// degrees.
 /// @throws InputError, one line, for anything that is missing, not finite or out of range
@@ -23,9 +23,9 @@ FrameRequest parse_frame_request(const std::string& body, const ViewedScene& sce
 /// The request of POST /command: {"command": "pause" | "resume" | "save" | "stop"}. @throws InputError
 ViewCommand parse_command(const std::string& body);
 
-/// The largest size of the view's aspect ratio within a size, and not above that of the view. @throws InputError if the
-/// size is out of range
-ImageSize fit_view(const ViewedScene& scene, int view, ImageSize within);
+/// Returns the largest size of the view's aspect ratio within a size, also above that of the view if `may_enlarge`.
+/// @throws InputError if the size is out of range
+ImageSize fit_view(const ViewedScene& scene, int view, ImageSize within, bool may_enlarge);
 
 /// A whole number. @throws InputError naming `what`
 int parse_whole_number(const std::string& text, const std::string& what);

@@ -201,7 +201,7 @@ HttpResponse ViewServer::frame(const HttpRequest& request) {
 HttpResponse ViewServer::photograph(const HttpRequest& request) {
   const auto number = [&](const char* name) { return parse_whole_number(request.parameter(name), name); };
   const int view = number("view");
-  const ImageSize size = fit_view(source_.scene(), view, {number("width"), number("height")});
+  const ImageSize size = fit_view(source_.scene(), view, {number("width"), number("height")}, false);
   if (!source_.scene().views[static_cast<std::size_t>(view)].has_photograph) {
     input_error("view ", view, " has no photograph");
   }

@@ -68,7 +68,7 @@ TEST(FrameRequest, AFreeCameraTurnsAPanoramaIntoAPinhole) {
   EXPECT_NEAR(cameras_json(scene)["views"][1]["fov"].get<double>(), Camera::kDefaultFov, 1e-9);
 }
 
-TEST(FrameRequest, AViewKeepsItsCameraReducedIntoTheSize) {
+TEST(FrameRequest, AViewKeepsItsCameraScaledIntoTheSize) {
   const FrameRequest request =
       parse_frame_request(R"({"width":200,"height":500,"view":1,"mode":"load","quality":70})", scene_of_two());
   EXPECT_EQ(request.view, 1);
@@ -77,8 +77,13 @@ TEST(FrameRequest, AViewKeepsItsCameraReducedIntoTheSize) {
   EXPECT_EQ(request.camera.width, 200);
   EXPECT_EQ(request.camera.height, 100);
   EXPECT_NEAR(request.camera.cx, 95, 1e-9);
-  const FrameRequest large = parse_frame_request(R"({"width":2000,"height":2000,"view":0})", scene_of_two());
-  EXPECT_EQ(large.camera.width, 400) << "not above the size of the view";
+  const FrameRequest large = parse_frame_request(R"({"width":1800,"height":1800,"view":0})", scene_of_two());
+  EXPECT_EQ(large.camera.width, 1800);
+  EXPECT_EQ(large.camera.height, 900);
+  EXPECT_NEAR(large.camera.fx, 300 * 4.5, 1e-9);
+  const FrameRequest compared =
+      parse_frame_request(R"({"width":1800,"height":1800,"view":0,"mode":"difference"})", scene_of_two());
+  EXPECT_EQ(compared.camera.width, 400) << "not above the size of the photograph";
 }
 
 TEST(FrameRequest, RefusesWhatIsNotARequest) {
