@@ -69,6 +69,17 @@ async function picture_of(page, name) {
   await page.screenshot({path: path.join(pictures, `${name}.png`)});
 }
 
+/// Heights in px of the small curve of these values.
+const curve_heights = (page, values) => page.evaluate((ys) => {
+  const holder = document.createElement("div");
+  document.body.append(holder);
+  Charts.show(holder, "lines", {title: "n", small: true, height: 64, format: count_text,
+                                series: [{name: "n", color: 0, points: ys.map((y, i) => [i, y])}]});
+  const points = holder.querySelector("polyline").getAttribute("points");
+  holder.remove();
+  return points.split(" ").map((point) => Number(point.split(",")[1]));
+}, values);
+
 async function drag(page, dx, dy) {
   const box = await page.locator("#picture").boundingBox();
   const x = box.x + box.width / 2, y = box.y + box.height / 2;
@@ -143,6 +154,10 @@ async function check_training(browser) {
     assert(points.split(" ").length > 1 && !points.includes("NaN"), `the curve of ${name} is drawn`);
     assert.match(await page.locator(`#${name}_now`).textContent(), /\d/);
   }
+  const [start, end] = await curve_heights(page, [8811, 8812]);
+  assert(start - end < 2, `a curve that hardly rises looks so (${start - end} px)`);
+  const [low, high] = await curve_heights(page, [8811, 17622]);
+  assert(low - high > 40, "a curve that doubles fills the height");
   await page.locator("#psnr_curve").scrollIntoViewIfNeeded();
   await picture_of(page, "curves");
 

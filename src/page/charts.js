@@ -2,7 +2,7 @@
 //   lines:      {title, y_label, series: [{name, color, points: [[x, y]], markers}], bands: [{name, color, opacity,
 //               lower, upper}], events: [{x, label}], log, from_zero, height, columns}; x is the iteration, and
 //               `columns` (as series) is what the table of values has instead of the series. With `small`: no axes,
-//               only the range, in the text of `format`
+//               only the range, in the text of `format`, which is at least 2 % of the largest value
 //   bars:       {title, unit, parts: [name], rows: [{name, values}]}: stacked, one bar for each row
 //   histograms: {title, x_label, item, panels: [{name, counts}]}: bin 0 is the value 0, bin k 2^(k-1) to 2^k - 1
 //   scatter:    {title, x_label, y_label, size_label, dots: [{name, color, x, y, low, high, size}]}: areas stand for
@@ -158,11 +158,12 @@ const Charts = (() => {
     if (spec.small) {
       // A first loss may tower over all others.
       const sorted = [...ys].sort((a, b) => a - b), high = sorted[Math.ceil(0.99 * (sorted.length - 1))];
-      const fit = plain_scale(sorted[0], high, bottom, top);
+      const room = Math.max(0, 0.02 * Math.abs(high) - (high - sorted[0])) / 2;
+      const fit = plain_scale(sorted[0] - room, high + room, bottom, top);
       y = Object.assign((value) => fit(Math.min(value, high)), fit);
       draw(svg, "rect", {x: 0.5, y: 0.5, width: right, height: height - 1, class: "frame"});
-      draw(svg, "text", {x: width, y: 11, class: "tick end"}, spec.format(high));
-      draw(svg, "text", {x: width, y: height - 3, class: "tick end"}, spec.format(sorted[0]));
+      draw(svg, "text", {x: width, y: 11, class: "tick end"}, spec.format(fit.high));
+      draw(svg, "text", {x: width, y: height - 3, class: "tick end"}, spec.format(fit.low));
     } else {
       axes(svg, x, y, {left, right, top, bottom, y_label: spec.y_label, x_label: "iteration", x_step: 1});
     }
