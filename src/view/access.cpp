@@ -68,7 +68,7 @@ bool is_own_origin(const std::string& origin, const std::string& host) {
 bool ClientLimit::admit(const std::string& client, Clock::time_point now) {
   const std::lock_guard<std::mutex> lock(mutex_);
   for (auto it = seen_.begin(); it != seen_.end();) {
-    const bool has_left = now - it->second > kGone && in_work_.count(it->first) == 0;
+    const bool has_left = now - it->second > kGone;
     if (has_left) waiting_.erase(it->first);
     it = has_left ? seen_.erase(it) : std::next(it);
   }
@@ -79,7 +79,7 @@ bool ClientLimit::admit(const std::string& client, Clock::time_point now) {
 
 bool ClientLimit::begin_picture(const std::string& client) {
   const std::lock_guard<std::mutex> lock(mutex_);
-  return in_work_.insert(client).second;
+  return in_work_.size() < most_ && in_work_.insert(client).second;
 }
 
 void ClientLimit::end_picture(const std::string& client) {

@@ -32,10 +32,10 @@ class ClientLimit {
   using Clock = std::chrono::steady_clock;
   explicit ClientLimit(std::size_t most) : most_(most) {}
 
-  /// Notes a request of a client. False if there are too many others. A client that has not asked for anything for five
-  /// seconds has left.
+  /// Notes a request of a client. Returns false if there are too many others. A client that has not asked for anything
+  /// for five seconds has left, even if it still waits for a picture: a page that was closed does not withdraw one.
   bool admit(const std::string& client, Clock::time_point now);
-  /// False if the client has a picture in work already.
+  /// Returns false if the client has a picture in work already, or too many others have one.
   bool begin_picture(const std::string& client);
   void end_picture(const std::string& client);
   /// Notes whether a client waits to be told of the end.

@@ -74,14 +74,16 @@ TEST(ClientLimit, OnePictureInWorkForEach) {
   EXPECT_TRUE(limit.begin_picture("a"));
 }
 
-TEST(ClientLimit, AClientWhosePictureIsInWorkHasNotLeft) {
+TEST(ClientLimit, APictureInWorkDoesNotKeepTheClientThatHasLeft) {
   ClientLimit limit(1);
   const ClientLimit::Clock::time_point start{};
   EXPECT_TRUE(limit.admit("a", start));
   EXPECT_TRUE(limit.begin_picture("a"));
-  EXPECT_FALSE(limit.admit("b", start + seconds(60)));
+  EXPECT_FALSE(limit.admit("b", start + seconds(5)));
+  EXPECT_TRUE(limit.admit("b", start + seconds(6)));
+  EXPECT_FALSE(limit.begin_picture("b")) << "the number of pictures in work is limited, too";
   limit.end_picture("a");
-  EXPECT_TRUE(limit.admit("b", start + seconds(60)));
+  EXPECT_TRUE(limit.begin_picture("b"));
 }
 
 }  // namespace
