@@ -29,10 +29,15 @@ async function start(words) {
   return {child, url, ended};
 }
 
-async function open(browser, url, viewport, options = {}) {
+/// `is_busy`: the server refuses the page's first request.
+async function open(browser, url, viewport, {is_busy = false, ...options} = {}) {
   const page = await browser.newPage({viewport, ...options});
-  page.on("console", (message) => { if (message.type() === "error") errors.push(message.text()); });
+  page.on("console", (message) => {
+    const is_own = is_busy && /status of 503/.test(message.text());
+    if (message.type() === "error" && !is_own) errors.push(message.text());
+  });
   page.on("pageerror", (error) => errors.push(String(error)));
+  if (is_busy) await page.route("**/cameras", (route) => route.fulfill({status: 503, body: "busy\n"}), {times: 1});
   await page.goto(url);
   await has_full_frame(page);
   return page;
@@ -69,6 +74,35 @@ async function picture_of(page, name) {
   await page.screenshot({path: path.join(pictures, `${name}.png`)});
 }
 
+const modes = (page, attribute) => page.evaluate((name) => [...document.querySelectorAll(`#modes [${name}=true]`)]
+  .map((button) => button.dataset.mode), attribute);
+
+/// The buttons and the legend name the picture that is shown, also while another one is awaited.
+async function check_pending_mode(page) {
+  assert.deepEqual(await modes(page, "aria-pressed"), ["render"]);
+  let let_go = null;
+  const is_held = new Promise((resolve) => { let_go = resolve; });
+  await page.route("**/frame", async (route) => {
+    if (/"mode":"depth"/.test(route.request().postData())) await is_held;
+    await route.continue();
+  });
+  const asked = page.waitForRequest((request) => /"mode":"depth"/.test(request.postData()), kPatience);
+  await page.click("[data-mode=depth]");
+  await asked;
+  assert.deepEqual(await modes(page, "aria-pressed"), ["render"]);
+  assert.deepEqual(await modes(page, "aria-busy"), ["depth"]);
+  assert.equal(await page.locator("#legend").textContent(), "");
+  await picture_of(page, "pending");
+  let_go();
+  await has_full_frame(page);
+  assert.deepEqual(await modes(page, "aria-pressed"), ["depth"]);
+  assert.deepEqual(await modes(page, "aria-busy"), []);
+  assert.match(await page.locator("#legend").textContent(), /inverse depth/);
+  await page.unroute("**/frame");
+  await page.click("[data-mode=render]");
+  await has_full_frame(page);
+}
+
 /// Heights in px of the small curve of these values.
 const curve_heights = (page, values) => page.evaluate((ys) => {
   const holder = document.createElement("div");
@@ -92,7 +126,7 @@ async function drag(page, dx, dy) {
 async function check_training(browser) {
   const training = await start(["train", "--view", "0", path.join(folder, "scene"), "-m", path.join(folder, "model"),
     "--iterations", "100000", "--eval", "--test_iterations", "50", "100", "--device", "cpu", "--overwrite"]);
-  const page = await open(browser, training.url, {width: 1280, height: 800});
+  const page = await open(browser, training.url, {width: 1280, height: 800}, {is_busy: true});
   const first = await iteration(page);
   await page.waitForFunction((before) => state.iteration > Math.max(before, 110) && shown_iteration > before, first,
     kPatience);
@@ -121,6 +155,8 @@ async function check_training(browser) {
   await has_full_frame(page);
 
   await page.selectOption("#camera", "3");
+  await has_full_frame(page);
+  await check_pending_mode(page);
   for (const mode of ["photograph", "difference", "depth", "alpha", "load", "render"]) {
     const shown = await look(page);
     await page.click(`[data-mode=${mode}]`);
@@ -182,6 +218,11 @@ async function check_training(browser) {
   assert(await page.locator("#message").isHidden(), "a training that was stopped is no failure");
   assert.match(await page.locator("#notice").textContent(), /b3dgs view /);
   assert(await page.locator("[data-mode=depth]").isDisabled(), "the picture cannot change any more");
+  assert.match(await page.locator("#legend").textContent(), /^last picture, iteration \d/);
+  assert.deepEqual(await modes(page, "aria-busy"), []);
+  assert(spread(await look(page)) > 5, "the last picture stays");
+  await page.setViewportSize({width: 1000, height: 700});
+  assert(spread(await look(page)) > 5, "also in a window of another size");
   await picture_of(page, "ended");
   await page.close();
   forgive_the_end();

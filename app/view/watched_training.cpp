@@ -1,10 +1,12 @@
 #include "app/view/watched_training.h"
 
 #include <algorithm>
+#include <cmath>
 
 #include "core/check.h"
 #include "core/text.h"
 #include "model/model_folder.h"
+#include "scene/images/image.h"
 #include "train/device.h"
 #include "train/evaluate.h"
 #include "train/poses/pose_refiner.h"
@@ -12,9 +14,11 @@
 namespace b3dgs {
 namespace {
 
-constexpr double kShare = 0.05;  // of the time, for frames
-constexpr double kMostSavedSeconds = 0.25;
-constexpr std::size_t kMaxCurve = 2000;  // points; then every second one is dropped
+constexpr double kShare = 0.05;                                 // of the time, for frames
+constexpr double kReserveSeconds = 0.1, kDraftSeconds = 0.025;  // of what FrameBudget saves
+constexpr double kLeastPixels = 16000;                          // below, a frame takes hardly less time
+constexpr double kRefreshSeconds = 1;                           // between frames if there is time
+constexpr std::size_t kMaxCurve = 2000;                         // points; then every second one is dropped
 
 /// `first` is called with the arguments of `hook`, before it.
 template <class... Args, class First>
@@ -37,6 +41,24 @@ bool FrameBudget::allows(double now_s) {
   if (last_s_ >= 0) saved_s_ = std::min(kMostSavedSeconds, saved_s_ + share_ * (now_s - last_s_));
   last_s_ = now_s;
   return saved_s_ >= 0;
+}
+
+double FrameBudget::pixels(bool is_draft) const {
+  if (pixel_s_ == 0) return kLeastPixels;
+  const double seconds = is_draft ? kDraftSeconds : std::max(kDraftSeconds, saved_s_ - kReserveSeconds);
+  return std::max(kLeastPixels, seconds / (is_draft ? draft_pixel_s_ : pixel_s_));
+}
+
+double FrameBudget::wait_s(double pixels, double unpaid_s) const {
+  const double needed_s = std::min(kMostSavedSeconds, kReserveSeconds + pixels * pixel_s_);
+  return std::max(0.0, (needed_s - saved_s_ + unpaid_s) / share_);
+}
+
+void FrameBudget::learn(double seconds, double pixels, bool is_draft) {
+  const double measured_s = seconds / pixels;
+  if (pixel_s_ == 0) pixel_s_ = draft_pixel_s_ = measured_s;
+  double& learned_s = is_draft ? draft_pixel_s_ : pixel_s_;
+  learned_s = (learned_s + measured_s) / 2;
 }
 
 WatchedTraining::WatchedTraining(const TrainConfig& config, const Scene& scene, std::function<void()> stop)
@@ -90,15 +112,15 @@ void WatchedTraining::show(const ModelInTraining& model) {
     const std::lock_guard<std::mutex> lock(mutex_);
     state_.kernel = model.kernel;
   }
-  const auto serve = [&](std::chrono::milliseconds wait) {
-    return queue_.serve([&](const FrameRequest& request) { return paint(request, model); }, wait);
-  };
   if (is_to_save_.exchange(false)) save_now();
-  const double start_s = steady_seconds();
-  serve(std::chrono::milliseconds(0));
-  budget_.spend(steady_seconds() - start_s);
+  if (!is_paused_) {
+    const double start_s = steady_seconds();
+    queue_.serve([&](const FrameRequest& request) { return paint_within_budget(request, model); },
+                 std::chrono::milliseconds(0));
+    budget_.spend(steady_seconds() - start_s);
+  }
   while (is_paused_ && !is_stopped()) {
-    serve(std::chrono::milliseconds(50));
+    queue_.serve([&](const FrameRequest& request) { return paint(request, model); }, std::chrono::milliseconds(50));
     if (is_to_save_.exchange(false)) save_now();
   }
 }
@@ -112,6 +134,29 @@ Frame WatchedTraining::paint(const FrameRequest& request, const ModelInTraining&
   }
   Frame frame = WatchedScene::paint(wanted, model.gaussians, evaluation_settings(config_, model.sh_degree));
   frame.iteration = model.iteration;
+  frame.wait_s = request.is_draft ? 0 : kRefreshSeconds;
+  return frame;
+}
+
+Frame WatchedTraining::paint_within_budget(const FrameRequest& request, const ModelInTraining& model) {
+  const double start_s = steady_seconds();
+  const auto n_pixels = [](const Camera& camera) { return 1.0 * camera.width * camera.height; };
+  const double wanted = n_pixels(request.camera);
+  const double scale = std::min(1.0, std::sqrt(budget_.pixels(request.is_draft) / wanted));
+  FrameRequest reduced = request;
+  if (scale < 1) {
+    const auto side = [&](int full) { return std::max(1, static_cast<int>(scale * full)); };
+    reduced.camera = request.camera.scaled_to(side(request.camera.width), side(request.camera.height));
+    if (request.photograph) {
+      reduced.photograph =
+          std::make_shared<Image8>(resize_image(*request.photograph, reduced.camera.width, reduced.camera.height));
+    }
+  }
+  Frame frame = paint(reduced, model);
+  const double spent_s = steady_seconds() - start_s;
+  budget_.learn(spent_s, n_pixels(reduced.camera), request.is_draft);
+  const double wait_s = budget_.wait_s(wanted, spent_s);
+  frame.wait_s = scale < 1 ? wait_s : std::max(frame.wait_s, wait_s);
   return frame;
 }
 

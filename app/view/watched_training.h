@@ -11,18 +11,29 @@
 
 namespace b3dgs {
 
-/// Which share of the time frames may take. A frame may be begun when the frames before it have been paid for, so that
-/// they take no more than the share in the long run; time without frames saves up for a quarter of a second of them.
+/// Limits the share of the time that frames take, by when they begin and how large they are. A frame may begin when the
+/// frames before it have been paid for. Time without frames saves up for a quarter of a second of them.
 class FrameBudget {
  public:
   explicit FrameBudget(double share) : share_(share) {}
   /// Whether there is time for a frame at this moment (seconds on any clock).
   bool allows(double now_s);
+  /// Returns how many pixels a frame may have now. A draft, and the first frame, are small. Other frames use the
+  /// savings except for a reserve, which pays for the drafts that follow the next click or drag.
+  double pixels(bool is_draft) const;
+  /// Returns the seconds until a frame that is not a draft may have this many pixels or, if that is less, as many as
+  /// the largest savings pay for. `unpaid_s` will be spent before.
+  double wait_s(double pixels, double unpaid_s = 0) const;
+  /// Accounts for a frame that took `seconds`.
   void spend(double seconds) { saved_s_ -= seconds; }
+  /// Learns from a frame how long a pixel takes.
+  void learn(double seconds, double pixels, bool is_draft);
 
  private:
+  static constexpr double kMostSavedSeconds = 0.25;
   const double share_;
-  double saved_s_ = 0, last_s_ = -1;
+  double saved_s_ = kMostSavedSeconds, last_s_ = -1;
+  double pixel_s_ = 0, draft_pixel_s_ = 0;  // a draft's pixel takes longer, because part of the work is for any size
 };
 
 class WatchedTraining final : public WatchedScene {
@@ -48,6 +59,7 @@ class WatchedTraining final : public WatchedScene {
   bool wants_model();
   void show(const ModelInTraining& model);
   Frame paint(const FrameRequest& request, const ModelInTraining& model);
+  Frame paint_within_budget(const FrameRequest& request, const ModelInTraining& model);
   void save_now();
   void set_notice(const std::string& notice, bool is_warning);
 

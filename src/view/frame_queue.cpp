@@ -16,7 +16,7 @@ Frame FrameQueue::ask(const FrameRequest& request, std::chrono::milliseconds pat
   begun_.wait_for(lock, patience, [&] { return mine->is_begun || is_closed_; });
   if (!mine->is_begun) {
     waiting_.erase(std::remove(waiting_.begin(), waiting_.end(), mine), waiting_.end());
-    throw BusyError(is_closed_ ? "the program is about to end" : "no time for a frame; try again");
+    throw BusyError(is_closed_ ? "the program is about to end" : "the program is busy; the picture follows");
   }
   lock.unlock();
   return frame.get();

@@ -29,6 +29,7 @@ struct FrameRequest {
   int view = -1;  // index in ViewedScene::views whose camera this is; -1: none
   FrameMode mode = FrameMode::kRender;
   int quality = 85;                          // of the JPEG, 1 to 100
+  bool is_draft = false;                     // the camera moves, so the next request follows soon
   std::shared_ptr<const Image8> photograph;  // of the camera's size, for kDifference
 };
 
@@ -37,6 +38,7 @@ struct Frame {
   int iteration = 0;
   std::int64_t n_gaussians = 0;
   double render_ms = 0;
+  double wait_s = 0;   // until a training can afford a larger or newer frame
   std::string legend;  // one line that says what the colours mean; empty for kRender
 };
 

@@ -95,6 +95,10 @@ FrameRequest parse_frame_request(const std::string& body, const ViewedScene& sce
   FrameRequest request;
   if (json.contains("mode")) request.mode = static_cast<FrameMode>(choice(json["mode"], "mode", kModes));
   if (json.contains("quality")) request.quality = whole_number(json["quality"], "quality", 1, 100);
+  if (json.contains("draft")) {
+    if (!json["draft"].is_boolean()) input_error("draft: expected true or false");
+    request.is_draft = json["draft"].get<bool>();
+  }
   if (json.contains("view")) {
     request.view = whole_number(json["view"], "view", 0, 1'000'000'000);
     const ImageSize fitted = fit_view(scene, request.view, size, request.mode != FrameMode::kDifference);
@@ -159,8 +163,11 @@ Json state_json(const ViewState& state) {
 }
 
 Json frame_json(const Frame& frame) {
-  return {
-      {"iteration", frame.iteration}, {"count", frame.n_gaussians}, {"ms", frame.render_ms}, {"legend", frame.legend}};
+  return {{"iteration", frame.iteration},
+          {"count", frame.n_gaussians},
+          {"ms", frame.render_ms},
+          {"wait_ms", 1000 * frame.wait_s},
+          {"legend", frame.legend}};
 }
 
 std::string json_text(const Json& json) {

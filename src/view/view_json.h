@@ -11,7 +11,7 @@ namespace b3dgs {
 inline constexpr std::int64_t kMaxFramePixels = 4'000'000;
 
 /// The request of POST /frame:
-///   {"width": 800, "height": 600, "mode": "render", "quality": 85, and one of
+///   {"width": 800, "height": 600, "mode": "render", "quality": 85, "draft": false, and one of
 ///    "view": 3,
 ///    "camera": {"camera_to_world": [16 numbers], "fov": 50}}
 /// A view's camera is scaled to fit into the size. A camera of its own has that size; it is given as in the camera

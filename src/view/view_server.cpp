@@ -182,7 +182,7 @@ HttpResponse ViewServer::route(const HttpRequest& request) {
 HttpResponse ViewServer::one_at_a_time(const HttpRequest& request,
                                        HttpResponse (ViewServer::*picture)(const HttpRequest&)) {
   const std::string client = client_of(request);
-  if (!clients_.begin_picture(client)) throw BusyError("a picture of this page is in work already");
+  if (!clients_.begin_picture(client)) throw BusyError("another picture is in work; this one follows");
   const auto end = [&](ClientLimit* limit) { limit->end_picture(client); };
   const std::unique_ptr<ClientLimit, decltype(end)> at_end(&clients_, end);
   return (this->*picture)(request);

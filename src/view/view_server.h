@@ -3,7 +3,7 @@
 //   GET  /                           the page
 //   GET  /cameras                    title and cameras of the scene
 //   GET  /state?since=ITERATION      progress and curves
-//   POST /frame                      a rendered picture as JPEG; header X-Frame: iteration, count, ms, legend
+//   POST /frame                      a rendered picture as JPEG; header X-Frame: iteration, count, ms, wait_ms, legend
 //   GET  /photograph?view=I&width=W&height=H
 //   POST /command                    pause, resume, save, stop
 //

@@ -86,6 +86,16 @@ TEST(FrameRequest, AViewKeepsItsCameraScaledIntoTheSize) {
   EXPECT_EQ(compared.camera.width, 400) << "not above the size of the photograph";
 }
 
+TEST(FrameRequest, ADraftIsOneThatSaysSo) {
+  const auto is_draft = [](const std::string& rest) {
+    return parse_frame_request(R"({"width":200,"height":200,"view":0)" + rest + "}", scene_of_two()).is_draft;
+  };
+  EXPECT_FALSE(is_draft(""));
+  EXPECT_FALSE(is_draft(R"(,"draft":false)"));
+  EXPECT_TRUE(is_draft(R"(,"draft":true)"));
+  EXPECT_TRUE(fails_with<InputError>({"draft: expected true or false"}, [&] { is_draft(R"(,"draft":1)"); }));
+}
+
 TEST(FrameRequest, RefusesWhatIsNotARequest) {
   const auto refused = [](const std::string& body, const std::string& part) {
     return fails_with<InputError>({part}, [&] { parse_frame_request(body, scene_of_two()); });

@@ -49,6 +49,7 @@ class OneColor final : public FrameSource {
     for (std::size_t i = 0; i < frame.image.pixels.size(); i += 3) frame.image.pixels[i] = 200;  // red
     frame.iteration = 7;
     frame.legend = "red";
+    frame.wait_s = 1.5;
     return frame;
   }
   Image8 photograph(int, ImageSize size) const override {
@@ -219,6 +220,7 @@ TEST_F(Server, FramesAreJpegsOfTheSize) {
   const json about = json::parse(result->header("X-Frame"));
   EXPECT_EQ(about["iteration"], 7);
   EXPECT_EQ(about["legend"], "red");
+  EXPECT_EQ(about["wait_ms"], 1500);
   const std::vector<unsigned char> bytes(result->body.begin(), result->body.end());
   const cv::Mat image = cv::imdecode(bytes, cv::IMREAD_COLOR);
   ASSERT_EQ(image.cols, 64);

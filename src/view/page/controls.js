@@ -7,13 +7,20 @@ function choose(group, key, value) {
   for (const button of $(group).children) button.setAttribute("aria-pressed", button.dataset[key] === value);
 }
 
+/// Marks the mode of the picture and, while its picture is awaited, the one that was chosen.
+function show_modes() {
+  choose("modes", "mode", shown_mode);
+  for (const button of $("modes").children) {
+    button.setAttribute("aria-busy", mode !== shown_mode && button.dataset.mode === mode && !state?.ended);
+  }
+}
+
 function has_photograph() { return view >= 0 && scene.views[view].photograph; }
 
 function select_mode(name) {
   mode = name;
-  choose("modes", "mode", mode);
-  wanted = true;
-  shown_full = false;
+  show_modes();
+  renew();
 }
 
 function select_view(index) {
@@ -25,8 +32,7 @@ function select_view(index) {
     button.title = button.disabled ? "needs a camera of the scene: choose one below" : "";
   }
   if (["photograph", "difference"].includes(mode) && !has_photograph()) select_mode("render");
-  wanted = true;
-  shown_full = false;
+  renew();
 }
 
 function jump(index) {

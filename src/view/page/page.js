@@ -1,23 +1,25 @@
-// The page's state; asks for frames and progress. One frame is asked for at a time: a small one while the camera moves,
-// and one of the window's size once it rests. During training a new one follows about every second.
+// The page's state; asks for frames and progress. One frame is asked for at a time: a draft while the camera moves, and
+// one of the window's size once it rests. A training reduces frames to the time that it has for them, and says when to
+// ask for a larger or newer one.
 const token = new URLSearchParams(location.search).get("token") || "";
 const client = Array.from(crypto.getRandomValues(new Uint8Array(8)), (x) => x.toString(16).padStart(2, "0")).join("");
 const $ = (id) => document.getElementById(id);
 const picture = $("picture");
 const kMaxPixels = 4000000;
-// What a frame should take, by its size. A training that is not paused gives a twentieth of its time.
-const kDraftMs = 80, kDraftMsInTraining = 25, kFullMsInTraining = 150;
+const kDraftMs = 80;  // what a draft should take, by its size; a training that is not paused chooses the size itself
 
 const camera = new PageCamera(), path = new CameraPath();
 let scene = null, state = null;
 let trouble = "";  // with the connection
-let mode = "render", way = "orbit";
+let mode = "render", shown_mode = "", way = "orbit";
 let view = -1;  // the camera of the scene that is shown exactly; -1 once moved
 let moved_at = -1e9;  // ms
-let draft_scale = 0.5, full_scale = 1;
+let draft_scale = 0.5;
 let wanted = true;  // a frame newer than the one shown
-let shown_full = false, shown_iteration = -1, asked_at = 0;
+let shown_full = false, shown_iteration = -1;
+let next_at = 0;  // ms; a frame that shows nothing new is not asked for earlier
 let image = null;  // the bitmap that is shown
+let legend = "";   // what its colours mean
 let curve = [];
 let playing = null;
 const held_keys = new Set();
@@ -45,11 +47,18 @@ function show_text(id, text) {
 }
 
 const say = (text) => show_text("message", text);
+const sleep = (ms) => new Promise((resolve) => setTimeout(resolve, ms));
 
 // --- Frames: one at a time, small ones while the camera moves.
 
 function is_moving() {
   return performance.now() - moved_at < 250 || playing !== null || held_keys.size > 0;
+}
+
+/// The picture is not the one that is wanted: asks for another one at once.
+function renew() {
+  wanted = true;
+  shown_full = false;
 }
 
 function touch() {
@@ -67,20 +76,12 @@ function frame_size(scale) {
 
 const is_training = () => scene.training && state !== null && !state.paused;
 
-/// Learns from a frame which size takes how long.
-function adapt_size(is_draft, render_ms, took_ms) {
-  const fit = (scale, wanted, ms) => Math.min(1, Math.max(0.12, scale * Math.sqrt(wanted / Math.max(1, ms))));
-  if (is_draft && is_training()) draft_scale = fit(draft_scale, kDraftMsInTraining, render_ms);
-  if (is_draft && !is_training()) draft_scale = fit(draft_scale, kDraftMs, took_ms);
-  if (!is_draft && is_training()) full_scale = Math.max(0.25, fit(full_scale, kFullMsInTraining, render_ms));
-}
-
 async function fetch_picture(is_draft) {
-  const [width, height] = frame_size(is_draft ? draft_scale : is_training() ? full_scale : 1);
+  const [width, height] = frame_size(is_draft && !is_training() ? draft_scale : 1);
   if (mode === "photograph") {
     return [await ask(`/photograph?view=${view}&width=${width}&height=${height}`), null];
   }
-  const request = {width, height, mode, quality: is_draft ? 70 : 90};
+  const request = {width, height, mode, quality: is_draft ? 70 : 90, draft: is_draft};
   if (view >= 0) request.view = view;
   else request.camera = {camera_to_world: camera.matrix(), fov: camera.fov};
   const response = await post("/frame", request);
@@ -89,36 +90,43 @@ async function fetch_picture(is_draft) {
 
 async function frames() {
   for (;;) {
-    const is_draft = is_moving();
-    const is_new = state !== null && state.iteration !== shown_iteration && performance.now() - asked_at > 1000 &&
-        mode !== "photograph";
-    const has_work = wanted || (!is_draft && !shown_full) || is_new;
+    const is_draft = is_moving(), asked_at = performance.now(), asked_mode = mode;
+    const is_new = state !== null && state.iteration !== shown_iteration && mode !== "photograph";
+    const has_work = wanted || (!is_draft && asked_at >= next_at && (!shown_full || is_new));
     if (state?.ended) return;
     if (!has_work || document.hidden || trouble) {
-      await new Promise((resolve) => setTimeout(resolve, 15));
+      await sleep(15);
       continue;
     }
     wanted = false;
-    asked_at = performance.now();
     try {
       const [response, about] = await fetch_picture(is_draft);
       const bitmap = await createImageBitmap(await response.blob());
       if (image) image.close();
       image = bitmap;
-      draw();
+      shown_mode = asked_mode;
       shown_full = !is_draft;
+      next_at = 0;
+      draw();
+      show_modes();
       if (about) {
-        adapt_size(is_draft, about.ms, performance.now() - asked_at);
+        const now = performance.now();
+        next_at = now + about.wait_ms;
+        if (is_draft && !is_training()) {
+          const scale = draft_scale * Math.sqrt(kDraftMs / Math.max(1, now - asked_at));
+          draft_scale = Math.min(1, Math.max(0.12, scale));
+        }
         shown_iteration = about.iteration;
         $("frame").textContent = `${bitmap.width} x ${bitmap.height}, ${about.ms.toFixed(1)} ms` +
             (state && state.iterations > 0 && scene.training ? `, iteration ${about.iteration}` : "");
       }
-      show_text("legend", about ? about.legend : "");
+      legend = about ? about.legend : "";
+      show_legend();
       say("");
     } catch (error) {
       wanted = true;
       if (!state?.ended) say(error.message);
-      await new Promise((resolve) => setTimeout(resolve, 500));
+      await sleep(500);
     }
   }
 }
@@ -136,8 +144,14 @@ function draw() {
   if (!image) return;
   const scale = Math.min(width / image.width, height / image.height);
   const w = image.width * scale, h = image.height * scale;
-  context.imageSmoothingEnabled = mode !== "load";
+  context.imageSmoothingEnabled = shown_mode !== "load";
   context.drawImage(image, (width - w) / 2, (height - h) / 2, w, h);
+}
+
+function show_legend() {
+  const is_last = state?.ended && image && shown_mode !== "photograph";
+  const last = is_last ? `last picture, iteration ${count_text(shown_iteration)}` : "";
+  show_text("legend", [last, legend].filter(Boolean).join("; "));
 }
 
 // --- Progress
@@ -166,13 +180,15 @@ async function follow() {
       show_state();
       if (state?.ended) return end();
     }
-    await new Promise((resolve) => setTimeout(resolve, 1000));
+    await sleep(1000);
   }
 }
 
-/// The last picture stays; what would change it is turned off.
+/// The last picture stays, marked as the last. Turns off what would change it.
 function end() {
   say("");
+  show_modes();
+  show_legend();
   play(false);
   held_keys.clear();
   picture.style.pointerEvents = "none";
@@ -183,17 +199,17 @@ function end() {
 
 function show_state() {
   if (!state) return;
-  const is_live = !trouble && !state.ended;
+  const is_live = !trouble && !state.ended;  // otherwise, the last values stay
   $("iteration").textContent = scene.training ? `${count_text(state.iteration)} / ${count_text(state.iterations)}`
                                               : state.iteration > 0 ? count_text(state.iteration) : "-";
   $("count").textContent = count_text(state.count);
   $("loss").textContent = state.loss > 0 ? state.loss.toFixed(4) : "-";
-  $("eta").textContent = state.eta_s === null || !is_live ? "-" : duration(state.eta_s);
+  $("eta").textContent = state.eta_s === null || state.ended ? "-" : duration(state.eta_s);
   $("activity").textContent = trouble || state.activity +
       (state.activity === "training" && state.per_second > 0 ? `, ${state.per_second.toFixed(1)}/s` : "");
   $("kernel").textContent = state.kernel || "-";
   $("done").style.width = `${100 * state.iteration / Math.max(1, state.iterations)}%`;
-  if (state.paused !== ($("pause").textContent === "Resume")) shown_full = false;  // another size
+  if (state.paused !== ($("pause").textContent === "Resume")) renew();  // a pause has time for a larger one
   $("pause").textContent = state.paused ? "Resume" : "Pause";
   for (const id of ["pause", "save", "stop"]) $(id).disabled = !is_live;
   show_text("notice", state.notice);
@@ -223,8 +239,22 @@ async function command(name) {
   }
 }
 
+/// A server that is busy, or has too many pages open, may answer later.
+async function load_scene() {
+  for (;;) {
+    try {
+      return await (await ask("/cameras")).json();
+    } catch (error) {
+      if (error.status !== 503) throw error;
+      say(error.message);
+      await sleep(1000);
+    }
+  }
+}
+
 async function begin() {
-  scene = await (await ask("/cameras")).json();
+  scene = await load_scene();
+  say("");
   document.title = `${scene.title} - b3dgs`;
   $("title").textContent = scene.title;
   document.body.classList.toggle("rest", !scene.training);
@@ -238,7 +268,7 @@ async function begin() {
   select_mode("render");
   reset_view();
   show_keys();
-  new ResizeObserver(() => { draw(); wanted = true; shown_full = false; show_state(); }).observe(picture);
+  new ResizeObserver(() => { draw(); renew(); show_state(); }).observe(picture);
   requestAnimationFrame((now) => move_on(now, now));
   follow();
   frames();

@@ -236,6 +236,92 @@ TEST(WatchedTraining, AModelThatCannotBeRenderedIsAnErrorOfTheFrame) {
   EXPECT_TRUE(std::isnan(gaussians.means[3][0].item<float>())) << "nothing is removed";
 }
 
+/// Asks for a picture of a free camera that is too large for the first frame of a training.
+FrameRequest large_request(FrameMode mode) {
+  FrameRequest request;
+  request.camera = test::look_at_origin(0, 0, -3, 600, 400);
+  request.mode = mode;
+  if (mode == FrameMode::kDifference) request.photograph = std::make_shared<Image8>(600, 400, 3);
+  return request;
+}
+
+TEST(WatchedTraining, TheFirstPictureIsSmallAndAPauseHasTimeForTheLargeOne) {
+  const Scene scene = test::make_tiny_scene();
+  GaussianTensors gaussians;
+  test::make_tiny_scene({}, &gaussians);
+  for (const FrameMode mode : {FrameMode::kRender, FrameMode::kLoad, FrameMode::kDifference}) {
+    WatchedTraining watched(test::eventful_config(), scene, [] {});
+    TrainHooks hooks;
+    std::atomic<int> stop_signal{0};
+    hooks.stop_signal = &stop_signal;
+    watched.attach(hooks);
+    std::thread trainer([&] {
+      while (stop_signal == 0) {
+        if (hooks.wants_model()) hooks.on_model({5, gaussians, {}, 0, "naive"});
+      }
+    });
+    const Frame first = watched.render(large_request(mode));
+    EXPECT_LE(first.image.width * first.image.height, 16000);
+    EXPECT_NEAR(first.image.width, 1.5 * first.image.height, 2) << "the same shape";
+    watched.command(ViewCommand::kPause);
+    const Frame paused = watched.render(large_request(mode));
+    EXPECT_EQ(paused.image.width, 600);
+    stop_signal = 1;
+    trainer.join();
+  }
+}
+
+TEST(FrameBudget, ADraftCostsLittleHoweverLargeFramesAre) {
+  FrameBudget budget(0.05);
+  const double all = 1e6, of_all = 1.0;  // pixels of a frame that would take a second
+  double now_s = 0, last_draft_s = 0;
+  EXPECT_TRUE(budget.allows(now_s));
+  EXPECT_LE(budget.pixels(false), 0.02 * all) << "nothing is known of the time that a pixel takes";
+  budget.learn(0.02, 0.02 * all, false);
+  budget.spend(0.02);
+  const auto draw = [&](bool is_draft) {
+    const double share = std::min(1.0, budget.pixels(is_draft) / all);
+    budget.learn(share * of_all, share * all, is_draft);
+    budget.spend(share * of_all);
+    now_s += share * of_all;
+    return share * of_all;
+  };
+  for (int i = 0; i < 100; ++i) {  // a drag
+    while (!budget.allows(now_s)) now_s += 0.01;
+    EXPECT_LE(now_s - last_draft_s, 0.6) << i;
+    last_draft_s = now_s;
+    EXPECT_NEAR(draw(true), 0.025, 1e-9);
+  }
+  const double wait_s = budget.wait_s(all);
+  EXPECT_GT(wait_s, 1);
+  EXPECT_LE(wait_s, 6);
+  now_s += wait_s + 0.001;
+  EXPECT_TRUE(budget.allows(now_s));
+  EXPECT_NEAR(draw(false), 0.15, 0.001) << "a larger one";
+  EXPECT_TRUE(budget.allows(now_s));
+  EXPECT_NEAR(draw(true), 0.025, 1e-9) << "the reserve pays for what is clicked on next";
+}
+
+TEST(FrameBudget, TheFixedPartOfTheTimeDoesNotShrinkLargeFrames) {
+  FrameBudget budget(0.05);
+  double now_s = 0;
+  const auto draw = [&](bool is_draft) {
+    const double pixels = budget.pixels(is_draft), seconds = 0.01 + 5e-7 * pixels;
+    budget.learn(seconds, pixels, is_draft);
+    budget.spend(seconds);
+    return seconds;
+  };
+  for (int i = 0; i < 10; ++i) {
+    for (const bool is_draft : {true, true, true, false}) {
+      now_s += 100;
+      EXPECT_TRUE(budget.allows(now_s));
+      const double seconds = draw(is_draft);
+      if (i <= 5) continue;  // it learns
+      EXPECT_NEAR(seconds, is_draft ? 0.025 : 0.15, is_draft ? 0.005 : 0.03) << i;
+    }
+  }
+}
+
 TEST(FrameBudget, FramesTakeTheirShareOfTheTime) {
   FrameBudget budget(0.05);
   double now_s = 100, frames_s = 0;
