@@ -11,6 +11,7 @@
 #include <algorithm>
 #include <array>
 #include <chrono>
+#include <csignal>
 #include <memory>
 
 #include "core/check.h"
@@ -181,6 +182,7 @@ void end_while_writing(int signal, const Write& write) {
   ASSERT_EQ(::pipe(ends.data()), 0);
   const pid_t child = ::fork();
   if (child == 0) {
+    std::signal(signal, SIG_DFL);  // it may be ignored, and would stay so
     end_by_stop_signals();
     const auto open = write();
     if (::write(ends[1], "x", 1) != 1) ::_exit(1);

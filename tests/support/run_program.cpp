@@ -28,6 +28,8 @@ using SteadyClock = std::chrono::steady_clock;
     const int opened = open(file, flags, 0600);
     if (opened < 0 || dup2(opened, stream) < 0) _exit(126);
   };
+  // A script that runs the tests in the background ignores SIGINT, and the program would, too.
+  for (const int signal : {SIGINT, SIGTERM, SIGHUP}) std::signal(signal, SIG_DFL);
   redirect(STDIN_FILENO, "/dev/null", O_RDONLY);
   redirect(STDOUT_FILENO, out.c_str(), O_WRONLY | O_CREAT | O_TRUNC);
   redirect(STDERR_FILENO, err.c_str(), O_WRONLY | O_CREAT | O_TRUNC);
