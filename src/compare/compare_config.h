@@ -40,7 +40,6 @@ struct ConfigurationHistory : Configuration {
 std::vector<Configuration> parse_configurations(const std::string& text, const TrainConfig& base,
                                                 const GivenOptions& given, const Photographs& photographs = {});
 
-
 /// The first configuration under another name; training it again measures the run-to-run variation.
 /// @throws InputError if that name is taken
 Configuration repeat_baseline(const std::vector<Configuration>& configurations);

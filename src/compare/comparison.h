@@ -25,7 +25,6 @@ struct ComparisonPlan {
   Photographs photographs;      // for training; none before the scene has been read
   double reading_s = 0;         // reading the scene, sum over all sessions
 
-
   std::filesystem::path root() const { return base.model_path; }
   std::vector<Configuration> configurations() const;
   /// Applies --max_epochs, to `base` as well.

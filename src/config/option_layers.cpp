@@ -35,7 +35,8 @@ double apply_scaled(TrainConfig& config, const GivenOptions& values) {
 
 GivenOptions given_options(const CommandLine& line, const std::string& config_file) {
   GivenOptions given = GivenOptions::object();
-  const nlohmann::ordered_json file = config_file.empty() ? nlohmann::ordered_json::object() : read_json_file(config_file);
+  const nlohmann::ordered_json file =
+      config_file.empty() ? nlohmann::ordered_json::object() : read_json_file(config_file);
   const GivenOptions words = line.given();
   TrainConfig checked;
   if (!config_file.empty()) config_from_json(checked, file, config_file);
