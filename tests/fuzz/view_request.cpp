@@ -50,7 +50,7 @@ void read_input(std::string_view bytes) {
   }
   const int value = parse_whole_number(number, "since");
   B3DGS_CHECK(value >= 0 && std::to_string(value).size() <= number.size(), "a number of ", value);
-  fit_view(scene, value, {640, 480});
+  for (const bool may_enlarge : {false, true}) fit_view(scene, value, {640, 480}, may_enlarge);
 }
 
 }  // namespace b3dgs::fuzz
