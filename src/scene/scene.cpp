@@ -34,7 +34,7 @@ std::map<std::string, fs::path> find_photographs(const SceneModel& model, const 
 /// Cameras of whole photographs without poses, by camera ID and size of the photograph.
 using PhotographCameras = std::map<std::tuple<std::uint32_t, int, int>, Camera>;
 
-/// The camera of the photograph: a pinhole if it is undistorted, or with its lens (SceneOptions::lenses).
+/// Returns the camera of the photograph: a pinhole if it is undistorted, or with its lens (SceneOptions::lenses).
 Camera training_camera(const ViewSource& source, const std::string& lenses, PhotographCameras& cameras) {
   constexpr double kEnoughUndistorted = 0.9;
   const bool is_panorama = source.file_camera.lens.kind == LensKind::kEquirectangular;
@@ -49,7 +49,7 @@ Camera training_camera(const ViewSource& source, const std::string& lenses, Phot
 }
 
 // Reads the photograph's header. Photographs may be smaller or larger than their camera. If the sides are swapped, the
-// camera belongs to the photograph as its EXIF orientation turns it.
+// camera belongs to the photograph after it is turned by its EXIF orientation.
 ViewSource view_source(const ColmapImage& image, const SceneModel& model, const fs::path& file, int divisor,
                        const SceneOptions& options, PhotographCameras& cameras) {
   const ColmapCamera& camera = model.model.cameras.at(image.camera_id);
@@ -77,8 +77,8 @@ ViewSource view_source(const ColmapImage& image, const SceneModel& model, const 
   return source;
 }
 
-// A mask that the scene names comes before one of the folder, unless a folder was asked for.
-// Returns a warning, empty if there is none.
+// Finds the masks. A mask that the scene names takes precedence over one of the folder, unless a folder was given.
+// Returns a warning, or "".
 std::string find_masks(const SceneModel& model, const SceneOptions& options, std::vector<ViewSource>& sources) {
   if (options.masks == "none") return "";
   const bool is_asked_for = !options.masks.empty();
@@ -111,7 +111,7 @@ std::vector<Camera> cameras_of(const std::vector<AnyView>& views) {
   return cameras;
 }
 
-// One camera so far away would move the frame's origin to where single precision does not separate the others.
+// A single camera this far away would move the frame's origin to where single precision does not separate the others.
 void check_distances(const std::vector<ViewSource>& sources, const SceneModel& model) {
   constexpr double kMostTimes = 1e5;  // wrong registrations lie some hundred times as far away
   const std::vector<double> distances = relative_distances(cameras_of(sources), model.points.positions).values;
@@ -124,7 +124,7 @@ void check_distances(const std::vector<ViewSource>& sources, const SceneModel& m
               " times; remove the image from the model or reconstruct the scene again");
 }
 
-/// A line that names the training views whose cameras are far from the others, or "".
+/// Returns a line that names the training views whose cameras are far from the others, or "".
 std::string describe_far_cameras(const std::vector<View>& views, const std::vector<double>& points) {
   const std::vector<double> distances = relative_distances(cameras_of(views), points).values;
   const auto n_far = std::count_if(distances.begin(), distances.end(), [](double times) { return times > kFarTimes; });
@@ -148,12 +148,12 @@ double scene_extent(const std::vector<View>& views, const std::vector<double>& p
 Scene load_scene(const SceneOptions& options, const ProgressFn& progress) {
   check_resolution(options.resolution);
   const fs::path source_path = options.source_path;
-  if (!holds_scene(source_path)) find_model_folder(source_path);  // says what is missing
+  if (!holds_scene(source_path)) find_model_folder(source_path);  // reports what is missing
   const ImageFolder folder(source_path, options.images);
   SceneModel model = read_scene_model(options, folder);
 
   std::vector<ColmapImage>& registered = model.model.images;
-  std::sort(registered.begin(), registered.end(),  // the order of the views, and so of the split
+  std::sort(registered.begin(), registered.end(),  // the order of the views, and thus of the split
             [](const ColmapImage& a, const ColmapImage& b) { return a.name < b.name; });
   const std::map<std::string, fs::path> files = find_photographs(model, folder);
   std::vector<ViewSource> sources;
@@ -192,7 +192,7 @@ Scene load_scene(const SceneOptions& options, const ProgressFn& progress) {
     }
     const bool is_held_out = model.split.empty() ? i % kTestEvery == 0 : model.held_out.count(sources[i].name) > 0;
     std::vector<View>& part = options.eval && is_held_out ? scene.test : scene.train;
-    part.push_back(sources[i]);  // without what only loading needs
+    part.push_back(sources[i]);  // without the members that only loading needs
     if (images) part.back().image = std::make_shared<ViewImage>(sources[i], images);
     if (options.tracks) part.back().points = std::move(model.visible_points[sources[i].image_id]);
   }

@@ -17,19 +17,19 @@ namespace b3dgs {
 
 class ViewImage;
 
-/// One registered photograph. The camera has the image's size. It is a pinhole, lens distortion having been removed,
-/// unless it keeps its lens (SceneOptions::lenses).
+/// One registered photograph. The camera has the size of the image. It is a pinhole, because lens distortion has been
+/// removed, unless it keeps its lens (SceneOptions::lenses).
 struct View {
   std::string name;  // as in COLMAP's images file, sub-folders included
   std::string file;  // the photograph; empty: the image is not from a file
   Camera camera;
   std::shared_ptr<ViewImage> image;     // null if SceneOptions::load_images is false
   std::shared_ptr<const Image8> valid;  // mask of one channel: 255 where valid, 0 elsewhere; null: all valid
-  // With SceneOptions::empty_background: 255 where the mask of the photograph leaves out what it shows, so that nothing
-  // may be there; null: nowhere.
+  // With SceneOptions::empty_background: 255 where the mask of the photograph leaves a pixel out, so that it must be
+  // empty. Null if no pixel is.
   std::shared_ptr<const Image8> empty{};
-  std::vector<std::int32_t> points{};  // with SceneOptions::tracks: rows of Scene::points that COLMAP saw in it
-  std::string mask_file{};             // what `valid` and `empty` were read from; empty: there is no mask
+  std::vector<std::int32_t> points{};  // with SceneOptions::tracks: indices of Scene::points that COLMAP saw in it
+  std::string mask_file{};             // the file of `valid` and `empty`; empty: there is no mask
 };
 
 inline constexpr int kTestEvery = 8;  // as in the published results of the field
@@ -40,17 +40,17 @@ struct SceneOptions {
   int resolution = -1;            // 1, 2, 4, 8 divide; -1 limits the width to 1600 px; 32 or more: target width in px
   bool eval = false;              // hold out the views that the scene names, or every 8th by sorted name
   bool needs_training_views = true;  // an error if `eval` leaves no view to train on
-  bool white_background = false;     // what RGBA images are composited on
-  bool tracks = false;               // read which view sees which points
+  bool white_background = false;     // background of RGBA images
+  bool tracks = false;               // read which points each view sees
   std::string masks;                 // find_mask_folder(); "": masks/ inside source_path, if there is one; "none"
   bool invert_masks = false;         // white is left out instead of black
   bool empty_background = false;     // see View::empty
   std::string lenses = "undistort";  // or "native": keep distorted lenses; "auto": where undistorting shows too little
   bool load_images = true;           // false: cameras and points only
-  bool seed_points = false;          // training needs points: add_points_of_photographs() finds some if there are none
+  bool seed_points = false;          // training needs points; if there are none, add_points_of_photographs() finds some
   double host_memory_gb = -1;        // for decoded images, 10^9 bytes; -1: 80 % of the available memory
   int n_readers = 2;                 // trainings and evaluations that prefetch images at the same time
-  std::optional<CoordinateFrame> frame;  // of a training to resume; empty: choose_frame()
+  std::optional<CoordinateFrame> frame;  // frame of a resumed training; empty: choose_frame()
 };
 
 struct Scene {
@@ -58,21 +58,21 @@ struct Scene {
   std::vector<View> train;  // sorted by name
   std::vector<View> test;   // sorted by name
   PointCloud points;
-  std::int64_t n_added_points = 0;      // the last of them: found in the photographs beside the scene's own
+  std::int64_t n_added_points = 0;      // the last of them were found in the photographs, beside the scene's own
   CoordinateFrame frame;                // of cameras, points and extent
-  std::optional<SceneOptions> options;  // that load_scene() has read it with
+  std::optional<SceneOptions> options;  // passed to load_scene()
   double extent = 0;                    // scene_extent() of the training views
   std::vector<std::string> summary;     // about a dozen lines that describe the scene
-  std::vector<std::string> warnings;    // one line for each thing that is missing
+  std::vector<std::string> warnings;    // one line for each missing item
 };
 
 /// Progress of load_scene(): stage, items done, total. Called from one thread at a time.
 using ProgressFn = std::function<void(const std::string& stage, std::size_t done, std::size_t total)>;
 
-/// Reads a scene of COLMAP or in transforms.json files, and moves it to a frame of its own (choose_frame()). Only the
-/// headers of the photographs are read; ViewImage decodes them. `summary` mentions choices made for the user (one of
-/// several models, images reduced because images_N is missing) and missing photographs.
-/// @throws InputError with file, place, expected, found and remedy if the scene cannot be used
+/// Reads a scene of COLMAP or in transforms.json files, and moves it to its own frame (choose_frame()). Only the
+/// headers of the photographs are read. ViewImage decodes them. `summary` mentions automatic choices (one of several
+/// models, images reduced because images_N is missing) and missing photographs. @throws InputError with file, place,
+/// expected, found and remedy if the scene cannot be used
 Scene load_scene(const SceneOptions& options, const ProgressFn& progress = {});
 
 /// Returns 1.1 x the limited_radius() of the cameras, or 1 if that is 0. Views and points ([N, 3]) are in the same
@@ -82,7 +82,7 @@ double scene_extent(const std::vector<View>& views, const std::vector<double>& p
 /// Moves cameras and extent of the scene to another frame, but not its points.
 void change_frame_of_views(const CoordinateFrame& to, Scene& scene);
 
-/// Last part of the path: "bonsai" for "/data/bonsai/".
+/// Returns the last part of the path: "bonsai" for "/data/bonsai/".
 std::string scene_name(const std::string& source_path);
 
 }  // namespace b3dgs

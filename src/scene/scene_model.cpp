@@ -28,7 +28,7 @@ WorldPoints points_of(const ColmapModel& model) {
   return points;
 }
 
-/// Rows of the points in each image's tracks, by its ID, ascending.
+/// Returns the indices of the points in each image's tracks, by image ID, ascending.
 std::map<std::uint32_t, std::vector<std::int32_t>> visible_points(const ColmapModel& model) {
   std::map<std::uint32_t, std::vector<std::int32_t>> points;
   for (std::size_t row = 0; row < model.points.size(); ++row) {
@@ -41,7 +41,7 @@ std::map<std::uint32_t, std::vector<std::int32_t>> visible_points(const ColmapMo
   return points;
 }
 
-// `where` says what names are compared with.
+// Warns about listed names that are unknown. `where` names the list they are compared with.
 void check_list(const std::string& list, const char* where, const std::set<std::string>& listed, SceneModel& scene) {
   std::set<std::string> unknown = listed;
   for (const ColmapImage& image : scene.model.images) unknown.erase(image.name);
@@ -56,15 +56,15 @@ void check_list(const std::string& list, const char* where, const std::set<std::
                                           " names are unknown (the first: ", first, "); expected names as in ", where));
 }
 
-// The original program and its successors hold out the views that a test.txt beside the model lists, one in each line.
-// A test.txt without the name of any image may be something else, so it is refused only beside the model of a training.
+// The original program and its successors hold out the views that a test.txt beside the model lists, one per line. A
+// test.txt without the name of any image may be unrelated, so it is rejected only beside the model of a training.
 void read_test_list(const fs::path& model_folder, const SceneOptions& options, const ImageFolder& images,
                     SceneModel& scene) {
   const fs::path source = options.source_path;
   for (const fs::path& folder : {model_folder, source / "sparse", source}) {
     const fs::path path = folder / "test.txt";
     if (!is_file(path)) continue;
-    std::map<std::string, std::string> names;  // of images, also by their names without extension
+    std::map<std::string, std::string> names;  // names of images, also without extension
     const auto add = [&](const std::string& name) {
       names[composed_name(name)] = name;
       names.emplace(composed_name(fs::path(name).replace_extension().string()), name);
@@ -138,14 +138,14 @@ bool lies_in(const fs::path& folder, const fs::path& file) {
   return !inside.empty() && *inside.begin() != "..";
 }
 
-// The scene folder and, for paths as "../images/0.jpg", the folder that it is in, unless that is the root.
+// Returns the scene folder or, for paths such as "../images/0.jpg", its parent folder, unless that is the root.
 fs::path reach_of(const fs::path& source) {
   const fs::path folder = (source / "").lexically_normal().parent_path(), parent = folder.parent_path();
   return parent == folder.root_path() ? folder : parent;
 }
 
-// A transforms.json from elsewhere must not copy other pictures of this machine into a model. Links that lead out of
-// the folder were made by the user and are followed.
+// A downloaded transforms.json must not copy other pictures of this machine into a model. The user made links that lead
+// out of the folder, so they are followed.
 bool is_within_reach(const fs::path& file, const fs::path& source) {
   if (lies_in(reach_of(fs::absolute(source)), fs::absolute(file).lexically_normal())) return true;
   return lies_in(reach_of(real_path(source)), real_path(file));
@@ -166,8 +166,8 @@ void leave_out(const Is& is, const char* note, SceneModel& scene) {
   images.erase(end, images.end());
 }
 
-// Where a list says what to train on, views in none of the lists are left out. One of the others says what to hold out;
-// with --eval, views that only the list for validation names are left out of training too.
+// If a list names the training views, views in none of the lists are left out. Otherwise one of the other lists names
+// the views to hold out. With --eval, views that only the validation list names are left out of training too.
 void apply_lists(const TransformsModel& transforms, const std::string& file, bool eval, SceneModel& scene) {
   constexpr const char* kFilePath = "file_path of \"frames\"";
   const std::set<std::string>&training = transforms.listed_for_training, &test = transforms.listed_as_test,
@@ -187,8 +187,8 @@ void apply_lists(const TransformsModel& transforms, const std::string& file, boo
             "only in val_filenames, so neither trained on nor tested", scene);
 }
 
-/// Finds the photographs that file_path names, to learn the size that intrinsics in px belong to. With -i, reduced
-/// copies may be used in their place.
+/// Finds the photographs that file_path names, to determine the size that intrinsics in px belong to. With -i, reduced
+/// copies may replace them.
 class NamedPhotographs {
  public:
   NamedPhotographs(const SceneOptions& options, const ImageFolder& images)
@@ -206,7 +206,7 @@ class NamedPhotographs {
   }
 
  private:
-  // Also with another extension or case.
+  // Also finds names with another extension or case.
   fs::path find_named(const fs::path& file) {
     if (!is_within_reach(file, source_)) return {};
     if (is_file(file)) return file;

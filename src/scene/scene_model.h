@@ -1,5 +1,5 @@
-// The parts of load_scene(): cameras and points of a scene folder, whichever program wrote them; points found in the
-// photographs; the description of a scene.
+// The parts of load_scene(): cameras and points of a scene folder from any program; points found in the photographs;
+// the description of a scene.
 #pragma once
 
 #include <cstdint>
@@ -21,34 +21,35 @@ struct ViewSource;
 struct SceneModel {
   ColmapModel model;  // without its points
   WorldPoints points;
-  std::string file;                                    // that names the images, for errors
+  std::string file;                                    // names the images, for errors
   std::string description;                             // for the summary: "sparse/0, binary"
-  std::string points_description;                      // where points come from, if it is not the model; or ""
+  std::string points_description;                      // source of the points, if it is not the model; or ""
   std::vector<std::string> notes;                      // choices made for the user
   std::map<std::uint32_t, std::string> camera_places;  // for errors, by camera ID
-  std::map<std::uint32_t, std::vector<std::int32_t>> visible_points;  // with tracks: rows of `points`, by image ID
+  std::map<std::uint32_t, std::vector<std::int32_t>> visible_points;  // with tracks: indices of `points`, by image ID
 
-  /// Files that the scene names itself, by image name. They come before those of the image folder if they exist.
+  /// Files that the scene itself names, by image name. If they exist, they take precedence over the image folder.
   std::map<std::string, std::filesystem::path> files, masks;
 
-  /// Where the scene says which views to hold out ("transforms_test.json"), and which, by image name. "": every
-  /// kTestEvery-th is.
+  /// The file that names the views to hold out ("transforms_test.json"), and their image names. "": every
+  /// kTestEvery-th.
   std::string split;
   std::set<std::string> held_out;
   std::vector<std::string> warnings;
 };
 
-/// Whether the folder holds a COLMAP model, complete or not, or transforms.json files. Reads nothing.
+/// Returns whether the folder contains a COLMAP model, complete or not, or transforms.json files. Reads nothing.
 bool holds_scene(const std::filesystem::path& source);
 
-/// Reads the COLMAP model of the scene, or else its transforms.json files; those of held-out views only if
+/// Reads the COLMAP model of the scene, or else its transforms.json files. Those of held-out views are read only if
 /// SceneOptions::eval is set. @throws InputError if there is no scene or it cannot be used
 SceneModel read_scene_model(const SceneOptions& options, const ImageFolder& images);
 
-/// Adds points that seed_points() finds in at most 120 training photographs, in the frame of the scene: about 50,000
-/// (two for each pixel of smaller photographs) if the scene has none; if it has some, and more than a tenth of the
-/// image area shows none of them, at most that fraction of this number there, only at pixels of clear depth. Returns
-/// how many. The scene's frame must be that of choose_frame() for its cameras and points.
+/// Adds points that seed_points() finds in at most 120 training photographs, in the frame of the scene. A scene without
+/// points gets about 50,000 (two for each pixel of smaller photographs). If a scene has points, and more than a tenth
+/// of the image area shows none of them, it gets at most that fraction of this number there, only at pixels of clear
+/// depth. Returns the number of added points. The scene's frame must be that of choose_frame() for its cameras and
+/// points.
 std::int64_t add_points_of_photographs(Scene& scene, const ProgressFn& progress);
 
 /// Intermediate results of load_scene() that are not part of the scene.
@@ -61,7 +62,7 @@ struct SceneOrigin {
   std::size_t n_unregistered = 0;          // image files that the model does not name
 };
 
-/// About a dozen lines that describe the scene to the user.
+/// Returns about a dozen lines that describe the scene to the user.
 std::vector<std::string> summarize(const Scene& scene, const SceneOrigin& origin);
 
 }  // namespace b3dgs

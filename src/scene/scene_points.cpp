@@ -18,7 +18,7 @@ namespace {
 
 constexpr double kLargePart = 0.1;  // of the photographs
 
-/// How many points a scene without any gets: at most two for each pixel of a photograph, of their mean size.
+/// Returns the number of points for a scene without any: at most two for each pixel of a photograph of their mean size.
 double count_for(const Scene& scene) {
   constexpr double kMost = 50000;
   double pixels = 0;
@@ -26,14 +26,14 @@ double count_for(const Scene& scene) {
   return std::min(kMost, 2 * pixels / static_cast<double>(scene.train.size()));
 }
 
-/// Of an image of at most kSeedSide px a side.
+/// Returns the camera of an image of at most kSeedSide px a side.
 Camera small_camera(const Camera& camera) {
   const double scale = std::min(1.0, static_cast<double>(kSeedSide) / std::max(camera.width, camera.height));
   const auto side = [&](int full) { return std::max(1, static_cast<int>(std::lround(scale * full))); };
   return camera.scaled_to(side(camera.width), side(camera.height));
 }
 
-/// The search needs pinholes: the view itself, or the faces of one that keeps its lens.
+/// Returns the pinholes that the search needs: the view itself, or the faces of one that keeps its lens.
 std::vector<SeedView> faces_of(SeedView& view) {
   std::vector<SeedView> faces;
   if (view.camera.is_pinhole()) {
@@ -55,8 +55,8 @@ std::vector<SeedView> faces_of(SeedView& view) {
   return faces;
 }
 
-/// Small copies of at most 120 photographs, evenly spaced in the list; cameras are in `frame`. Without `decodes` they
-/// have masks only, neither colours nor alpha.
+/// Returns small copies of at most 120 photographs, evenly spaced in the list, with cameras in `frame`. Without
+/// `decodes` they have only masks, without colours and alpha.
 std::vector<SeedView> seed_views(const Scene& scene, const CoordinateFrame& frame, bool decodes,
                                  const ProgressFn& progress) {
   constexpr std::size_t kMostViews = 120;
@@ -93,9 +93,9 @@ std::vector<SeedView> seed_views(const Scene& scene, const CoordinateFrame& fram
   return faces;
 }
 
-/// Blocks of `side` pixels: 255 where the camera sees a point.
+/// Returns blocks of `side` pixels that are 255 where the camera sees a point.
 Image8 blocks_with_points(const Camera& camera, const PointCloud& points, int side) {
-  constexpr std::int64_t kEnough = 200000;  // points, to know a few hundred blocks
+  constexpr std::int64_t kEnough = 200000;  // enough points for a few hundred blocks
   Image8 blocks((camera.width + side - 1) / side, (camera.height + side - 1) / side, 1);
   const std::int64_t step = std::max<std::int64_t>(1, points.size() / kEnough);
   for (std::int64_t i = 0; i < points.size(); i += step) {
@@ -105,7 +105,8 @@ Image8 blocks_with_points(const Camera& camera, const PointCloud& points, int si
   return blocks;
 }
 
-/// Of the pixels that show something and count, the share in blocks without points; `valid` keeps only those.
+/// Returns the share of blocks without points among the pixels that are neither empty nor masked. Limits `valid` to
+/// these.
 double keep_parts_without_points(const PointCloud& points, std::vector<SeedView>& views) {
   std::vector<std::array<double, 2>> counts(views.size());  // without points, all
   parallel_pool(static_cast<std::int64_t>(views.size()), [&](std::int64_t i, int) {
@@ -138,7 +139,7 @@ std::int64_t add_points_of_photographs(Scene& scene, const ProgressFn& progress)
   if (scene.points.size() == 0) {
     std::vector<Camera> cameras;
     for (const View& view : scene.train) cameras.push_back(change_frame(scene.frame, {}, view.camera));
-    const CoordinateFrame own = choose_frame(cameras, {});  // also where a training to resume gave the scene's frame
+    const CoordinateFrame own = choose_frame(cameras, {});  // also if a resumed training gave the scene's frame
     scene.points = in_frame(scene.frame, in_world(own, seed_points(seed_views(scene, own, /*decodes=*/true, progress),
                                                                    static_cast<std::int64_t>(count_for(scene)))));
     return scene.points.size();
@@ -146,7 +147,7 @@ std::int64_t add_points_of_photographs(Scene& scene, const ProgressFn& progress)
   std::vector<SeedView> views = seed_views(scene, scene.frame, /*decodes=*/false, {});
   if (keep_parts_without_points(scene.points, views) <= kLargePart) return 0;
   views = seed_views(scene, scene.frame, /*decodes=*/true, progress);
-  const double share = keep_parts_without_points(scene.points, views);  // alpha also says where nothing is
+  const double share = keep_parts_without_points(scene.points, views);  // alpha also marks empty pixels
   if (share <= kLargePart) return 0;
   const PointCloud found = seed_points(views, std::llround(share * count_for(scene)), SeedDepth::kClear);
   PointCloud& points = scene.points;

@@ -106,7 +106,7 @@ std::string describe_memory(const Scene& scene, const SceneOrigin& origin) {
          (is_limited ? ", at most " + format_bytes(limit) + " in memory (--host_memory_gb)" : "");
 }
 
-// Choices made for the user, and signs that something is wrong with the scene.
+// Returns automatic choices, and signs that something is wrong with the scene.
 Texts notes_on(const Scene& scene, const SceneOrigin& origin) {
   constexpr double kMaxAspectDeviation = 0.02;  // beyond rounding to whole pixels: cropped or rotated images
   Texts notes = origin.model.notes;

@@ -20,13 +20,13 @@ namespace {
 
 constexpr std::int64_t kMapShare = 8;  // undistortion maps get an eighth of the memory
 
-// The warning about a lens that shows only a part of the image, that of `mask`; "" if there is no reason for one.
-// `end`: where its formula or its use ends inside the image, radians; 0: nowhere.
+// Returns the warning about a lens that shows only a part of the image, the part in `mask`, or "". `end` is the angle
+// where its formula or its use ends inside the image, in radians, or 0.
 std::string lens_warning(const ViewSource& source, double end, const Image8& mask) {
   if (source.camera.lens.kind == LensKind::kEquirectangular) return "";
   const auto n = static_cast<std::int64_t>(mask.pixels.size()),
              n_left_out = std::count(mask.pixels.begin(), mask.pixels.end(), 0);
-  // In lenses of the other kinds, an image may be a circle.
+  // With lenses of the other kinds, an image may be a circle.
   const bool is_wrong =
       2 * n_left_out > n && (source.camera.is_pinhole() || source.camera.lens.kind == LensKind::kDistorted);
   if (end == 0 && !is_wrong) return "";
@@ -69,7 +69,7 @@ bool has_only(const Image8& mask, std::uint8_t value) {
   return std::all_of(mask.pixels.begin(), mask.pixels.end(), [&](std::uint8_t pixel) { return pixel == value; });
 }
 
-// Pixels of the view that are all of the mask's light (or dark) pixels and that the photograph shows.
+// Returns the pixels of the view that consist only of light (or dark) pixels of the mask and that the photograph shows.
 std::shared_ptr<const Image8> pixels_within(const Image8& mask, const ViewSource& source) {
   auto within = std::make_shared<Image8>(shrink_mask(mask, source.size.width, source.size.height));
   for (std::size_t i = 0; i < within->pixels.size(); ++i) {
@@ -79,7 +79,7 @@ std::shared_ptr<const Image8> pixels_within(const Image8& mask, const ViewSource
   return within;
 }
 
-// Reads the mask of a photograph, which is undistorted and reduced like it. Pixels where light and dark meet are
+// Reads the mask of a photograph, which is undistorted and reduced like it. Pixels on the border of light and dark are
 // neither valid nor empty.
 void read_mask_of(ViewSource& source, const SceneOptions& options, UndistorterCache& cache) {
   Image8 mask = read_mask(source.mask_file, source.file_size, options.invert_masks, source.orientation);
@@ -105,7 +105,7 @@ void read_masks(std::vector<ViewSource>& sources, const SceneOptions& options, U
     ViewSource& source = sources[static_cast<std::size_t>(i)];
     if (!source.mask_file.empty()) read_mask_of(source, options, cache);
   });
-  // Masks with the same pixels become one: those of a camera that shows a part of its vehicle, for example.
+  // Masks with the same pixels share memory, for example those of a camera that shows a part of its vehicle.
   std::set<std::shared_ptr<const Image8>, ByPixels> different;
   for (ViewSource& source : sources) {
     if (source.mask_file.empty()) continue;

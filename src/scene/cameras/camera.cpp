@@ -11,7 +11,7 @@
 namespace b3dgs {
 namespace {
 
-// Files that round to four decimals are off by this much; a sheared or mirrored matrix is off by far more.
+// Files that round to four decimals deviate by this much. A sheared or mirrored matrix deviates by far more.
 constexpr double kTolerance = 1e-2;
 
 constexpr const char* kRemedy = "; export the cameras again";
@@ -20,7 +20,7 @@ double determinant(const OpenGlMatrix& m) {
   return m[0] * (m[5] * m[10] - m[6] * m[9]) - m[1] * (m[4] * m[10] - m[6] * m[8]) + m[2] * (m[4] * m[9] - m[5] * m[8]);
 }
 
-// The scale of the rotation part.
+// Returns the scale of the rotation part.
 double checked_scale(const OpenGlMatrix& m, const std::string& place) {
   for (const double value : m) {
     if (!(std::abs(value) <= kMaxCoordinate)) {
@@ -59,7 +59,7 @@ std::array<double, 9> rotation_from_quaternion(const std::array<double, 4>& wxyz
 }
 
 std::array<double, 4> quaternion_from_rotation(const std::array<double, 9>& r) {
-  // Four times the square of each component; dividing by the largest keeps the others accurate.
+  // Four times the square of each component. Dividing by the largest keeps the others accurate.
   const std::array<double, 4> squares{1 + r[0] + r[4] + r[8], 1 + r[0] - r[4] - r[8], 1 - r[0] + r[4] - r[8],
                                       1 - r[0] - r[4] + r[8]};
   const double wx = r[7] - r[5], wy = r[2] - r[6], wz = r[3] - r[1];  // four times w x, w y, w z
@@ -137,8 +137,8 @@ Camera Camera::scaled_to(int new_width, int new_height) const {
 
 std::optional<std::array<double, 3>> up_direction(const std::vector<Camera>& cameras) {
   constexpr double kMinAgreement = 0.3;  // mean of unit vectors: 1 if all are equal
-  constexpr double kMinSpread = 0.05;    // share of the horizontal axes' second direction
-  constexpr double kMinAlong = 0.7;      // cos 45 degrees: else the cameras are rolled
+  constexpr double kMinSpread = 0.05;    // share of the second direction of the horizontal axes
+  constexpr double kMinAlong = 0.7;      // cos 45 degrees; below it, the cameras are rolled
   cv::Vec3d mean_up;
   cv::Matx33d spread;
   const double share = 1 / static_cast<double>(cameras.size());
@@ -149,7 +149,7 @@ std::optional<std::array<double, 3>> up_direction(const std::vector<Camera>& cam
   }
   if (!(cv::norm(mean_up) >= kMinAgreement)) return std::nullopt;
   cv::Vec3d up = cv::normalize(mean_up), values;
-  cv::Matx33d vectors;  // rows, of descending values
+  cv::Matx33d vectors;  // rows, in descending order of their values
   cv::eigen(spread, values, vectors);
   const cv::Vec3d across(vectors.row(2).val);
   const double along = across.dot(up);
@@ -164,7 +164,7 @@ Pose pose_from_opengl(const OpenGlMatrix& camera_to_world, const std::string& pl
     const double sign = (column == 0 ? 1 : -1) / scale;
     for (int row = 0; row < 3; ++row) pose.rotation[3 * column + row] = sign * camera_to_world[4 * row + column];
   }
-  pose.rotation = rotation_from_quaternion(quaternion_from_rotation(pose.rotation));  // removes what rounding left
+  pose.rotation = rotation_from_quaternion(quaternion_from_rotation(pose.rotation));  // removes rounding errors
   for (int row = 0; row < 3; ++row) {
     for (int k = 0; k < 3; ++k) pose.translation[row] -= pose.rotation[3 * row + k] * camera_to_world[4 * k + 3];
   }

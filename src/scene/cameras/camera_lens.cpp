@@ -13,11 +13,12 @@
 namespace b3dgs {
 namespace {
 
-// Perspective lenses do not reach 90 degrees, and of fisheyes nothing is known so far back.
+// Perspective lenses do not reach 90 degrees, and nothing is known about fisheyes this far back.
 constexpr double kMaxPerspectiveAngle = 85 * kPi / 180, kMaxFisheyeAngle = 175 * kPi / 180;
-// Gaussians are linearised up to this times the angle of the image's corners.
+// Gaussians are linearised up to this multiple of the angle of the image's corners.
 constexpr double kCornerMargin = 1.15;
-// Area of the image of a solid angle, relative to that on the axis, below which a formula counts as folded over.
+// If the image of a solid angle has less area than this, relative to that on the axis, the formula counts as folded
+// over.
 constexpr double kLeastMagnification = 0.1;
 
 LensPoint<double> seen_at(const Camera& camera, const Vec3<double>& point) {
@@ -40,8 +41,8 @@ std::array<double, 2> distort(const LensParams<double>& lens, double x, double y
 }
 
 double monotonic_radius(LensParams<double> lens, double limit) {
-  // Steps far smaller than a pixel of an image whose corner is at `limit`; a turning point between two steps moves the
-  // result by less than one step.
+  // Steps are far smaller than a pixel of an image whose corner is at `limit`. A turning point between two steps
+  // changes the result by less than one step.
   constexpr int kSteps = 1 << 15;
   std::fill(lens.k + 7, std::end(lens.k), 0.0);  // only radial distortion counts
   double before = 0;
@@ -68,7 +69,7 @@ Camera native_camera(Camera camera, const std::string& place) {
   std::vector<double> azimuths;
   azimuths.reserve(kAzimuths);
   for (int i = 0; i < kAzimuths; ++i) azimuths.push_back(2 * kPi * i / kAzimuths);
-  for (const double x : {-camera.cx, camera.width - camera.cx}) {  // and of the corners
+  for (const double x : {-camera.cx, camera.width - camera.cx}) {  // also the angles of the corners
     for (const double y : {-camera.cy, camera.height - camera.cy}) {
       azimuths.push_back(std::atan2(y / camera.fy, x / camera.fx));
     }
@@ -114,7 +115,7 @@ std::optional<std::array<double, 3>> LensRays::at(double x, double y) const {
     if (std::abs(v) > kPi / 2) return std::nullopt;
     return std::array<double, 3>{std::cos(v) * std::sin(u), std::sin(v), std::cos(v) * std::cos(u)};
   }
-  // From the angle that radial distortion alone would give, by Newton's method on the sphere.
+  // Newton's method on the sphere, starting at the angle that radial distortion alone would give.
   const double radius = std::hypot(u, v);
   const auto next = std::upper_bound(radii_.begin() + 1, radii_.end() - 1, radius);
   const double before = *(next - 1), step = *next > before ? std::min((radius - before) / (*next - before), 1.0) : 1.0;
@@ -129,7 +130,7 @@ std::optional<std::array<double, 3>> LensRays::at(double x, double y) const {
       if (std::atan2(std::hypot(at.x, at.y), at.z) > camera_.lens.max_angle + 1e-9) return std::nullopt;
       return std::array<double, 3>{at.x, at.y, at.z};
     }
-    // The shortest step that the Jacobian maps to the miss.
+    // The shortest step that the Jacobian maps to the remaining error.
     const double xx = dot(seen.row_x, seen.row_x), xy = dot(seen.row_x, seen.row_y), yy = dot(seen.row_y, seen.row_y);
     const double det = xx * yy - xy * xy;
     at = at + ((yy * miss_x - xy * miss_y) / det) * seen.row_x + ((xx * miss_y - xy * miss_x) / det) * seen.row_y;
@@ -163,7 +164,7 @@ std::vector<Camera> pinhole_faces(const Camera& camera) {
   const double angle = is_panorama ? kPi : camera.lens.max_angle;
   Camera face = camera.without_lens();
   if (angle <= kOneFace) return {face};
-  // As many pixels for an angle as the photograph has.
+  // The face has as many pixels per angle as the photograph.
   face.width = face.height = std::max(1, static_cast<int>(std::lround(2 * camera.fx * std::tan(kHalfFace))));
   face.fx = face.fy = 0.5 * face.width / std::tan(kHalfFace);
   face.cx = face.cy = 0.5 * face.width;

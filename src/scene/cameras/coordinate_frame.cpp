@@ -3,7 +3,7 @@
 namespace b3dgs {
 namespace {
 
-constexpr std::size_t kPoints = 20000, kCameras = 100;  // looked at, at equal distances
+constexpr std::size_t kPoints = 20000, kCameras = 100;  // number of points and cameras that are used, evenly spaced
 
 double median(std::vector<double>& values) {
   const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
@@ -11,7 +11,7 @@ double median(std::vector<double>& values) {
   return *middle;
 }
 
-/// 0 if no camera sees a point.
+/// Returns 0 if no camera sees a point.
 double typical_depth(const std::vector<Camera>& cameras, const std::vector<double>& points) {
   const std::size_t n_points = points.size() / 3;
   const std::size_t point_step = std::max<std::size_t>(1, n_points / kPoints);
@@ -36,11 +36,11 @@ std::array<double, 3> mean_center(const std::vector<Camera>& cameras) {
   return mean;
 }
 
-/// The median depth of the point with the least sum of squared distances to the optical axes; 0 if the axes are nearly
-/// parallel, or the point is not before most cameras.
+/// Finds the point with the least sum of squared distances to the optical axes. Returns its median depth, or 0 if the
+/// axes are nearly parallel or the point is not in front of most cameras.
 double depth_of_focus(const std::vector<Camera>& cameras, const std::array<double, 3>& origin) {
   constexpr double kLeastSpread = 1e-3, kMost = 0.8;
-  // Sum of (I - d d^T) (p - c) = 0 over the axes c + s d.
+  // Solves sum of (I - d d^T) (p - c) = 0 over the axes c + s d.
   std::array<std::array<double, 4>, 3> rows{};  // the matrix and the right side
   const auto n = static_cast<double>(cameras.size());
   const auto direction = [](const Camera& camera, std::size_t axis) {
@@ -77,7 +77,7 @@ double depth_of_focus(const std::vector<Camera>& cameras, const std::array<doubl
   return n_before >= kMost * n ? median(depths) : 0;
 }
 
-/// From the nearest other camera, median; 0 if there is only one.
+/// Returns the median distance from the nearest other camera, or 0 if there is only one.
 double usual_spacing(const std::vector<Camera>& cameras) {
   std::vector<double> spacings;
   const std::size_t step = std::max<std::size_t>(1, cameras.size() / kCameras);
@@ -93,7 +93,7 @@ double usual_spacing(const std::vector<Camera>& cameras) {
   return median(spacings);
 }
 
-/// Around the median of the points, for want of cameras.
+/// Returns a frame around the median of the points, for scenes without cameras.
 CoordinateFrame frame_of_points(const std::vector<double>& points) {
   CoordinateFrame frame;
   if (points.empty()) return frame;
@@ -132,7 +132,7 @@ double camera_radius(const std::vector<Camera>& cameras) {
 }
 
 RelativeDistances relative_distances(const std::vector<Camera>& cameras, const std::vector<double>& points) {
-  constexpr std::size_t kFewest = 5;  // of three or four cameras, any may be the wrong one
+  constexpr std::size_t kFewest = 5;  // among three or four cameras, any may be the wrong one
   std::vector<double> values(cameras.size());
   if (cameras.size() < kFewest) return {std::move(values), 0};
   std::array<double, 3> middle{};
@@ -142,7 +142,7 @@ RelativeDistances relative_distances(const std::vector<Camera>& cameras, const s
   }
   for (std::size_t i = 0; i < cameras.size(); ++i) values[i] = distance(cameras[i].center(), middle);
   const double depth = typical_depth(cameras, points);
-  // Without points, nothing else tells the size of the scene, and most cameras may stand in one place, where they
+  // Without points, only the cameras show the size of the scene, and most of them may stand in one place, where they
   // differ only by rounding. So this is not the median.
   const auto n_beyond = static_cast<std::ptrdiff_t>(values.size()) / (depth > 0 ? 2 : 10);
   std::vector<double> sorted = values;

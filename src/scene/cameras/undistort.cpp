@@ -61,7 +61,7 @@ void Undistorter::apply_into(const Raster<Value>& image, Value* pixels) const {
   B3DGS_CHECK(image.width == width_ && image.height == height_, "an image of ", image.width, " x ", image.height,
               " for a map of ", width_, " x ", height_);
   const int type = CV_MAKETYPE(cv::DataType<Value>::depth, image.channels);
-  // OpenCV only reads these two; its Mat has no const form.
+  // OpenCV only reads these two, but its Mat has no const form.
   const cv::Mat from(height_, width_, type, const_cast<Value*>(image.pixels.data()));
   const cv::Mat map(height_, width_, CV_32FC2, const_cast<float*>(source_.data()));
   cv::Mat to(height_, width_, type, pixels);

@@ -1,4 +1,4 @@
-// Turns photographs of a distorted camera into those of a pinhole camera.
+// Maps photographs of a distorted camera to those of a pinhole camera.
 #pragma once
 
 #include <cstdint>
@@ -19,8 +19,8 @@ class Undistorter {
   /// @throws InputError, beginning with `place`, if the image is too large or no pixel is valid
   Undistorter(const Camera& camera, const std::string& place);
 
-  /// Bilinear, as in COLMAP's undistorter: sharper filters ring at edges. For photographs, masks and depth maps; 0 at
-  /// invalid pixels. `pixels`: width x height x image.channels values.
+  /// Interpolates bilinearly, as COLMAP's undistorter does, because sharper filters ring at edges. It is used for
+  /// photographs, masks and depth maps. Invalid pixels become 0. `pixels`: width x height x image.channels values.
   template <class Value>
   void apply_into(const Raster<Value>& image, Value* pixels) const;
   template <class Value>
@@ -30,10 +30,10 @@ class Undistorter {
     return result;
   }
 
-  /// Mask of one channel: 255 where an output pixel comes from inside the photograph; null if all do.
+  /// Returns a mask of one channel that is 255 where an output pixel comes from inside the photograph; null if all do.
   const std::shared_ptr<const Image8>& valid() const { return valid_; }
 
-  /// Angle to the axis at which the formula of the lens folds over inside the result, radians; 0: it does not.
+  /// Returns the angle to the axis, in radians, at which the formula of the lens folds over inside the result, or 0.
   double fold_angle() const { return fold_angle_; }
 
  private:
@@ -43,21 +43,21 @@ class Undistorter {
   std::shared_ptr<const Image8> valid_;
 };
 
-/// The undistorters of a scene. Each holds a map of eight bytes per pixel, so a scene with one camera per image would
-/// need more memory for maps than for images: the most recently used ones are kept, the others are built again.
-/// Threads may share it once all groups are added.
+/// The undistorters of a scene. Each stores a map of eight bytes per pixel, so a scene with one camera per image would
+/// need more memory for maps than for images. Therefore only the most recently used ones are cached, and the others are
+/// built again. Threads may share the cache once all groups are added.
 class UndistorterCache {
  public:
-  /// Keeps at most max_bytes; maps in use that are no longer cached are not counted.
+  /// Caches at most max_bytes. Maps that are still in use after they have left the cache are not counted.
   explicit UndistorterCache(std::int64_t max_bytes) : max_bytes_(max_bytes) {}
 
-  /// Adds a group, the images of one camera, and returns its number. Errors begin with `place`.
+  /// Adds a group, the images of one camera, and returns its index. Errors begin with `place`.
   int add_group(const Camera& camera, const std::string& place);
 
-  /// Most bytes that the cache can take for these groups.
+  /// Returns the most bytes that the cache can use for these groups.
   std::int64_t most_kept_bytes() const;
 
-  /// From the cache, or built now. @throws InputError as the constructor of Undistorter
+  /// Returns the undistorter from the cache, or builds it. @throws InputError as the constructor of Undistorter
   std::shared_ptr<const Undistorter> get(int group);
 
  private:
@@ -65,17 +65,17 @@ class UndistorterCache {
     Camera camera;
     std::string place;
     std::mutex build_mutex;                  // one thread builds the map, the others wait for it
-    std::shared_ptr<const Undistorter> map;  // of a group in kept_
+    std::shared_ptr<const Undistorter> map;  // set for groups in kept_
   };
 
   const std::int64_t max_bytes_;
   std::vector<std::unique_ptr<Group>> groups_;
   std::mutex mutex_;
-  std::vector<Group*> kept_;  // last used at the end
+  std::vector<Group*> kept_;  // the last one is the most recently used
   std::int64_t kept_bytes_ = 0;
 };
 
-/// A mask for a smaller image: a pixel is valid only if all pixels that it covers are.
+/// Reduces a mask. A pixel is valid only if all pixels that it covers are.
 Image8 shrink_mask(const Image8& mask, int width, int height);
 
 }  // namespace b3dgs

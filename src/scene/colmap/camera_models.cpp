@@ -1,4 +1,4 @@
-// COLMAP's camera models as a table, and cameras to and from them.
+// COLMAP's camera models as a table, and conversion of cameras to and from them.
 #include <algorithm>
 #include <cmath>
 
@@ -13,11 +13,11 @@ struct CameraModelRow {
   const char* name;
   const char* params;  // "f, cx, cy, ...", "fx, fy, cx, cy, ..." or "w, h"; null: the model is not supported
   LensKind kind;
-  std::array<std::uint8_t, 8> places;  // where in LensParams::k each coefficient behind cy goes
+  std::array<std::uint8_t, 8> places;  // index in LensParams::k of each coefficient after cy
 };
 
-// In the order of COLMAP's ids (src/colmap/sensor/models.h there). RAD_TAN_THIN_PRISM_FISHEYE has a name only: its
-// number of parameters has changed between versions of COLMAP.
+// In the order of COLMAP's ids (src/colmap/sensor/models.h there). RAD_TAN_THIN_PRISM_FISHEYE has only a name, because
+// its number of parameters has changed between versions of COLMAP.
 constexpr std::array<CameraModelRow, 18> kCameraModels{{
     {"SIMPLE_PINHOLE", "f, cx, cy", LensKind::kPinhole, {}},
     {"PINHOLE", "fx, fy, cx, cy", LensKind::kPinhole, {}},
@@ -43,8 +43,8 @@ constexpr std::array<CameraModelRow, 18> kCameraModels{{
 }};
 static_assert(static_cast<int>(CameraModel::kThinPrismFisheye) == 10, "the table is in the order of the ids");
 
-// Focal length or principal point divided by the longer side of the image: larger than for any lens, and finite in
-// single precision.
+// Limit of the focal length or principal point, divided by the longer side of the image. It is larger than for any
+// lens, and finite in single precision.
 constexpr double kMaxRatio = 1e6;
 
 const CameraModelRow& row_of(CameraModel model) {
@@ -136,7 +136,7 @@ Camera camera_of(const ColmapCamera& named, const std::string& place) {
 }
 
 ColmapCamera to_colmap_camera(const Camera& camera) {
-  // Of the models of each LensKind, the one that has all its coefficients.
+  // For each LensKind, the model that has all its coefficients.
   constexpr std::array<CameraModel, 7> kModels{
       CameraModel::kPinhole,        CameraModel::kFullOpenCv, CameraModel::kFov,
       CameraModel::kDivision,       CameraModel::kEucm,       CameraModel::kThinPrismFisheye,

@@ -1,4 +1,4 @@
-// COLMAP sparse models (https://colmap.github.io/format.html): cameras, images and points as they are on disk.
+// COLMAP sparse models (https://colmap.github.io/format.html): cameras, images and points as stored in files.
 #pragma once
 
 #include <array>
@@ -15,7 +15,7 @@ namespace b3dgs {
 
 class FileReader;
 
-/// COLMAP's camera models by ID; values without a name here are rows of the table in camera_models.cpp.
+/// COLMAP's camera models by ID. Values without a name here are in the table in camera_models.cpp.
 enum class CameraModel : int {
   kSimplePinhole = 0,
   kPinhole = 1,
@@ -56,15 +56,15 @@ struct ColmapPoint {
   std::array<double, 3> position{};
   std::array<std::uint8_t, 3> color{};
   double error = 0;                        // px
-  std::vector<std::uint32_t> image_ids{};  // of its track, if tracks are read: images in which COLMAP saw it
+  std::vector<std::uint32_t> image_ids{};  // images in which COLMAP saw it, if tracks are read
 };
 
-/// An image that a model names, but whose pose or camera cannot be used.
+/// An image of a model whose pose or camera cannot be used.
 struct LeftOutImage {
   std::string name, reason;
 };
 
-/// 2D observations are skipped when reading, tracks unless they are asked for; both are written empty.
+/// 2D observations are not read, and tracks only on request. Both are written empty.
 struct ColmapModel {
   std::map<std::uint32_t, ColmapCamera> cameras;
   std::vector<ColmapImage> images;
@@ -73,42 +73,43 @@ struct ColmapModel {
   std::string left_out_points{};         // a warning about points whose positions cannot be used, or ""
 };
 
-/// Name as COLMAP writes it ("SIMPLE_RADIAL"), and its parameters in order ("f, cx, cy, k").
+/// Returns the name as COLMAP writes it ("SIMPLE_RADIAL"), and its parameters in order ("f, cx, cy, k").
 const char* camera_model_name(CameraModel model);
 const char* camera_model_params(CameraModel model);
 int camera_model_param_count(CameraModel model);
 
-/// Models whose photographs can be used.
+/// Returns the models whose photographs can be used.
 std::vector<CameraModel> supported_camera_models();
 
-/// Model by COLMAP's id or name. @throws InputError, beginning with `place`, if its parameters are not known
+/// Returns the model with COLMAP's id or name. @throws InputError, beginning with `place`, if its parameters are
+/// unknown
 CameraModel camera_model_from_id(int id, const std::string& place);
 CameraModel camera_model_from_name(const std::string& name, const std::string& place);
 
-/// The camera with its lens, without a pose and the lens's largest angle (native_camera()). @throws InputError,
-/// beginning with `place`, for intrinsics or panorama sizes that no camera has
+/// Returns the camera with its lens, without a pose and the lens's largest angle (native_camera()). @throws InputError,
+/// beginning with `place`, for impossible intrinsics or panorama sizes
 Camera camera_of(const ColmapCamera& named, const std::string& place);
 
-/// The camera as COLMAP's files have it, with ID 0; parameters begin with two focal lengths if the model has any.
+/// Returns the camera for COLMAP's files, with ID 0. Its parameters begin with two focal lengths if the model has any.
 ColmapCamera to_colmap_camera(const Camera& camera);
 
 enum class ColmapFormat { kBinary, kText };
 
-/// Format of the model in a folder, binary if it is there in both formats; nothing if the folder holds no model. One of
-/// the three files may be missing.
+/// Returns the format of the model in a folder, binary if it exists in both formats, or nothing if there is no model.
+/// One of the three files may be missing.
 std::optional<ColmapFormat> colmap_format(const std::filesystem::path& folder);
 
-/// Number of registered images, without reading the rest of the model. @throws InputError
+/// Returns the number of registered images without reading the rest of the model. @throws InputError
 std::uint64_t count_colmap_images(const std::filesystem::path& folder);
 
-/// Reads cameras, images and points3D from one folder in its colmap_format(). Other files, such as the rigs and frames
-/// of newer versions of COLMAP, are ignored. Images are left out if their pose or their camera is impossible, such as
-/// NaN, and points if their position is. If there is no file of points in this format, one in the other format is read.
-/// Without `needs_points`, it may be missing. @throws InputError if no image or no point is left, or with file, record
-/// or line, what was expected and what was found
+/// Reads cameras, images and points3D from one folder in its colmap_format(). Ignores other files, such as the rigs and
+/// frames of newer versions of COLMAP. Leaves out images with an impossible pose or camera, such as NaN, and points
+/// with an impossible position. If there is no file of points in this format, reads one in the other format. Without
+/// `needs_points`, it may be missing. @throws InputError if no image or no point is left, or with the file, the record
+/// or line, the expected and the found value
 ColmapModel read_colmap_model(const std::filesystem::path& folder, bool tracks = false, bool needs_points = true);
 
-/// The same from open files.
+/// Does the same from open files.
 struct ColmapFiles {
   FileReader &cameras, &images, &points;
   std::optional<ColmapFormat> point_format{};  // if it differs from that of the others
@@ -123,11 +124,11 @@ struct SparseModelFolder {
   std::vector<std::string> notes;  // which model was chosen, and errors of others
 };
 
-/// Whether the scene folder holds a COLMAP model, complete or not.
+/// Returns whether the scene folder contains a COLMAP model, complete or not.
 bool has_model_folder(const std::filesystem::path& source);
 
-/// Searches sparse/N, sparse/ and the scene folder itself; of several models, chooses the one with the most images.
-/// @throws InputError if there is none
+/// Searches sparse/N, sparse/ and the scene folder itself. If there are several models, chooses the one with the most
+/// images. @throws InputError if there is none
 SparseModelFolder find_model_folder(const std::filesystem::path& source);
 
 }  // namespace b3dgs

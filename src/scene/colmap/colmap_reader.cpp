@@ -55,7 +55,7 @@ SparseModelFolder find_model_folder(const fs::path& source) {
   for (std::size_t i = 0; i < folders.size(); ++i) {
     try {
       n_images[i] = count_colmap_images(folders[i]);
-    } catch (const InputError& error) {  // reading this model reports it again if no other one is valid
+    } catch (const InputError& error) {  // if no other model is valid, reading this one reports it again
       notes.push_back(error.what());
     }
   }

@@ -1,7 +1,8 @@
-// COLMAP's files. Binary ones are a 64-bit count, then records without padding, little-endian. Text files have one line
-// for each camera and point, two for each image, and comments after '#'; the counts in these are ignored: some programs
-// write wrong ones. Each kind of record is described once, for both formats and for reading and writing. 2D points and
-// tracks are written empty. Values are checked: whatever read_colmap_model() returns must be usable.
+// COLMAP's files. Binary files are a 64-bit count, then records without padding, little-endian. Text files have one
+// line for each camera and point, two for each image, and comments after '#'. Counts in these comments are ignored,
+// because some programs write wrong ones. Each kind of record is described once, for both formats and for reading and
+// writing. 2D points and tracks are written empty. Values are checked so that everything that read_colmap_model()
+// returns is usable.
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
@@ -31,16 +32,16 @@ struct Kind {
 };
 template <class Record>
 constexpr Kind kKind{};
-template <>  // with the parameters of EQUIRECTANGULAR
+template <>  // has the parameters of EQUIRECTANGULAR
 constexpr Kind kKind<ColmapCamera>{
     "camera", "cameras", 4 + 4 + 8 + 8 + 2 * 8,
     "# Camera list with one line of data per camera:\n#   CAMERA_ID, MODEL, WIDTH, HEIGHT, PARAMS[]\n"};
-template <>  // with a name of one letter and no 2D points
+template <>  // has a name of one letter and no 2D points
 constexpr Kind kKind<ColmapImage>{
     "image", "images", 4 + 4 * 8 + 3 * 8 + 4 + 2 + 8,
     "# Image list with two lines of data per image:\n"
     "#   IMAGE_ID, QW, QX, QY, QZ, TX, TY, TZ, CAMERA_ID, NAME\n#   POINTS2D[] as (X, Y, POINT3D_ID)\n"};
-template <>  // without a track
+template <>  // has no track
 constexpr Kind kKind<ColmapPoint>{"point", "points", 8 + 3 * 8 + 3 + 8 + 8,
                                   "# 3D point list with one line of data per point:\n"
                                   "#   POINT3D_ID, X, Y, Z, R, G, B, ERROR, TRACK[] as (IMAGE_ID, POINT2D_IDX)\n"};
@@ -117,9 +118,9 @@ bool is_windows_nan(std::string_view word) {
   return word.substr(0, 3) == "1.#";
 }
 
-// An image's second line holds x, y and the ID of a 3D point for each 2D point. Without this check, a file that lacks
-// the second lines would silently lose every other image. If the names of images are numbers too, the count tells: a
-// first line has 10 words.
+// An image's second line has x, y and the ID of a 3D point for each 2D point. Without this check, a file that lacks the
+// second lines would silently lose every other image. If the names of images are numbers too, the number of words
+// decides, because a first line has 10 words.
 void check_points_2d_line(const FileReader& file, std::string_view line, const ColmapImage& image) {
   const auto is_number = [](std::string_view word) {
     if (word.find_first_not_of("0123456789+-.eE") == std::string_view::npos || is_windows_nan(word)) return true;
@@ -140,7 +141,7 @@ void check_points_2d_line(const FileReader& file, std::string_view line, const C
               "; add a second line for each image, which may be empty");
 }
 
-/// Of one line.
+/// Reads the values of one line.
 struct TextReader {
   FileReader& file;
   bool tracks;
@@ -269,7 +270,7 @@ void expect_different(const std::vector<Record>& records, Key Record::*key, cons
   if (twice != keys.end()) input_error(file.name(), ": two ", what, " ", *twice, "; the file is damaged");
 }
 
-// Throws an InputError that says why no camera can have these values.
+// Throws an InputError with the reason if no camera can have these values.
 void check_camera(const ColmapCamera& camera, const std::string& file) {
   const std::string place = detail::concat(file, ": camera ", camera.id);
   if (camera.width < 1 || camera.height < 1 || camera.width > kMaxImageSide || camera.height > kMaxImageSide) {
@@ -284,7 +285,7 @@ void check_camera(const ColmapCamera& camera, const std::string& file) {
   camera_of(camera, place);
 }
 
-// Outputs are named after images too, so a name must not point outside a folder.
+// Outputs are also named after images, so a name must not lead out of a folder.
 bool points_outside(std::string name) {
   std::replace(name.begin(), name.end(), '\\', '/');
   const fs::path path(name);
@@ -320,7 +321,7 @@ void check_name(const ColmapImage& image, const std::string& file) {
   }
 }
 
-// What is wrong with the records that `check` refuses, by ID.
+// Describes the records that `check` rejects, by ID.
 template <class Record, class Check>
 std::map<std::uint32_t, std::string> faults_of(const std::vector<Record>& records, const FileReader& file,
                                                const Check& check) {
@@ -335,7 +336,7 @@ std::map<std::uint32_t, std::string> faults_of(const std::vector<Record>& record
   return faults;
 }
 
-// Removes points without a usable position. Returns a warning, "" if there are none.
+// Removes points without a usable position. Returns a warning, or "" if there are none.
 std::string leave_out_points(std::vector<ColmapPoint>& points, const std::string& file) {
   const auto is_unusable = [](double value) { return !(std::abs(value) <= kMaxCoordinate); };
   const auto is_bad = [&](const ColmapPoint& point) {
@@ -420,7 +421,7 @@ ColmapModel read_colmap_model(const fs::path& folder, bool tracks, bool needs_po
                 is_points ? "; restore it, put a points3D.ply there, or pass points with --init_ply" : "");
   }
   FileReader cameras(file_of(folder, "cameras", *format)), images(file_of(folder, "images", *format));
-  const std::string no_points(*format == ColmapFormat::kBinary ? sizeof(std::uint64_t) : 0, '\0');  // their count
+  const std::string no_points(*format == ColmapFormat::kBinary ? sizeof(std::uint64_t) : 0, '\0');  // their number
   FileReader empty(points_file.string(), no_points);
   if (has_other_points) {
     FileReader points(other_points_file);

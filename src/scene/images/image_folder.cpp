@@ -26,7 +26,7 @@ bool is_folder(const fs::path& path) {
   return fs::is_directory(path, error);
 }
 
-// 4, and "images" in `base`, for "images_4"; 0 for names of another form.
+// Returns 4, and "images" in `base`, for "images_4". Returns 0 for names of another form.
 int divisor_of(const std::string& images, std::string& base) {
   const std::size_t underscore = images.rfind('_');
   if (underscore == std::string::npos || underscore == 0) return 0;
@@ -48,7 +48,7 @@ std::string list_subfolders(const fs::path& source) {
   return list.empty() ? "no folders" : list;
 }
 
-// The name of an image with '/' between folders, and without a leading "images/" or name of the image folder.
+// Returns the name of an image with '/' between folders, and without a leading "images/" or name of the image folder.
 std::vector<std::string> names_in_folder(const std::string& name, const std::string& images) {
   std::string path = name;
   std::replace(path.begin(), path.end(), '\\', '/');
@@ -123,7 +123,7 @@ std::map<std::string, fs::path> ImageFolder::find_all(const std::vector<std::str
     if (other == owners.end()) {
       files[name] = file;
       owners[file] = name;
-    } else if (find(other->second).empty()) {  // both are only similar: one of them would get a wrong photograph
+    } else if (find(other->second).empty()) {  // neither name is exact, so one of them would get a wrong photograph
       input_error(file.string(), ": the registered images ", other->second, " and ", name,
                   " both match only this file; keep their sub-folders in the image folder");
     }

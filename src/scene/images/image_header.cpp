@@ -44,14 +44,14 @@ bool is_start_of_frame(std::uint8_t marker) {
 
 struct Segment {
   std::uint8_t marker = 0;
-  std::size_t begin = 0, end = 0;  // from the marker's 0xff on
+  std::size_t begin = 0, end = 0;  // starting at the marker's 0xff
 };
 
-/// The complete segments of a JPEG. The last one is kEndOfImage if the file is complete.
+/// Returns the complete segments of a JPEG. The last one is kEndOfImage if the file is complete.
 std::vector<Segment> segments_of(const Bytes& bytes) {
   std::vector<Segment> segments;
   for (std::size_t at = 2; is_jpeg(bytes) && at < bytes.size();) {
-    // A marker may be preceded by any number of 0xff; inside a scan, everything that is not a marker is data.
+    // A marker may follow any number of 0xff. Inside a scan, everything that is not a marker is data.
     const void* found = std::memchr(bytes.data() + at, 0xff, bytes.size() - at);
     if (!found) break;
     at = static_cast<std::size_t>(static_cast<const std::uint8_t*>(found) - bytes.data());
@@ -92,7 +92,7 @@ using namespace std::string_view_literals;
 constexpr std::string_view kExif = "Exif\0\0"sv, kColorProfile = "ICC_PROFILE\0"sv;
 
 struct Orientation {
-  std::size_t at = 0;  // of its two bytes
+  std::size_t at = 0;  // position of its two bytes
   bool is_little_endian = false;
   int value = kUpright;
 };
@@ -132,7 +132,7 @@ std::optional<Orientation> find_orientation(const Bytes& bytes) {
   const auto has_text = [&](std::size_t at, std::string_view text) {
     return at + text.size() <= bytes.size() && std::memcmp(bytes.data() + at, text.data(), text.size()) == 0;
   };
-  // Chunks of a name and a length, the other way round in PNG, which also adds a checksum.
+  // Chunks have a name and a length. In PNG, the length comes first, and a checksum follows.
   const bool is_webp = has_text(0, "RIFF") && has_text(8, "WEBP");
   if (!is_webp && !is_png(bytes)) return std::nullopt;
   for (std::size_t at = is_webp ? 12 : kPngSignature.size(); at + 8 <= bytes.size();) {
@@ -151,8 +151,8 @@ void set_upright(const Orientation& orientation, Bytes& bytes) {
   bytes[orientation.at + 1] = orientation.is_little_endian ? 0 : kUpright;
 }
 
-/// As EXIF 2.3 defines the values: where row 0 and column 0 of the stored image belong. OpenCV would turn it only if
-/// EXIF is the first of the application segments of its kind.
+/// Turns an image as EXIF 2.3 defines the values: where row 0 and column 0 of the stored image belong. OpenCV would
+/// turn it only if EXIF is the first application segment of its kind.
 cv::Mat upright(const cv::Mat& stored, int orientation) {
   constexpr std::array<bool, 9> kFlipsColumns{false, false, true, true, false, false, true, true, false},
       kFlipsRows{false, false, false, true, true, false, false, true, true};

@@ -20,10 +20,10 @@ namespace fs = std::filesystem;
 using Bytes = std::vector<std::uint8_t>;
 
 constexpr std::int64_t kMostPixels = std::int64_t{1} << 30;  // OpenCV decodes no larger images
-// A small file can claim any size: hardly a mask, even with 1 bit for each pixel, has more of both.
+// A small file can claim any size. Hardly any mask, even with 1 bit per pixel, exceeds both limits.
 constexpr std::int64_t kManyPixels = std::int64_t{1} << 28, kManyForAByte = 6000;
 
-// The size is usually within these bytes; a long EXIF segment can push it further back.
+// The size is usually within these bytes, but a long EXIF segment can push it further back.
 constexpr std::size_t kHeaderBytes = std::size_t{1} << 16;
 
 Bytes read_bytes(FileReader& file, std::size_t at_most) {
@@ -91,7 +91,7 @@ void composite(const cv::Mat& bgra, bool white_background, std::uint8_t* to) {
   }
 }
 
-// Any decoded image as 8-bit RGB.
+// Converts any decoded image to 8-bit RGB.
 void convert(const fs::path& path, const cv::Mat& decoded, bool white_background, std::uint8_t* rgb) {
   const cv::Mat image = reduce_to_8_bits(path, decoded);
   if (image.channels() == 4) {
@@ -105,7 +105,7 @@ void convert(const fs::path& path, const cv::Mat& decoded, bool white_background
   cv::cvtColor(image, to, image.channels() == 1 ? cv::COLOR_GRAY2RGB : cv::COLOR_BGR2RGB);
 }
 
-/// With one or three channels.
+/// Accepts one or three channels.
 cv::Mat to_bgr(const Image8& image) {
   const cv::Mat from(image.height, image.width, CV_8UC(image.channels), const_cast<std::uint8_t*>(image.pixels.data()));
   if (image.channels == 1) return from;
@@ -215,7 +215,7 @@ void write_depth_map(const fs::path& path, const Depth16& map) {
 
 void write_exr(const fs::path& path, ImageSize size, const float* values) {
   B3DGS_CHECK(size.width > 0 && size.height > 0, "an empty image");
-  // Newer versions of OpenCV write OpenEXR only if this is set before they are first asked to.
+  // Newer versions of OpenCV write OpenEXR only if this is set before the first attempt.
   ::setenv("OPENCV_IO_ENABLE_OPENEXR", "1", /*overwrite=*/0);
   if (!cv::haveImageWriter("image.exr")) {
     input_error(path.string(), ": the installed OpenCV cannot write OpenEXR; use 16-bit PNG");

@@ -1,5 +1,5 @@
-// Host memory for the decoded photographs of a scene: a limit, divided between photographs that are cached and the
-// buffers of readers that prefetch, and the number of bytes in use.
+// The limit of host memory for the decoded photographs of a scene, and the number of bytes in use. The memory is
+// divided between cached photographs and the buffers of readers that prefetch.
 #pragma once
 
 #include <algorithm>
@@ -10,46 +10,46 @@
 
 namespace b3dgs {
 
-/// The limit for --host_memory_gb, in bytes; for -1, 80 % of `available_bytes`.
+/// Returns the limit for --host_memory_gb, in bytes. -1 stands for 80 % of `available_bytes`.
 std::int64_t image_memory_limit(double host_memory_gb, std::int64_t available_bytes);
 
 /// Thread-safe.
 class ImageMemory {
  public:
-  static constexpr int kMaxBuffers = 64;  // per reader; more than a second of steps gains nothing
+  static constexpr int kMaxBuffers = 64;  // per reader; more than a second of steps has no benefit
 
   struct Plan {
     std::int64_t limit = std::numeric_limits<std::int64_t>::max();
-    std::int64_t photographs = 0, largest = 0;  // bytes: of all together, and of the largest
+    std::int64_t photographs = 0, largest = 0;  // bytes: all together, and the largest
     std::int64_t fixed = 0;                     // bytes used regardless of the limit: masks, undistortion maps
-    int n_readers = 1;                          // that prefetch at the same time
+    int n_readers = 1;                          // number that prefetch at the same time
   };
 
-  /// No limit.
+  /// Sets no limit.
   ImageMemory() = default;
   /// If not all photographs fit, readers get up to a quarter of the memory, but at least one buffer each.
   explicit ImageMemory(const Plan& plan);
 
   std::int64_t limit() const { return plan_.limit; }
   std::int64_t fixed() const { return locked(plan_.fixed); }
-  /// Buffers for one reader, 1 to kMaxBuffers.
+  /// Returns the number of buffers for one reader, 1 to kMaxBuffers.
   int n_buffers() const { return locked(n_buffers_); }
 
   /// Bytes that are in use while this exists. The ImageMemory must outlive it.
   using Use = std::shared_ptr<void>;
 
-  /// Reserves memory for something else, before photographs are cached: it counts as Plan::fixed. Null if it would
-  /// leave readers less than a buffer each.
+  /// Reserves memory for other purposes before photographs are cached. It counts as Plan::fixed. Returns null if it
+  /// would leave readers less than a buffer each.
   Use reserve(std::int64_t bytes);
 
-  /// Reserves memory for a photograph to cache; false if there is not enough.
+  /// Reserves memory for a photograph to cache. Returns false if there is not enough.
   bool try_hold(std::int64_t bytes);
   /// Undoes try_hold().
   void release_held(std::int64_t bytes);
-  /// Counts the buffers of a reader, which has at most n_buffers() of the size of the largest photograph.
+  /// Counts the buffers of a reader, which has at most n_buffers(), each the size of the largest photograph.
   Use use_buffers(std::int64_t bytes);
 
-  /// Bytes, Plan::fixed included, and the most so far.
+  /// Returns the bytes in use, including Plan::fixed, and the maximum so far.
   std::int64_t used() const {
     const std::lock_guard<std::mutex> lock(mutex_);
     return plan_.fixed + held_ + buffers_;
@@ -62,7 +62,7 @@ class ImageMemory {
     const std::lock_guard<std::mutex> lock(mutex_);
     return value;
   }
-  // With the mutex locked: changes one of the amounts below and what follows from them.
+  // Changes one of the amounts below and the values that follow from them. The mutex must be locked.
   void add(std::int64_t& amount, std::int64_t bytes);
   Use use(std::int64_t& amount, std::int64_t bytes);
 

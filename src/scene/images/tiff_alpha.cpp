@@ -50,7 +50,7 @@ toff_t size_of_memory(thandle_t handle) {
 using Tiff = std::unique_ptr<TIFF, decltype(&TIFFClose)>;
 
 Tiff open_tiff(Memory& memory) {
-  static const bool is_quiet = [] {  // otherwise libtiff writes to stderr; errors are reported by their results
+  static const bool is_quiet = [] {  // otherwise libtiff writes to stderr; results report errors
     TIFFSetWarningHandler(nullptr);
     TIFFSetErrorHandler(nullptr);
     return true;
@@ -63,14 +63,14 @@ Tiff open_tiff(Memory& memory) {
 
 struct Layout {
   ImageSize size;
-  int bits = 0, n_samples = 0, n_colors = 0, alpha = 0;  // `alpha`: which of the samples
+  int bits = 0, n_samples = 0, n_colors = 0, alpha = 0;  // `alpha`: index of the sample
   bool is_premultiplied = false, is_separate = false, is_inverted = false;
-  bool may_be_straight = false;  // although `is_premultiplied`
+  bool may_be_straight = false;  // even if `is_premultiplied`
 
   int type() const { return CV_MAKETYPE(bits == 8 ? CV_8U : CV_16U, n_samples); }
 };
 
-/// Nothing unless the samples are grey or RGB, with alpha.
+/// Returns nothing unless the samples are grey or RGB, with alpha.
 std::optional<Layout> layout_of(TIFF* tiff) {
   std::uint32_t width = 0, height = 0;
   std::uint16_t bits = 0, n_samples = 0, format = 0, planes = 0, photometric = 0, n_extra = 0;
@@ -103,8 +103,8 @@ std::optional<Layout> layout_of(TIFF* tiff) {
   const std::uint16_t* alpha = std::find_if(extra, extra + n_extra, [](std::uint16_t kind) {
     return kind == EXTRASAMPLE_ASSOCALPHA || kind == EXTRASAMPLE_UNASSALPHA;
   });
-  // Older programs write premultiplied alpha as unspecified. OpenCV writes straight alpha without saying what it is,
-  // which libtiff also reports as unspecified.
+  // Older programs write premultiplied alpha as unspecified. OpenCV writes straight alpha without its kind, which
+  // libtiff also reports as unspecified.
   if (alpha == end && is_rgb) alpha = std::find(extra, extra + n_extra, EXTRASAMPLE_UNSPECIFIED);
   if (alpha == end) return std::nullopt;
   layout.alpha = layout.n_colors + static_cast<int>(alpha - extra);
@@ -118,7 +118,7 @@ bool read_samples(TIFF* tiff, const Layout& layout, cv::Mat& image) {
   const auto [width, height] = layout.size;
   const int n_planes = layout.is_separate ? layout.n_samples : 1, n_each = layout.is_separate ? 1 : layout.n_samples;
   const std::size_t sample_bytes = layout.bits / 8, pixel_bytes = n_each * sample_bytes;
-  // A part of a row of one plane, from column x on.
+  // Stores a part of a row of one plane, starting at column x.
   const auto store = [&](const std::uint8_t* from, int plane, int y, int x, int n) {
     std::uint8_t* to = image.ptr(y) + (static_cast<std::size_t>(x) * layout.n_samples + plane) * sample_bytes;
     for (int i = 0; i < n; ++i, from += pixel_bytes, to += layout.n_samples * sample_bytes) {
@@ -161,7 +161,7 @@ bool read_samples(TIFF* tiff, const Layout& layout, cv::Mat& image) {
   return true;
 }
 
-/// Returns whether a colour exceeds its alpha, as premultiplied ones never do.
+/// Returns whether a colour exceeds its alpha, which premultiplied colours never do.
 template <class Value>
 bool is_straight(const cv::Mat& samples, const Layout& layout) {
   for (int y = 0; y < samples.rows; ++y) {

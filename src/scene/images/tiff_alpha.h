@@ -13,8 +13,8 @@
 namespace b3dgs {
 
 /// Decodes a TIFF of grey or RGB samples with alpha, of 8 or 16 bits, to BGRA of the same depth. Alpha is not
-/// premultiplied, whichever way the file has it, and the image is not turned by its orientation tag. Returns nothing
-/// for other files, and an empty image for damaged ones. `check` is called with the size before memory is allocated.
+/// premultiplied, regardless of the file, and the image is not turned by its orientation tag. Returns nothing for other
+/// files, and an empty image for damaged ones. `check` is called with the size before memory is allocated.
 std::optional<cv::Mat> decode_tiff_with_alpha(const std::vector<std::uint8_t>& bytes,
                                               const std::function<void(ImageSize)>& check);
 

@@ -92,7 +92,7 @@ WorldPoints read_point_ply(FileReader& file) {
   WorldPoints points;
   points.positions.resize(vertices.count * 3);
   points.colors.assign(vertices.count * 3, 128);
-  std::size_t n = 0;  // values of points that are kept
+  std::size_t n = 0;  // number of values of kept points
   reader.read_vertices(columns, [&](std::uint64_t first, std::uint64_t n_rows, const double* values) {
     for (std::uint64_t row = first; row < first + n_rows; ++row, values += columns.size()) {
       const double* const end = values + columns.size();

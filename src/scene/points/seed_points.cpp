@@ -13,9 +13,9 @@
 namespace b3dgs {
 namespace {
 
-constexpr int kDepths = 128;                                                       // of the sweep
-constexpr double kNearest = 0.25 * kTypicalDepth, kFarthest = 20 * kTypicalDepth;  // of the sweep
-constexpr double kLeastDepth = 0.1 * kTypicalDepth;                                // of a point in any view
+constexpr int kDepths = 128;                                                       // depths of the sweep
+constexpr double kNearest = 0.25 * kTypicalDepth, kFarthest = 20 * kTypicalDepth;  // limits of the sweep
+constexpr double kLeastDepth = 0.1 * kTypicalDepth;                                // limit for a point in any view
 constexpr std::size_t kNeighbours = 6;
 constexpr int kPatch = 3, kPatchStep = 2;  // px
 constexpr std::size_t kPatchPixels = kPatch * kPatch;
@@ -24,7 +24,7 @@ constexpr float kUnseen = std::numeric_limits<float>::max();
 
 using Vec = std::array<double, 3>;
 
-/// Direction of a pixel in the camera's frame, with z = 1.
+/// Returns the direction of a pixel in the camera's frame, with z = 1.
 Vec direction(const Camera& camera, double x, double y) {
   return {(x - camera.cx) / camera.fx, (y - camera.cy) / camera.fy, 1};
 }
@@ -39,12 +39,12 @@ const std::uint8_t* pixel(const Image8& image, double x, double y) {
   return image.at(static_cast<int>(x), static_cast<int>(y));
 }
 
-/// Of a mask without pixels: everywhere.
+/// Returns true everywhere for a mask without pixels.
 bool is_set(const Image8& mask, double x, double y) {
   return mask.pixels.empty() || *pixel(mask, x, y) != 0;
 }
 
-/// Whether no view rules the point out: as empty there, or too close to its camera.
+/// Returns whether no view rules the point out, because it is empty there or too close to the camera.
 bool may_be(const std::vector<SeedView>& views, const Vec& point) {
   return std::all_of(views.begin(), views.end(), [&](const SeedView& view) {
     const auto place = view.camera.project(point.data());
@@ -52,8 +52,9 @@ bool may_be(const std::vector<SeedView>& views, const Vec& point) {
   });
 }
 
-/// The views that see the most of the same from another place: those with the nearest centres, but for those at almost
-/// the same place, whose rays are too parallel to tell a depth, and those turned by more than 60 degrees.
+/// Returns the views that see most of the same from another place, which are those with the nearest centres. Leaves out
+/// views at almost the same place, whose rays are too parallel to determine a depth, and those turned by more than 60
+/// degrees.
 std::vector<std::size_t> neighbours_of(const std::vector<SeedView>& views, std::size_t view) {
   constexpr double kLeastDistance = 0.03 * kTypicalDepth, kLeastCosine = 0.5;
   const Vec center = views[view].camera.center();
@@ -85,7 +86,7 @@ Vec in_pixels(const Camera& camera, const Vec& v) {
   return {camera.fx * v[0] + camera.cx * v[2], camera.fy * v[1] + camera.cy * v[2], v[2]};
 }
 
-/// A pixel whose depth is looked for, and what was found.
+/// A pixel whose depth is searched for, and the result.
 struct Seed {
   std::size_t view = 0;
   double x = 0, y = 0;
@@ -109,7 +110,7 @@ Sight sight(const SeedView& from, const SeedView& to, const Seed& at) {
   return result;
 }
 
-/// Bilinear between pixel centres at (i + 0.5, j + 0.5); edges continue outwards.
+/// Interpolates bilinearly between pixel centres at (i + 0.5, j + 0.5). Edges continue outwards.
 std::array<float, 3> color_at(const Image8& image, float x, float y) {
   const float column = std::clamp(x - 0.5f, 0.0f, static_cast<float>(image.width - 1));
   const float row = std::clamp(y - 0.5f, 0.0f, static_cast<float>(image.height - 1));
@@ -126,7 +127,7 @@ std::array<float, 3> color_at(const Image8& image, float x, float y) {
   return color;
 }
 
-/// The patch at a depth in the other view; nothing if a part of it is outside.
+/// Reads the patch at a depth in the other view. Fails if a part of it is outside.
 bool look(const Sight& sight, double depth, Patch& patch) {
   for (std::size_t i = 0; i < kPatchPixels; ++i) {
     const Vec& d = sight.directions[i];
@@ -139,8 +140,8 @@ bool look(const Sight& sight, double depth, Patch& patch) {
   return true;
 }
 
-/// Mean absolute difference of two patches, 0 to 255. The mean difference of each channel counts a third: exposures
-/// vary.
+/// Returns the mean absolute difference of two patches, 0 to 255. The mean difference of each channel counts a third,
+/// because exposures vary.
 float difference(const Patch& a, const Patch& b) {
   float sum = 0;
   for (std::size_t c = 0; c < 3; ++c) {
@@ -152,7 +153,7 @@ float difference(const Patch& a, const Patch& b) {
   return sum / 3;
 }
 
-/// The mean over the better half of the views: in the others, something else may hide the point.
+/// Returns the mean over the better half of the views, because the point may be hidden in the others.
 float cost_at(const std::vector<Sight>& sights, const Patch& own, double depth) {
   std::array<float, kNeighbours> costs{};
   std::size_t n = 0;
@@ -177,7 +178,7 @@ double depth_of_step(double step) {
   return 1 / ((1 - share) / kNearest + share / kFarthest);
 }
 
-/// Nothing if no depth is clearly better than others.
+/// Returns nothing if no depth is clearly better than others.
 std::optional<double> sweep(const std::vector<SeedView>& views, const std::vector<std::size_t>& neighbours,
                             const Seed& at) {
   const SeedView& own = views[at.view];
@@ -227,7 +228,7 @@ std::vector<Seed> seeds_of(const std::vector<SeedView>& views, std::size_t view,
   return seeds;
 }
 
-/// Gives the others the depth of the nearest pixel that has one or, if that is ruled out, one at random.
+/// Gives the others the depth of the nearest pixel that has one or, if that is ruled out, a random one.
 void fill(const std::vector<SeedView>& views, std::vector<Seed>& seeds) {
   std::vector<Seed> clear;
   std::copy_if(seeds.begin(), seeds.end(), std::back_inserter(clear), [](const Seed& seed) { return !!seed.depth; });

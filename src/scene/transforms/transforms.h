@@ -1,5 +1,5 @@
-// Scenes in transforms.json files, as NeRF's synthetic scenes, instant-ngp, nerfstudio and Polycam write them: cameras
-// and photographs in the structures of the COLMAP reader.
+// Scenes in transforms.json files, as NeRF's synthetic scenes, instant-ngp, nerfstudio and Polycam write them. Cameras
+// and photographs have the structures of the COLMAP reader.
 #pragma once
 
 #include <filesystem>
@@ -26,9 +26,9 @@ class UnusableValue : public InputError {
   using InputError::InputError;
 };
 
-/// Values of a JSON object, such as a frame, or else of another one, such as the whole file; nothing, false or "" if
-/// neither has the key. @throws InputError, beginning with `place`, for wrong types and impossible values;
-/// UnusableValue for numbers that are NaN or infinite
+/// Values of a JSON object, such as a frame, with another one, such as the whole file, as fallback. Returns nothing,
+/// false or "" if neither has the key. @throws InputError, beginning with `place`, for wrong types and impossible
+/// values; UnusableValue for numbers that are NaN or infinite
 class JsonValues {
  public:
   using Json = nlohmann::ordered_json;
@@ -36,15 +36,15 @@ class JsonValues {
       : object_(object), other_(other), place_(std::move(place)) {}
 
   const std::string& place() const { return place_; }
-  /// A finite number of at most kMaxCoordinate.
+  /// Returns a finite number of at most kMaxCoordinate.
   std::optional<double> number(const char* key) const;
-  /// A number above 0 and at most `max`.
+  /// Returns a number above 0 and at most `max`.
   std::optional<double> positive(const char* key, double max) const;
-  /// A whole number of pixels, which may be written as 800.0.
+  /// Returns an integer number of pixels, which may be written as 800.0.
   std::optional<int> side(const char* key) const;
   bool boolean(const char* key) const;
   std::string text(const char* key) const;
-  /// 16 numbers, or 4 rows of 4; the last row may be missing. @throws InputError also if there is none
+  /// Reads 16 numbers, or 4 rows of 4. The last row may be missing. @throws InputError also if there is none
   OpenGlMatrix matrix(const char* key) const;
 
  private:
@@ -54,7 +54,7 @@ class JsonValues {
   std::string place_;
 };
 
-/// Parses JSON as other programs write it: comments are ignored, and numbers that are not finite, such as NaN, become
+/// Parses JSON as other programs write it. Comments are ignored, and numbers that are not finite, such as NaN, become
 /// strings that JsonValues knows. @throws InputError, beginning with `place`
 nlohmann::ordered_json parse_json_with_extras(std::string_view text, const std::string& place);
 
@@ -67,11 +67,11 @@ struct TransformsFiles {
 
 TransformsFiles find_transforms(const std::filesystem::path& source);
 
-/// Frames of one file or several.
+/// Frames of one or several files.
 struct TransformsModel {
-  /// A camera for each set of intrinsics, in the simplest of COLMAP's models that has its distortion; an image for each
-  /// frame, named after its file_path: ".png" is added if there is no extension of an image, "./" and what leads out of
-  /// the folder is dropped. The camera ID is 0 if the size is not known. No points.
+  /// A camera for each set of intrinsics, in the simplest of COLMAP's models that has its distortion, and an image for
+  /// each frame, named after its file_path. ".png" is added if there is no image extension, and "./" and parts that
+  /// lead out of the folder are dropped. The camera ID is 0 if the size is unknown. There are no points.
   ColmapModel model;
   std::map<std::uint32_t, std::string> camera_places;  // "FILE: frame N (NAME)", by camera ID, for errors
   std::map<std::string, std::filesystem::path> files;  // by image name: file_path, relative to the file
@@ -89,10 +89,10 @@ struct PhotographSizes {
 };
 using PhotographSizesFn = std::function<PhotographSizes(const std::string& image_name)>;
 
-/// Adds the frames of the text of a file. `sizes_of` is called for frames without w and h. Keys that are not known are
-/// ignored; poses are taken as written, whatever applied_transform says. @throws InputError with file, frame, expected
-/// and found, also for camera models that photographs cannot be undistorted from. Frames with
-/// an UnusableValue are left out, unless all are
+/// Adds the frames of the text of a file. `sizes_of` is called for frames without w and h. Ignores unknown keys, and
+/// takes poses as written, regardless of applied_transform. @throws InputError with file, frame, expected and found,
+/// also for camera models that photographs cannot be undistorted from. Leaves out frames with an UnusableValue, unless
+/// all have one
 void read_transforms(std::string_view text, const std::filesystem::path& file, const PhotographSizesFn& sizes_of,
                      TransformsModel& model);
 

@@ -31,7 +31,7 @@ bool is_fisheye(const JsonValues& values, const std::string& model) {
               kPanorama, "; convert the photographs to perspective views first");
 }
 
-// fx and fy, in px.
+// Returns fx and fy, in px.
 std::array<double, 2> focal_lengths(const JsonValues& values, ImageSize size) {
   const auto from_angle = [&](const char* key, int side) -> std::optional<double> {
     const std::optional<double> angle = values.number(key);
@@ -94,7 +94,7 @@ fs::path path_of(std::string path) {
   return path;
 }
 
-// The file at a path that is relative to the file of the scene.
+// Returns the file at a path that is relative to the file of the scene.
 fs::path file_at(const fs::path& scene_file, const fs::path& path) {
   const fs::path file = find_in_any_form(scene_file.parent_path(), path.string());
   return file.empty() ? scene_file.parent_path() / path : file;
@@ -127,7 +127,7 @@ class FrameReader {
     for (const ColmapImage& image : model.model.images) names_.insert(image.name);
   }
 
-  /// Leaves out the frame if it has an UnusableValue.
+  /// Reads a frame, or leaves it out if it has an UnusableValue.
   void read_frame(const Json& frame, std::size_t index) {
     try {
       add_frame(frame, index);
@@ -152,7 +152,7 @@ class FrameReader {
     }
     const JsonValues own(frame, frame, place), values(frame, json_, place);
     const Pose pose = pose_of(own);
-    const fs::path path = path_of(file_path);  // gets the extension that the name has
+    const fs::path path = path_of(file_path);  // gets the extension of the name
     model_.files[name] = file_at(file_, has_image_extension(path) ? path : fs::path(path.string() + ".png"));
     if (const std::string mask = own.text("mask_path"); !mask.empty())
       model_.masks[name] = file_at(file_, path_of(mask));
@@ -177,15 +177,15 @@ class FrameReader {
     return {camera.model, camera.width, camera.height, camera.params};
   }
 
-  // The size that intrinsics in px belong to; nothing if there is no photograph.
+  // Returns the size that intrinsics in px belong to, or nothing if there is no photograph.
   std::optional<ImageSize> camera_size(const JsonValues& values, const std::string& name) const {
     const std::optional<int> width = values.side("w"), height = values.side("h");
     if (width && height) return ImageSize{*width, *height};
     const auto [named, used] = sizes_of_(name);
     const std::optional<double> cx = values.number("cx"), cy = values.number("cy");
     if (named || !used) {
-      // Where the principal point is nearer to the centre of the photograph turned by 90 degrees, as that of a phone
-      // held upright, it belongs to that.
+      // If the principal point is nearer to the centre of the photograph turned by 90 degrees, like that of a phone
+      // held upright, it belongs to the turned one.
       const auto is_nearer = [](double center, int side, int other) {
         return std::abs(2 * center - side) < std::abs(2 * center - other);
       };
@@ -194,8 +194,8 @@ class FrameReader {
       return is_turned ? ImageSize{named->height, named->width} : named;
     }
     if (!cx && !cy && !values.number("fl_x") && !values.number("fl_y")) return used;
-    // The photograph that is used was perhaps reduced. The principal point is near the centre of the original. Returns
-    // 0 if nothing tells the side of the original, and -1 if it is not a multiple.
+    // The photograph in use may have been reduced. The principal point is near the centre of the original. Returns 0 if
+    // the side of the original is unknown, and -1 if it is not a multiple.
     const auto reduction = [](std::optional<int> side, std::optional<double> center, int used_side) {
       constexpr double kOffCenter = 0.03;  // of the side: twice the distance of the principal point from the centre
       if (!side && !center) return 0.0;
@@ -234,7 +234,7 @@ class FrameReader {
   std::set<std::string> names_;
 };
 
-// As Python and C write them, although JSON has none.
+// These are not JSON, but Python and C write them.
 constexpr std::array kNotFinite{"NaN", "Infinity", "-Infinity", "nan", "-nan", "inf", "-inf"};
 
 bool is_not_finite(const Json& json) {
@@ -245,7 +245,7 @@ bool is_not_finite(const Json& json) {
 /// Returns the text, which may have comments, with quotes around numbers that are not finite.
 std::string with_quotes(std::string_view text) {
   std::string quoted;
-  bool is_inside = false;  // a string
+  bool is_inside = false;  // inside a string
   for (std::size_t at = 0; at < text.size(); ++at) {
     const auto* const word = std::find_if(kNotFinite.begin(), kNotFinite.end(), [&](std::string_view name) {
       return !is_inside && text.substr(at, name.size()) == name;
