@@ -25,7 +25,7 @@ namespace {
 namespace fs = std::filesystem;
 using Json = nlohmann::ordered_json;
 
-/// Iterations that the files iteration_N in a folder are named after, ascending; empty if the folder does not exist.
+/// Returns the iterations N of the files iteration_N in a folder, ascending; empty if the folder does not exist.
 std::vector<int> list_iterations(const fs::path& folder, const std::string& suffix) {
   std::vector<int> iterations;
   std::error_code error;
@@ -37,7 +37,7 @@ std::vector<int> list_iterations(const fs::path& folder, const std::string& suff
   return iterations;
 }
 
-/// A Python string literal.
+/// Returns a Python string literal.
 std::string python_string(const std::string& text) {
   std::string literal = "'";
   for (const char c : text) {
@@ -47,7 +47,7 @@ std::string python_string(const std::string& text) {
   return literal + "'";
 }
 
-/// For scripts of the original and the SIBR viewer: a namespace as Python prints it.
+/// Returns a namespace as Python prints it, for scripts of the original and the SIBR viewer.
 std::string cfg_args(const TrainConfig& config) {
   const auto boolean = [](bool value) { return value ? "True" : "False"; };
   return detail::concat("Namespace(sh_degree=", config.sh_degree, ", source_path=", python_string(config.source_path),
@@ -58,7 +58,7 @@ std::string cfg_args(const TrainConfig& config) {
                         ", data_device='cpu', eval=", boolean(config.eval), ")");
 }
 
-/// Null if there is none.
+/// Returns null if there is none.
 Json member_of(const fs::path& file, const char* name) {
   const Json json = read_json(file);
   return json.is_object() && json.contains(name) ? json[name] : Json();
@@ -80,7 +80,7 @@ void write_json_file(const fs::path& path, const Json& json, int indent) {
 
 std::vector<int> ModelFolder::ply_iterations() const {
   std::vector<int> iterations = list_iterations(root_ / "point_cloud", "");
-  std::error_code error;  // ignored: what cannot be looked at is not overwritten
+  std::error_code error;  // ignored: files without a readable status are not overwritten
   const auto has_no_ply = [&](int i) { return fs::status(ply(i), error).type() == fs::file_type::not_found; };
   iterations.erase(std::remove_if(iterations.begin(), iterations.end(), has_no_ply), iterations.end());
   return iterations;
@@ -193,7 +193,8 @@ std::string disk_warning(const fs::path& folder, std::int64_t free_bytes, const 
 
 Json photograph_fingerprint(const std::string& path) {
   constexpr std::size_t kPiece = std::size_t{64} << 10;
-  // Where a change of a pixel changes the size of the file or its end: PNG ends with a checksum of its pixels.
+  // In these formats, a change of a pixel changes the size of the file or its end. PNG ends with a checksum of its
+  // pixels.
   const std::string extension = lower_case(fs::path(path).extension().string());
   constexpr std::array<std::string_view, 4> kCompressed{".jpg", ".jpeg", ".png", ".webp"};
   const bool is_compressed = std::find(kCompressed.begin(), kCompressed.end(), extension) != kCompressed.end();

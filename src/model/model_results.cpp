@@ -1,4 +1,4 @@
-// What a model folder holds of single iterations: results of evaluations, and moving all of it aside.
+// Data of single iterations in a model folder: results of evaluations, and moving all of it aside.
 #include <algorithm>
 #include <sstream>
 #include <system_error>
@@ -17,7 +17,7 @@ namespace {
 namespace fs = std::filesystem;
 using Json = nlohmann::ordered_json;
 
-/// The contents of a results file. Damaged and missing ones are empty: views can be evaluated again.
+/// Returns the contents of a results file. Damaged and missing ones are empty, because views can be evaluated again.
 Json read_results(const fs::path& path) {
   Json json = read_json(path);
   return json.is_object() ? json : Json::object();
@@ -28,16 +28,16 @@ Json to_json(const EvaluationSource& source) {
           {"resolution", source.resolution}, {"images", source.images}, {"source_path", source.source_path}};
 }
 
-/// N for "ours_N" and "ours_N_VARIANT"; -1 for other names.
+/// Returns N for "ours_N" and "ours_N_VARIANT"; -1 for other names.
 int iteration_of(const std::string& name) {
   const auto [iteration, rest] = numbered_name(name, "ours_");
   return rest.empty() || rest.front() == '_' ? iteration : -1;
 }
 
-/// Checkpoints, PLYs and folders of renders of later iterations.
+/// Returns checkpoints, PLYs and folders of renders of later iterations.
 std::vector<fs::path> later_files(const ModelFolder& folder, int iteration) {
   std::vector<fs::path> files;
-  // The newest first: if this is interrupted, no remaining checkpoint is newer than one that was moved.
+  // The newest comes first. If this is interrupted, no remaining checkpoint is newer than a moved one.
   std::vector<int> checkpoints = folder.checkpoint_iterations();
   std::reverse(checkpoints.begin(), checkpoints.end());
   for (const int own : checkpoints) {
@@ -55,7 +55,7 @@ std::vector<fs::path> later_files(const ModelFolder& folder, int iteration) {
   return files;
 }
 
-/// The log's lines of later iterations.
+/// Returns the log's lines of later iterations.
 std::string later_lines(const fs::path& log, int iteration) {
   std::string lines;
   std::istringstream file(read_file_if_there(log).value_or(""));

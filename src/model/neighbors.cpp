@@ -1,4 +1,4 @@
-// A k-d tree: unlike a grid, it is fast for clouds of very uneven density, such as those of LiDAR.
+// A k-d tree. Unlike a grid, it is fast for clouds of very uneven density, such as those of LiDAR.
 #include "model/neighbors.h"
 
 #include <algorithm>
@@ -20,7 +20,7 @@ constexpr std::int64_t kQueriesPerTask = 4096;  // close to each other in space,
 
 struct Point {
   std::array<float, 3> position;
-  std::int64_t row;  // in the caller's array
+  std::int64_t row;  // index in the caller's array
 };
 
 // The smallest squared distances so far, ascending.
@@ -33,14 +33,14 @@ void offer(float squared, Nearest& nearest) {
   nearest[i] = squared;
 }
 
-// Distances and their bounds are summed in the same order. Rounding is monotonic, so a bound whose components are not
-// larger is never above the distance, and pruning is exact.
+// Distances and their bounds are summed in the same order. Rounding is monotonic, so a bound with smaller or equal
+// components never exceeds the distance, and pruning is exact.
 float squared_norm(const std::array<float, 3>& v) {
   return v[0] * v[0] + v[1] * v[1] + v[2] * v[2];
 }
 
 // Balanced, without pointers: level d divides the points into 2^d runs whose lengths differ by at most one. Run i of
-// level d is node 2^d + i. Runs are halved at the median of their widest axis until they hold at most kLeafSize points.
+// level d is node 2^d + i. Runs are halved at the median of their widest axis until they have at most kLeafSize points.
 class KdTree {
  public:
   explicit KdTree(const std::vector<float>& positions) : points_(positions.size() / 3) {

@@ -1,4 +1,4 @@
-// A scene's camera and a cloud of Gaussians in the form that the rasterizer takes.
+// Conversion of a scene's camera and of Gaussians to the input of the rasterizer.
 #pragma once
 
 #include <algorithm>
@@ -10,7 +10,7 @@
 
 namespace b3dgs {
 
-/// The camera in single precision, with its centre.
+/// Returns the camera in single precision, with its centre.
 inline CameraView to_camera_view(const Camera& camera) {
   CameraView view{};
   for (std::size_t i = 0; i < 9; ++i) view.rotation.m[i] = static_cast<float>(camera.cam_from_world.rotation[i]);
@@ -31,7 +31,7 @@ inline CameraView to_camera_view(const Camera& camera) {
   return view;
 }
 
-/// Pointers into `cloud`, which has to outlive them.
+/// Returns pointers into `cloud`, which has to outlive them.
 inline GaussianArrays to_gaussian_arrays(const SplatCloud& cloud) {
   return {cloud.size(),       cloud.sh_degree,
           cloud.means.data(), cloud.log_scales.data(),

@@ -45,7 +45,7 @@ Json camera_to_json(std::size_t id, const View& view, const CoordinateFrame& fra
   return json;
 }
 
-/// The lens of an entry, with the focal lengths and the principal point of `camera`.
+/// Returns the lens of an entry, with the focal lengths and the principal point of `camera`.
 LensParams<double> lens_from_json(const Json& entry, const Camera& camera, const std::string& place) {
   if (!entry.contains("camera_model")) return {};
   ColmapCamera named;
@@ -60,7 +60,7 @@ LensParams<double> lens_from_json(const Json& entry, const Camera& camera, const
   for (const double value : named.params) {
     if (!(std::abs(value) <= kMaxCoordinate)) input_error(place, ": expected finite params, found ", value);
   }
-  // A panorama is written at any size: what the training reduced need not be twice as wide as high.
+  // A panorama may have any size, because a reduced one need not be twice as wide as high.
   if (named.model == CameraModel::kEquirectangular) {
     return panorama_camera({camera.width, camera.height}).lens;
   }
@@ -94,9 +94,10 @@ NamedCamera camera_from_json(const Json& entry, const std::string& place) {
   return named;
 }
 
-/// Angle between two orientations, degrees. By the sine of half the angle: the cosine of a small angle is about 1.
+/// Returns the angle between two orientations, degrees. Uses the sine of half the angle, because the cosine of a small
+/// angle is about 1.
 double angle_between(const Pose& a, const Pose& b) {
-  double square = 0;  // of the matrices' difference: 8 sin^2(angle / 2)
+  double square = 0;  // squared difference of the matrices: 8 sin^2(angle / 2)
   for (std::size_t i = 0; i < 9; ++i) square += (a.rotation[i] - b.rotation[i]) * (a.rotation[i] - b.rotation[i]);
   return 2 * std::asin(std::min(1.0, std::sqrt(square / 8))) * 180 / kPi;
 }
@@ -108,13 +109,13 @@ Pose pose_from_json(const Json& entry, const std::string& prefix, const std::str
   return {rotation_from_quaternion(qvec), entry.at(prefix + "tvec").get<std::array<double, 3>>()};
 }
 
-/// `what`: the file's name in a model folder.
+/// `what` is the file's name in a model folder.
 Json read_part(const fs::path& path, const char* what) {
   if (!fs::exists(path)) input_error(path.string(), ": cannot be opened (expected the ", what, " of a model folder)");
   return read_json(path);
 }
 
-/// Equal up to rounding.
+/// Returns whether the poses are equal up to rounding.
 bool is_same(const Pose& a, const Pose& b) {
   constexpr double kTolerance = 1e-9;  // relative to the largest coordinate
   double size = 1, difference = 0;

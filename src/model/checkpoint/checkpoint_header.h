@@ -41,20 +41,20 @@ struct CheckpointLayout {
   std::vector<CheckpointSection> sections;
 };
 
-/// Continues a CRC-32 with `data`; starts at 0.
+/// Continues a CRC-32 with `data`. It starts at 0.
 std::uint32_t add_crc(std::uint32_t crc, const void* data, std::uint64_t bytes);
 
-/// Reads the file up to the first tensor. The rest of the file has exactly the length that the header states. @throws
+/// Reads the file up to the first tensor. The rest of the file has exactly the length given in the header. @throws
 /// InputError with the reason and the remedy
 CheckpointLayout read_checkpoint_layout(FileReader& file);
 
-/// @throws InputError unless `crc`, of the bytes that were read, is that of the section
+/// @throws InputError unless `crc`, computed from the bytes read, is that of the section
 void check_crc(const FileReader& file, const CheckpointSection& section, std::uint32_t crc);
 
 /// Checks the tensors after read_checkpoint_layout(). @throws InputError if a checksum is wrong
 void verify_sections(FileReader& file, const CheckpointLayout& layout);
 
-/// Reads only the header, including "tensors". Sizes are checked, tensors are not read. @throws InputError
+/// Reads only the header, including "tensors". Checks sizes, but does not read tensors. @throws InputError
 nlohmann::ordered_json read_checkpoint_header(const std::filesystem::path& path);
 
 /// Reads the whole file and verifies all checksums. @throws InputError with the reason if it is damaged
@@ -62,28 +62,28 @@ void verify_checkpoint_file(const std::filesystem::path& path);
 
 // The header of a checkpoint: everything except the tensors, checked value by value.
 
-/// What a step changes before it changes the Gaussians.
+/// The part of the state that a step changes before it changes the Gaussians.
 struct StepPosition {
-  int iteration = 0;        // last one done; random numbers follow from it and the seed (core/random.h)
-  int step_iterations = 1;  // of the last step, see --batch
+  int iteration = 0;        // last one done; random numbers depend on it and the seed (core/random.h)
+  int step_iterations = 1;  // iterations of the last step, see --batch
   int sh_degree = 0;        // currently optimised; shN has coefficients up to the config's degree
   ViewOrder view_order;     // indices of the scene's training views, each at most once
   double loss_average = 0;  // 0.4 x new + 0.6 x old
 
-  /// First iteration of the last step.
+  /// Returns the first iteration of the last step.
   int first_of_step() const { return iteration - step_iterations + 1; }
 };
 
-/// The state of a training, except the tensors and what goes with them.
+/// The state of a training, except the tensors and their data.
 struct StateValues : StepPosition {
   ViewRatios view_ratios;   // where memory is limited; all 0 in checkpoints of early versions
-  double elapsed_s = 0;     // of training, over all sessions
+  double elapsed_s = 0;     // training time, over all sessions
   std::string training_id;  // ModelFolder::training_id(); empty in checkpoints of early versions
-  // The density control of so many iterations, the last ones of the last step, is still to be done: the session ended
-  // before it.
+  // Number of iterations, the last ones of the last step, whose density control is still pending, because the session
+  // ended before it.
   int n_density_pending = 0;
   std::int64_t n_removed = 0;  // invalid Gaussians that were removed (train/density/row_edit.h)
-  std::int64_t held_at = 0;    // the count is held here for lack of memory; 0 = not held
+  std::int64_t held_at = 0;    // limit of the count for lack of memory; 0 = no limit
   nlohmann::ordered_json kernel_selection = nlohmann::ordered_json::object();
 };
 
@@ -97,7 +97,7 @@ struct CheckpointHeader : StateValues {
   nlohmann::ordered_json scene;
 };
 
-/// The value of the header's key "view_ratios", which is missing if no view was counted.
+/// Returns the value of the header's key "view_ratios", which is missing if no view was counted.
 nlohmann::ordered_json ratios_to_json(const ViewRatios& ratios);
 
 /// Reads the values of a checkpoint's header. @throws InputError, beginning with `place`, if one is missing, of the

@@ -45,7 +45,7 @@ UnitQuat rotation_between(const std::array<double, 3>& from, const std::array<do
   const Vec a = normalized(from), b = normalized(to);
   Vec axis = cross(a, b);
   double w = 1 + dot(a, b);
-  if (w < kOpposite) {  // half a turn about any axis across
+  if (w < kOpposite) {  // half a turn about any perpendicular axis
     w = 0;
     axis = std::abs(a.x) < 0.5 ? cross(a, Vec{1, 0, 0}) : cross(a, Vec{0, 1, 0});
   }
@@ -58,7 +58,7 @@ UnitQuat inverse(const UnitQuat& rotation) {
 }
 
 std::array<double, kRest * kRest> sh_rotation(const UnitQuat& rotation) {
-  // Gauss-Legendre in z and equal angles around: exact for polynomials up to degree 7; the products have 6.
+  // Gauss-Legendre in z and equal angles around. This is exact for polynomials up to degree 7, and the products have 6.
   constexpr std::array<double, 4> kNodes{-0.8611363115940526, -0.3399810435848563, 0.3399810435848563,
                                          0.8611363115940526};
   constexpr std::array<double, 4> kWeights{0.3478548451374538, 0.6521451548625461, 0.6521451548625461,

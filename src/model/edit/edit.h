@@ -1,4 +1,4 @@
-// Rotates Gaussians about the origin, and removes those that a user does not want.
+// Rotates Gaussians about the origin, and removes unwanted ones.
 #pragma once
 
 #include <array>
@@ -14,23 +14,23 @@ namespace b3dgs {
 /// Unit quaternion w, x, y, z.
 using UnitQuat = std::array<double, 4>;
 
-/// The shortest rotation that turns the direction `from` into `to`. Neither may be 0.
+/// Returns the shortest rotation that turns the direction `from` into `to`. Neither may be 0.
 UnitQuat rotation_between(const std::array<double, 3>& from, const std::array<double, 3>& to);
 
-/// The opposite rotation.
+/// Returns the opposite rotation.
 UnitQuat inverse(const UnitQuat& rotation);
 
-/// Rotates means, orientations and SH coefficients about the origin of the world: the Gaussians look from the rotated
-/// viewpoint as they did before.
+/// Rotates means, orientations and SH coefficients about the origin of the world. The Gaussians look the same from the
+/// rotated viewpoint as before.
 void rotate_splats(const UnitQuat& rotation, SplatCloud& cloud);
 
-/// The matrix [15, 15] that turns SH coefficients of degree 1 to 3, in the order of SplatCloud::shN, into those of the
-/// rotated function. Degrees do not mix.
+/// Returns the matrix [15, 15] that turns SH coefficients of degree 1 to 3, in the order of SplatCloud::shN, into those
+/// of the rotated function. Degrees do not mix.
 std::array<double, 225> sh_rotation(const UnitQuat& rotation);
 
-// Leaving out Gaussians and SH coefficients.
+// Removal of Gaussians and SH coefficients.
 
-/// A box along the axes, or a sphere; world units.
+/// An axis-aligned box, or a sphere; world units.
 struct CropRegion {
   std::array<double, 3> low{}, high{};  // of a box
   std::array<double, 3> center{};       // of a sphere
@@ -39,25 +39,25 @@ struct CropRegion {
   bool contains(const std::array<double, 3>& position) const;
 };
 
-/// "x0,y0,z0,x1,y1,z1" is a box between two opposite corners, "x,y,z,radius" a sphere.
-/// @throws InputError for other texts, and for a region without volume
+/// Parses a region: "x0,y0,z0,x1,y1,z1" is a box between two opposite corners, "x,y,z,radius" a sphere. @throws
+/// InputError for other texts, and for a region without volume
 CropRegion parse_crop(const std::string& text);
 
-/// Keeps the Gaussians for which keeps(row) is true, in their order. Returns how many it has removed.
+/// Keeps the Gaussians for which keeps(row) is true, in their order. Returns the number of removed ones.
 std::int64_t keep_if(const std::function<bool(std::size_t row)>& keeps, SplatCloud& cloud);
 
-/// Keeps the `count` Gaussians with the highest scores (one for each Gaussian), in their order; of equal scores the
-/// first ones. Returns how many it has removed.
+/// Keeps the `count` Gaussians with the highest scores (one for each Gaussian), in their order. Among equal scores, the
+/// first ones are kept. Returns the number of removed ones.
 std::int64_t keep_highest(const std::vector<double>& scores, std::int64_t count, SplatCloud& cloud);
 
-/// Opacity, from 0 to 1.
+/// Returns the opacity, from 0 to 1.
 double opacity_of(const SplatCloud& cloud, std::size_t row);
 
-/// Opacity times the area of the largest of the ellipsoid's three cross-sections, up to a constant: what a Gaussian may
-/// contribute to an image, as far as that can be told without views.
+/// Returns the opacity times the area of the largest of the ellipsoid's three cross-sections, up to a constant. This
+/// estimates the contribution of a Gaussian to an image without views.
 std::vector<double> opacity_times_area(const SplatCloud& cloud);
 
-/// Drops the SH coefficients of higher degrees.
+/// Removes the SH coefficients of higher degrees.
 void limit_sh_degree(int degree, SplatCloud& cloud);
 
 }  // namespace b3dgs

@@ -17,32 +17,33 @@ namespace b3dgs {
 namespace {
 
 constexpr std::int64_t kRowsPerBlock = 4096;
-// By which viewers know that they have to apply the 2D filter of Mip-Splatting.
+// Tells viewers to apply the 2D filter of Mip-Splatting.
 constexpr const char* kAntialiasedComment = "SplatRenderMode: mip";
 constexpr const char* kUsualComment = "SplatRenderMode: default";
-// What files have in place of f_dc_0 to f_dc_2 whose Gaussians look alike from all sides.
+// Replace f_dc_0 to f_dc_2 in files whose Gaussians look the same from all sides.
 constexpr std::array<const char*, 3> kColors{"red", "green", "blue"};
-// Mip-Splatting's standard deviation of the 3D filter in world units. Its create_fused_ply.py makes it part of scales
-// and opacities.
+// Mip-Splatting's standard deviation of the 3D filter in world units. Its create_fused_ply.py includes it in scales and
+// opacities.
 constexpr const char* kFilter = "filter_3D";
 
 #if defined(__BYTE_ORDER__)
 static_assert(__BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__, "values are written in memory order");
 #endif
 
-// Opacities of 8 bits are often exactly 0 or 1, whose logits are infinite. At this one, opacity is 1 - 3e-7.
+// Opacities of 8 bits are often exactly 0 or 1, whose logits are infinite. With this limit, opacity is 1 - 3e-7.
 constexpr double kLargestLogit = 15;
-// Flat Gaussians of other programs have a scale of 0, whose logarithm is infinite. At this one, it is 2e-9 world units.
+// Flat Gaussians of other programs have a scale of 0, whose logarithm is infinite. With this limit, it is 2e-9 world
+// units.
 constexpr double kLargestLogScale = 20;
 
-/// A property of the file, and where a SplatCloud has its values.
+/// A property of the file, and the position of its values in a SplatCloud.
 struct Property {
   std::string name;
   std::vector<float> SplatCloud::*values;  // [N, width]
   std::size_t width, column;
 };
 
-// In the order of the file. Normals, after x, y and z, are not included: they are written as 0 and not read.
+// In the order of the file. Normals, after x, y and z, are not included, because they are written as 0 and not read.
 std::vector<Property> properties_of(int sh_degree) {
   std::vector<Property> properties{
       {"x", &SplatCloud::means, 3, 0}, {"y", &SplatCloud::means, 3, 1}, {"z", &SplatCloud::means, 3, 2}};
@@ -73,12 +74,12 @@ int sh_degree_of(const PlyReader& reader) {
   input_error(reader.name(), ": expected 0, 9, 24 or 45 properties f_rest_* (SH degree 0 to 3), found ", n_rest);
 }
 
-/// Whether the vertices are Gaussians, even if properties are missing. Points have none of these.
+/// Returns whether the vertices are Gaussians, even if properties are missing. Points have none of these.
 bool holds_gaussians(const PlyElement& vertices) {
   return vertices.find("f_dc_0") || vertices.find("scale_0") || vertices.find("rot_0");
 }
 
-/// Reads the render mode from the comments. Adds a note if it is not one that the renderer has.
+/// Reads the render mode from the comments. Adds a note if the renderer does not support it.
 bool is_antialiased(const PlyReader& reader, std::vector<std::string>& notes) {
   bool is_mip = false;
   for (const std::string& comment : reader.comments()) {
@@ -92,8 +93,8 @@ bool is_antialiased(const PlyReader& reader, std::vector<std::string>& notes) {
   return is_mip;
 }
 
-/// Adds a note if there are properties that are not read. Programs with other kinds of Gaussians add some that change
-/// what the standard ones mean.
+/// Adds a note if some properties are not read. Programs with other kinds of Gaussians add properties that change the
+/// meaning of the standard ones.
 void note_others(const PlyReader& reader, const std::vector<std::string>& read, std::vector<std::string>& notes) {
   constexpr std::array<std::string_view, 7> kMeaningless{"nx", "ny", "nz", "red", "green", "blue", "alpha"};
   constexpr std::size_t kMostNames = 8;
@@ -111,7 +112,7 @@ void note_others(const PlyReader& reader, const std::vector<std::string>& read, 
                                  "; the Gaussians may look different there"));
 }
 
-/// The world's, unless it is too far from the Gaussians for single precision.
+/// Returns the frame of the world, unless it is too far from the Gaussians for single precision.
 CoordinateFrame frame_of_file(const std::vector<double>& positions) {
   CoordinateFrame around = choose_frame({}, positions);
   double largest = 0;

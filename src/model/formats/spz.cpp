@@ -17,8 +17,8 @@ namespace {
 
 constexpr std::array<char, 4> kMagic{'N', 'G', 'S', 'P'};
 constexpr std::uint32_t kWrittenVersion = 3, kLastGzipVersion = 3;
-constexpr std::uint8_t kAntialiased = 1;      // the other flags announce data after the arrays
-constexpr int kGzipWindow = 15 + 16;          // zlib's way to ask for a gzip header and checksum
+constexpr std::uint8_t kAntialiased = 1;      // other flags announce data after the arrays
+constexpr int kGzipWindow = 15 + 16;          // requests a gzip header and checksum from zlib
 constexpr std::size_t kMostAtOnce = 1 << 30;  // zlib's counters have 32 bits
 
 constexpr int kPositionBits = 24, kDefaultFractionalBits = 12;
@@ -26,18 +26,19 @@ constexpr double kMaxFixed = (1 << (kPositionBits - 1)) - 1;
 constexpr double kColorScale = 0.15;
 constexpr double kQuatMagnitude = 511;
 constexpr double kSqrtHalf = 0.70710678118654752;
-constexpr float kShOne = 128;  // byte of the coefficient 0, and steps from there to 1
+constexpr float kShOne = 128;  // byte of the coefficient 0, and number of steps from there to 1
 
-// Real files hold at least a byte for each three of their content. More than this is an attack or damage.
+// Compressed real files are at least a third of the size of their content. A higher ratio than this is an attack or
+// damage.
 constexpr std::uint64_t kMaxRatio = 100, kAlwaysAllowed = 1 << 20;
 constexpr std::size_t kMaxExtensionBytes = 1 << 20;  // after the arrays
 
-// Signs from right, down, front to right, up, back and the other way: of coordinates, and of SH coefficients from
-// degree 1 in the order of SplatCloud::shN (y z x, xy yz zz xz xx-yy, ...).
+// Signs for conversion between right, down, front and right, up, back, in both directions, for coordinates and for SH
+// coefficients from degree 1 in the order of SplatCloud::shN (y z x, xy yz zz xz xx-yy, ...).
 constexpr std::array<float, 3> kAxisSigns{1, -1, -1};
 constexpr std::array<float, 15> kShSigns{-1, -1, 1, -1, 1, 1, -1, 1, -1, 1, -1, -1, 1, -1, 1};
 
-/// As it is in the file; machines are little-endian (ply.cpp).
+/// The header as stored in the file. Machines are little-endian (ply.cpp).
 struct Header {
   std::array<char, 4> magic = kMagic;
   std::uint32_t version = kWrittenVersion, count = 0;
@@ -45,7 +46,7 @@ struct Header {
 
   std::size_t position_bytes() const { return version == 1 ? 6 : 9; }
   std::size_t rotation_bytes() const { return version < 3 ? 3 : 4; }
-  /// Of the arrays after the header.
+  /// Returns the size of the arrays after the header.
   std::size_t bytes() const {
     return count * (position_bytes() + 1 + 3 + 3 + rotation_bytes() + sh_rest_count(sh_degree));
   }
@@ -53,13 +54,13 @@ struct Header {
 constexpr std::size_t kHeaderBytes = 16;
 static_assert(sizeof(Header) == kHeaderBytes);
 
-/// The content of a gzip stream, but at most `most` bytes of it. @throws InputError if it is damaged, or ends earlier
-/// than the file
+/// Returns the content of a gzip stream, but at most `most` bytes. @throws InputError if it is damaged, or ends before
+/// the file does
 std::string decompress(const std::string& compressed, std::size_t most, const std::string& name) {
   z_stream stream{};
   B3DGS_CHECK(inflateInit2(&stream, kGzipWindow) == Z_OK, "zlib cannot start");
   const std::unique_ptr<z_stream, int (*)(z_stream*)> at_end(&stream, inflateEnd);
-  std::string content;  // grows with what arrives, whatever the header claims
+  std::string content;  // grows with the data, regardless of the header
   std::size_t n_in = 0, n_out = 0;
   int result = Z_OK;
   while (result != Z_STREAM_END && n_out < most) {
@@ -111,12 +112,12 @@ void write_compressed(AtomicFile& file, const std::string& content) {
   }
 }
 
-/// Rounded and clamped; NaN becomes 0.
+/// Rounds and clamps. NaN becomes 0.
 std::uint8_t to_byte(double value) {
   return value >= 0 ? static_cast<std::uint8_t>(std::lround(std::min(value, 255.0))) : std::uint8_t{0};
 }
 
-/// @throws InputError also for a count that `compressed_bytes`, the size of the file, cannot hold
+/// @throws InputError also for a count too large for `compressed_bytes`, the size of the file
 void check_header(const Header& header, std::uint64_t compressed_bytes, const std::string& name) {
   const int degree = header.sh_degree, bits = header.fractional_bits;
   if (header.magic != kMagic) {
@@ -161,10 +162,10 @@ void decode_fixed(const std::uint8_t* bytes, int fractional_bits, float* xyz) {
   }
 }
 
-/// x, y, z, w in the file's axes to w, x, y, z in those of a PLY.
+/// Converts x, y, z, w in the file's axes to w, x, y, z in those of a PLY.
 void decode_rotation(const Header& header, const std::uint8_t* bytes, float* wxyz) {
   std::array<double, 4> xyzw{};
-  std::size_t missing = 3;  // not in the file, since the length is 1
+  std::size_t missing = 3;  // not in the file, because the length is 1
   if (header.version < 3) {
     for (std::size_t i = 0; i < 3; ++i) xyzw[i] = bytes[i] / 127.5 - 1;
   } else {
