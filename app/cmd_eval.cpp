@@ -51,7 +51,7 @@ Image8 difference(const Image8& a, const Image8& b, const Image8* valid) {
   return result;
 }
 
-/// Warns if photographs are not those that the model was trained on.
+/// Warns if the photographs differ from those that the model was trained on.
 void check_photographs(const LoadedModel& model, const std::vector<View>& views, StatusLine& status) {
   const std::vector<std::string> changed = changed_views(model.folder.photographs(), views);
   if (changed.empty()) return;
@@ -86,7 +86,7 @@ void print_table(const Evaluation& evaluation) {
   if (!evaluation.lpips_network.empty()) std::cout << "LPIPS by the network " << evaluation.lpips_network << "\n";
 }
 
-/// What is done about exposure in the views of a split.
+/// Returns how to treat exposure in the views of a split.
 ColorEvaluation split_colors(const LoadedModel& model, bool is_test, bool is_other_scene, StatusLine& status) {
   ColorEvaluation colors = color_evaluation(model.config);
   colors.fit_left_half = colors.fit_left_half && is_test;
@@ -106,7 +106,7 @@ struct SplitEvaluator {
   const LpipsNetwork* lpips;  // may be null
   StatusLine& status;
 
-  /// Images are saved to `folder`. `colors`: how to treat exposure.
+  /// Saves images to `folder`. `colors`: how to treat exposure.
   Evaluation run(const std::vector<View>& views, const std::string& split, const ColorEvaluation& colors,
                  const std::filesystem::path& folder) {
     const ProgressFn progress = show_loading(status);
@@ -144,9 +144,9 @@ struct SplitEvaluator {
   }
 };
 
-/// Whether the results can be added to those in the model folder; otherwise warns, before anything is rendered. The
-/// scene is not read yet: whether there are test views follows from the training's --eval. @throws InputError if
-/// --save_images cannot write
+/// Returns whether the results can be added to those in the model folder. Otherwise it warns, before anything is
+/// rendered. The scene is not read yet, but the training's --eval determines whether there are test views. @throws
+/// InputError if --save_images cannot write
 bool can_write_results(const LoadedModel& model, const EvalOptions& options, StatusLine& status) {
   const std::string remedy = "allow writing there, or evaluate a copy of the model folder";
   const std::string with_results = model.config.eval ? "test" : "train";
@@ -168,7 +168,7 @@ bool can_write_results(const LoadedModel& model, const EvalOptions& options, Sta
   return true;
 }
 
-/// Evaluates a file of Gaussians, which does not say which views it was trained on. Writes no results files.
+/// Evaluates a file of Gaussians, which does not name the views it was trained on. Writes no results files.
 void evaluate_file(LoadedModel& model, const EvalOptions& options, const torch::Device& device,
                    const LpipsNetwork* lpips, StatusLine& status) {
   const std::string split = options.split == "auto" ? "all" : options.split;
@@ -213,7 +213,7 @@ int run_eval(const std::vector<std::string>& words) {
   StatusLine status = StatusLine::for_stderr(model_options.quiet);
   for (const std::string& text : describe_original_model_options(line.given())) status.warn(text);
   const torch::Device device = choose_device(model_options.device);
-  std::optional<LpipsNetwork> lpips;  // before the photographs: loading them takes longer
+  std::optional<LpipsNetwork> lpips;  // before the photographs, because they take longer to load
   if (!options.lpips.empty()) lpips.emplace(options.lpips, device);
   LoadedModel model = load_model(model_options, /*needs_views=*/true);
   if (model.is_file()) {
@@ -247,7 +247,7 @@ int run_eval(const std::vector<std::string>& words) {
     if (!is_other_scene) check_photographs(model, views, status);
     const Evaluation evaluation = evaluator.run(
         views, name, split_colors(model, name == "test", is_other_scene, status), model.folder.root() / name / key);
-    // The results files have one entry per iteration and scene, that of the default split.
+    // The results files have one entry per iteration and scene, for the default split.
     if (name != default_split) continue;
     if (evaluation.views.empty()) {
       status.warn("nothing was measured: the masks leave no valid pixel in any " + name + " view");
@@ -255,7 +255,7 @@ int run_eval(const std::vector<std::string>& words) {
     }
     if (!writes_results) continue;
     const FolderTurn turn(model.folder.root());
-    // Another evaluation may have taken the key meanwhile, with another source.
+    // Another evaluation with another source may have used the key meanwhile.
     const std::string free_key = model.folder.results_key(model.iteration, variant, source);
     model.folder.write_results(free_key, evaluation, source);
     std::cout << "written: results.json, per_view.json (" << free_key << ")\n";

@@ -42,7 +42,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-/// Thrown where a signal stops the training before its first step.
+/// Thrown if a signal stops the training before its first step.
 class StoppedEarly : public Error {
  public:
   StoppedEarly() : Error("stopped by a signal before the first iteration") {}
@@ -59,7 +59,7 @@ std::string describe_ranks(int n_ranks, const TrainPlan& plan) {
   return detail::concat("ranks       ", n_ranks, ", ", batch, " views per step", is_default ? reason : "");
 }
 
-/// How ranks exchange, where that is slow; otherwise empty.
+/// Describes the communication between ranks if it is slow. Returns "" otherwise.
 std::string describe_slow_transport(const Communicator& ranks) {
   if (ranks.size() == 1 || ranks.transport() != Transport::kRelay) return "";
   const char* const without = ranks.device().is_cuda() ? "a build has no NCCL" : "a build has no Gloo";
@@ -118,8 +118,8 @@ void report_training(const TrainResult& result, const TrainConfig& config, doubl
   print_labelled("model", config.model_path);
 }
 
-/// The scene, with an equal part of the host memory for each rank of this machine unless --host_memory_gb says how
-/// much.
+/// Returns the options of the scene. Without --host_memory_gb, each rank of this machine gets an equal part of the host
+/// memory.
 SceneOptions scene_options_of_rank(const TrainConfig& config, int n_ranks_here) {
   SceneOptions options = scene_options(config);
   if (n_ranks_here > 1 && config.host_memory_gb < 0) {
@@ -129,8 +129,8 @@ SceneOptions scene_options_of_rank(const TrainConfig& config, int n_ranks_here) 
   return options;
 }
 
-/// Everything that can be refused before photographs are read. From then on, only this process trains into the model
-/// folder.
+/// Performs all checks that are possible before photographs are read. From then on, only this process trains into the
+/// model folder.
 std::unique_ptr<FolderLock> claim_folder(TrainPlan& plan, StatusLine& status) {
   check_options(plan.config);
   if (const int threads = set_compute_threads(plan.config.threads); threads < plan.config.threads) {
@@ -151,7 +151,8 @@ void resume(Trainer& trainer, const fs::path& checkpoint, bool is_first) {
   for (const std::string& change : changes) std::cout << "  " << change << std::endl;
 }
 
-/// A training does not end, or fail, because nobody can read what it prints (`| head -1`, a full disk under `> log`).
+/// Makes sure that a training does not end or fail because its output cannot be written (`| head -1`, a full disk under
+/// `> log`).
 void drop_unshown_output() {
   std::cout.flush();
   if (std::cout && std::ferror(stdout) == 0) return;
@@ -199,7 +200,7 @@ int train(const CommandLine& line, const TrainCommandOptions& options, const std
   for (const std::string& text : fit_to_scene(plan, scene)) say(text);
 
   TrainProgressView progress(status, config);
-  TrainHooks hooks = hooks_for(status);  // which is silent on other ranks
+  TrainHooks hooks = hooks_for(status);  // silent on other ranks
   hooks.stop_signal = &stop_signal();
   hooks.on_loading = on_loading;
   use_rank_team(ranks, config, hooks);
@@ -240,7 +241,7 @@ int train(const CommandLine& line, const TrainCommandOptions& options, const std
                                shell_quote(folder.root().string())));
   }
   if (is_first && !result.interrupted && !result.ply.empty()) drop_replaced_model(folder.root());
-  // A launcher may end ranks that still run after another one has returned something else than 0.
+  // A launcher may end the remaining ranks after one has returned a nonzero exit code.
   ranks.barrier("end");
   if (is_first && result.interrupted) {
     std::cout << "stopped by a signal; resume with: b3dgs train --resume " << shell_quote(result.checkpoint.string())
@@ -276,7 +277,7 @@ int run_train(const std::vector<std::string>& words) {
   check_view_options(options, plan);
   if (plan.n_to_start > 0) {
     StatusLine silent = StatusLine::silent();
-    // An error of the options appears once, not for each rank.
+    // An error in the options appears once, not for each rank.
     make_plan(line, silent, options, plan.n_to_start, device);
     std::vector<std::string> all{"train"};
     all.insert(all.end(), words.begin(), words.end());

@@ -1,4 +1,4 @@
-// b3dgs view: shows a model at rest in a browser.
+// b3dgs view: shows a finished model in a browser.
 #include <iostream>
 
 #include "app/model.h"
@@ -28,7 +28,7 @@ int run_view(const std::vector<std::string>& words) {
   const torch::Device device = choose_device(model_options.device);
   const std::string title = std::filesystem::path(model_options.model_path).lexically_normal().filename().string();
   LoadedModel model = load_model(model_options);
-  // With photographs if the scene exists; else with the model folder's cameras, if any.
+  // With photographs if the scene exists, otherwise with the model folder's cameras, if any.
   if (!model.is_file() || !model_options.source_path.empty()) {
     model.config.eval = model.config.eval || model.is_file();
     const std::string why_not = add_scene_or_cameras(model, model_options, status);

@@ -1,6 +1,6 @@
 // b3dgs: prints the general help and the version by itself. For everything else it executes another program from its
 // own folder: b3dgs-engine, which loads LibTorch for 0.4 s or more, or b3dgs-tools for the commands that do not need
-// it. Before that, it sets how OpenMP threads wait: OpenMP's runtime reads that setting while it is loaded.
+// it. First, it sets how OpenMP threads wait, because OpenMP's runtime reads that setting while it is loaded.
 #include <unistd.h>
 
 #include <cerrno>
@@ -32,7 +32,7 @@ std::string general_help() {
 }
 
 ExitCode fail(const std::string& message, ExitCode code) {
-  std::cerr << "error: " + message + '\n';  // one write: lines of several ranks on one terminal do not mix
+  std::cerr << "error: " + message + '\n';  // one write, so that lines of several ranks on one terminal do not mix
   return code;
 }
 
@@ -46,9 +46,9 @@ void let_waiting_threads_sleep() {
   if (std::getenv("GOMP_SPINCOUNT") == nullptr) setenv("OMP_WAIT_POLICY", "passive", /*overwrite=*/0);
 }
 
-/// The program that has the command. b3dgs-tools also rejects unknown commands.
+/// Returns the program that has the command. b3dgs-tools also rejects unknown commands.
 const char* program_of(const std::string& command) {
-  if (command == "help-markdown") return "b3dgs-engine";  // of scripts/update_options.sh: options of all commands
+  if (command == "help-markdown") return "b3dgs-engine";  // for scripts/update_options.sh: options of all commands
   for (const CommandName& row : kCommandNames) {
     if (command == row.name) return row.needs_torch ? "b3dgs-engine" : "b3dgs-tools";
   }

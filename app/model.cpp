@@ -25,7 +25,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-/// The command that writes the PLY of a checkpoint.
+/// Returns the command that writes the PLY of a checkpoint.
 std::string words_for_ply(const fs::path& checkpoint, std::int64_t iteration) {
   return detail::concat("b3dgs train --resume ", shell_quote(checkpoint.string()), " --iterations ", iteration);
 }
@@ -76,7 +76,7 @@ LoadedModel read_file(const fs::path& file) {
   return model;
 }
 
-/// The iteration of a model folder whose PLY the file is; nothing if it is not one.
+/// Returns the iteration of the model folder whose PLY the file is; nothing for other files.
 std::optional<int> iteration_of(const ModelFolder& folder, const fs::path& file) {
   if (!folder.has_config()) return std::nullopt;
   for (const int iteration : folder.ply_iterations()) {
@@ -115,12 +115,12 @@ void refine_poses(LoadedModel& model) {
     apply_refined_poses(model.folder.poses(), model.scene.train, model.scene.frame);
 }
 
-/// Expresses the views in the frame of the Gaussians, and converts --near_plane to its units. Where neither the folder
-/// nor a scene has the unit of the training, it is estimated from the Gaussians, and may differ a little.
+/// Expresses the views in the frame of the Gaussians, and converts --near_plane to its units. If neither the folder nor
+/// a scene has the unit of the training, it is estimated from the Gaussians, and may differ a little.
 void use_frame_of_gaussians(LoadedModel& model) {
   constexpr std::size_t kSamples = 20000;
   Scene& scene = model.scene;
-  if (!scene.options) {  // not of load_scene(), which chooses a frame: cameras of a file, or none
+  if (!scene.options) {  // not from load_scene(), which chooses a frame: cameras of a file, or none
     std::vector<Camera> cameras;
     for (const View& view : scene.train) cameras.push_back(view.camera);
     change_frame_of_views(choose_frame(cameras, world_positions(model.splats, kSamples)), scene);
@@ -136,8 +136,8 @@ void warn_of_views(const char* what, const std::vector<std::string>& names, Stat
   status.warn(detail::concat(what, names.size(), names.size() == 1 ? " view (" : " views (the first: ", names[0], ")"));
 }
 
-/// Splits the views as the training did, by cameras.json: which are held out may depend on the photographs that are
-/// there. Views that the training did not have are left out.
+/// Splits the views as the training did, using cameras.json, because the held-out views may depend on which photographs
+/// exist. Views that the training did not have are left out.
 void split_as_trained(LoadedModel& model, StatusLine& status) {
   if (!fs::exists(model.folder.cameras())) return;
   std::map<std::string, bool> held_out;
@@ -157,7 +157,7 @@ void split_as_trained(LoadedModel& model, StatusLine& status) {
       held_out.erase(known);
     }
   }
-  if (parts[0].empty() && parts[1].empty()) return;  // other names altogether
+  if (parts[0].empty() && parts[1].empty()) return;  // all names differ
   for (std::vector<View>& part : parts) {
     if (has_moved) std::sort(part.begin(), part.end(), [](const View& a, const View& b) { return a.name < b.name; });
   }
@@ -168,7 +168,7 @@ void split_as_trained(LoadedModel& model, StatusLine& status) {
   warn_of_views("not found, but used by the training: ", missing, status);
 }
 
-/// Adds the views of the model folder's cameras.json, sorted by name. False if there is none.
+/// Adds the views of the model folder's cameras.json, sorted by name. Returns false if there is none.
 bool add_saved_cameras(LoadedModel& model) {
   if (model.is_file() || !fs::exists(model.folder.cameras())) return false;
   std::vector<NamedCamera> cameras = read_cameras_json(model.folder.cameras());
@@ -184,14 +184,14 @@ bool add_saved_cameras(LoadedModel& model) {
   return true;
 }
 
-/// How the views of a scene differ from those of the training.
+/// The differences between the views of a scene and those of the training.
 struct SceneDifference {
   bool views = false;  // their number, names or poses
   bool sizes = false;  // of the images
 };
 
 SceneDifference compare_views(const std::vector<NamedCamera>& cameras, const Scene& scene) {
-  // Relative to the largest coordinate and the cameras' path: centres are products of rounded matrices.
+  // Relative to the largest coordinate and the cameras' path, because centres are products of rounded matrices.
   constexpr double kTolerance = 1e-6;
   std::map<std::string, const Camera*> trained;
   for (const NamedCamera& named : cameras) trained[named.name] = &named.camera;
@@ -243,7 +243,7 @@ void add_scene(LoadedModel& model, StatusLine& status, bool with_photographs) {
   }
   SceneOptions options = scene_options(model.config);
   options.load_images = with_photographs;
-  options.seed_points = false;  // the model's Gaussians take the place of points
+  options.seed_points = false;  // the model has Gaussians, so it needs no points
   options.needs_training_views = false;
   model.scene = open_scene(options, status);
   if (!model.is_file()) {
@@ -326,7 +326,7 @@ std::string image_name(std::size_t index) {
 }
 
 int writer_threads() {
-  constexpr int kMost = 16;  // each holds an image: at 4K, with depth and opacity, 100 MB
+  constexpr int kMost = 16;  // each has an image: at 4K, with depth and opacity, 100 MB
   return std::min(kMost, thread_count());
 }
 

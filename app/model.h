@@ -46,7 +46,7 @@ void visit_fields(ModelOptions& c, Visitor&& field) {
 }
 
 struct LoadedModel {
-  TrainConfig config;  // of the training, with the options above applied
+  TrainConfig config;  // config of the training, with the options above applied
   ModelFolder folder{""};
   std::filesystem::path file;  // of Gaussians; empty: they are from the folder
   int iteration = 0;           // 0 if loaded from a single PLY
@@ -57,23 +57,23 @@ struct LoadedModel {
   bool is_file() const { return !file.empty(); }
 };
 
-/// The Gaussians and the config of a model folder or of a file of Gaussians (model/formats/splat_formats.h), without a
-/// scene. The PLY of a model folder stands for its folder and iteration if no scene is named. @throws InputError, with
-/// `needs_views` also if a file comes without a scene to take views from
+/// Loads the Gaussians and the config of a model folder or of a file of Gaussians (model/formats/splat_formats.h),
+/// without a scene. The PLY of a model folder represents its folder and iteration if no scene is named. @throws
+/// InputError, with `needs_views` also if a file comes without a scene for its views
 LoadedModel load_model(const ModelOptions& options, bool needs_views = false);
 
 /// Adds the scene that the config names, and the poses that the model was trained with. @throws InputError
 void add_scene(LoadedModel& model, StatusLine& status, bool with_photographs = true);
 
-/// The same, or cameras from the folder's cameras.json if the training's scene is missing. Returns why there are no
-/// photographs, or "". @throws InputError if the options name a scene that cannot be read
+/// Does the same, but adds cameras from the folder's cameras.json if the training's scene is missing. Returns why there
+/// are no photographs, or "". @throws InputError if the options name a scene that cannot be read
 std::string add_scene_or_cameras(LoadedModel& model, const ModelOptions& options, StatusLine& status);
 
 /// Adds views without photographs: those of cameras.json, or those of the scene if the options name a scene, a
 /// resolution or lenses. @throws InputError as add_scene()
 void add_cameras(LoadedModel& model, const ModelOptions& options, StatusLine& status);
 
-/// Settings to render images of a model on the device of its config, without keeping state for a backward pass.
+/// Returns settings to render images of a model on the device of its config, without data for a backward pass.
 RenderSettings image_settings(const LoadedModel& model);
 
 /// A model on the device that renders it.
@@ -88,21 +88,21 @@ struct ModelRenderer {
   Rasterizer rasterizer;
 };
 
-/// Suffix for ModelFolder::results_key(). Empty if views, image sizes and lenses are those of the training, even if the
-/// scene folder has moved; else the scene's name, "r4" for another resolution, "undistort" for other lenses, or
-/// several.
+/// Returns a suffix for ModelFolder::results_key(). It is empty if views, image sizes and lenses are those of the
+/// training, even if the scene folder has moved. Otherwise it has the scene's name, "r4" for another resolution,
+/// "undistort" for other lenses, or several of these.
 std::string results_variant(const LoadedModel& model, const ModelOptions& options);
 
-/// At most `count` of the views, evenly spaced, in their order.
+/// Returns at most `count` of the views, evenly spaced, in their order.
 std::vector<View> evenly_spaced(const std::vector<View>& views, std::size_t count);
 
-/// Folder for images of a split or camera path, named as by the original 3DGS: MODEL/test/ours_7000.
+/// Returns the folder for images of a split or camera path, named as in the original 3DGS: MODEL/test/ours_7000.
 std::filesystem::path image_folder(const LoadedModel& model, const std::string& set);
 
 /// "00012.png"
 std::string image_name(std::size_t index);
 
-/// Images are written while the next ones are rendered: threads that write them, and how many images wait for one.
+/// Number of threads that write images while the next ones are rendered, and limit of images that wait for a thread.
 int writer_threads();
 inline constexpr std::size_t kFramesAhead = 2;
 

@@ -37,7 +37,7 @@ Image8 small(const Image8& image) {
 
 std::vector<Preview> render_previews(Trainer& trainer, const std::vector<View>& views, const ModelFolder& folder) {
   std::vector<Preview> previews;
-  std::exception_ptr fault;  // thrown only after evaluate(), which other ranks take part in
+  std::exception_ptr fault;  // thrown only after evaluate(), which other ranks also call
   const auto on_rendered = [&](std::size_t index, const View& view, const RenderedView& rendered,
                                const std::optional<ImageQuality>& quality) {
     if (!quality || fault) return;  // no quality: no valid pixel
@@ -56,9 +56,9 @@ std::vector<Preview> render_previews(Trainer& trainer, const std::vector<View>& 
   return previews;
 }
 
-/// The first "model name" in /proc/cpuinfo; empty if there is none.
+/// Returns the first "model name" in /proc/cpuinfo, or "" if there is none.
 #if B3DGS_HAS_CUDA
-/// Version of the kernel module, "570.86.15"; empty if unknown.
+/// Returns the version of the kernel module, "570.86.15", or "" if unknown.
 std::string driver_version() {
   std::ifstream file("/proc/driver/nvidia/version");
   std::string line;

@@ -1,4 +1,4 @@
-// What a report needs of a training beyond its log (report/page_data.h): the machine, and what is written while the
+// Data for a report beyond the log of a training (report/page_data.h): the machine, and the files written while the
 // training runs.
 #pragma once
 
@@ -12,13 +12,13 @@
 
 namespace b3dgs {
 
-/// To store along with measured times. Keys: "program", "cpu", "cores" (logical), "memory_gb", "libtorch", "device"; if
-/// `device` is a GPU also "gpu", "gpu_memory_gb", "driver" and "cuda". Unknown values are omitted.
+/// Returns data to store with measured times. Keys: "program", "cpu", "cores" (logical), "memory_gb", "libtorch",
+/// "device"; if `device` is a GPU also "gpu", "gpu_memory_gb", "driver" and "cuda". Unknown values are omitted.
 nlohmann::ordered_json describe_machine(const torch::Device& device);
 
-/// Renders up to three views (test views if there are any) and saves them for the report. To be called from
-/// TrainHooks::on_result, because an opacity reset may follow, which would make the images dark. Of several ranks, all
-/// call this together, since rendering may need all of them, and rank 0 writes. @throws IoError
+/// Renders up to three views (test views if there are any) and saves them for the report. Call this from
+/// TrainHooks::on_result, because a later opacity reset would make the images dark. With several ranks, all call this
+/// together, because rendering may need all of them, and rank 0 writes. @throws IoError
 void record_previews(Trainer& trainer, const Scene& scene, const ModelFolder& folder, Communicator& ranks);
 
 /// Adds a session, and the views if record_previews() was not called at this iteration, as in an interrupted training.

@@ -27,7 +27,8 @@ std::string default_model_path(const std::string& source_path) {
   return (fs::path("output") / scene_name(source_path)).string();
 }
 
-/// The newest valid checkpoint of a model folder; empty if it has no checkpoints. @throws InputError if all are damaged
+/// Returns the newest valid checkpoint of a model folder, or "" if it has no checkpoints. @throws InputError if all are
+/// damaged
 fs::path newest_checkpoint(const ModelFolder& folder, StatusLine& status) {
   fs::path checkpoint = newest_valid_checkpoint(folder, [&](const std::string& message) { status.warn(message); });
   if (checkpoint.empty() && !folder.checkpoint_iterations().empty()) {
@@ -37,7 +38,8 @@ fs::path newest_checkpoint(const ModelFolder& folder, StatusLine& status) {
   return checkpoint;
 }
 
-/// The checkpoint to resume; empty to start from the beginning. With --resume auto, sets config.model_path if empty.
+/// Returns the checkpoint to resume, or "" to start from the beginning. With --resume auto, sets config.model_path if
+/// empty.
 fs::path find_checkpoint(TrainConfig& config, const TrainCommandOptions& options, StatusLine& status) {
   if (options.resume != "auto") {
     if (!fs::exists(options.resume)) {
@@ -78,7 +80,7 @@ void check_batch(int batch, int n_ranks) {
               "step; use ", larger, "at most ", batch, batch == 1 ? " rank" : " ranks");
 }
 
-/// @throws InputError if the training reads something at a place where it writes, or where --overwrite removes
+/// @throws InputError if the training reads from a path where it writes, or where --overwrite removes files
 void check_inputs_are_elsewhere(const ModelFolder& folder, const TrainPlan& plan) {
   const TrainConfig& config = plan.config;
   const fs::path model = real_path(folder.root());
@@ -100,7 +102,7 @@ void check_inputs_are_elsewhere(const ModelFolder& folder, const TrainPlan& plan
   const fs::path here = fs::current_path(), scene = config.source_path;
   check("-s", config.source_path, here);
   check("--init_ply", config.init_ply, here);
-  for (const fs::path& base : {scene, here}) {  // where they are looked for
+  for (const fs::path& base : {scene, here}) {  // folders in which they are looked for
     check("--images", config.images, base);
     check("--masks", config.masks, base);
     check("--depths", config.depths, base);
@@ -145,7 +147,7 @@ TrainPlan make_plan(const CommandLine& line, StatusLine& status, const TrainComm
     apply_given_at_resume();
     if (!named_folder.empty()) config.model_path = named_folder;
   } else if (options.resume == "auto" && config.source_path.empty()) {
-    // Interrupted before its first checkpoint.
+    // The training was interrupted before its first checkpoint.
     const std::string folder = config.model_path;
     config = ModelFolder(folder).read_config();
     config.device = TrainConfig{}.device;
@@ -153,7 +155,7 @@ TrainPlan make_plan(const CommandLine& line, StatusLine& status, const TrainComm
     apply_given_at_resume();
   }
   if (n_ranks > 1 && plan.layers && !given.contains("batch")) {
-    config.batch = std::min(n_ranks, kMaxBatch);  // each renders a view of a step
+    config.batch = std::min(n_ranks, kMaxBatch);  // each rank renders a view of a step
   }
   check_batch(config.batch, n_ranks);
   if (config.source_path.empty())
@@ -212,7 +214,7 @@ bool guard_model(const ModelFolder& folder, const TrainPlan& plan) {
     return is_replaced;
   }
   check_inputs_are_elsewhere(folder, plan);
-  // Without a model there is nothing to replace: a folder report/, for example, is the user's.
+  // Without a model there is nothing to replace. A folder report/, for example, belongs to the user.
   if (plan.options.overwrite) return folder.holds_model() || !folder.training_id().empty();
   if (!folder.holds_model()) return false;
   input_error("output folder already holds a model: ", folder.root().string(), "; ",

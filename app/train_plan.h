@@ -1,4 +1,4 @@
-// What `b3dgs train` has to do: its options, the training that they describe, and the checks before it begins.
+// The plan of `b3dgs train`: its options, the training that they describe, and the checks before it begins.
 #pragma once
 
 #include <filesystem>
@@ -43,41 +43,41 @@ void visit_fields(TrainCommandOptions& c, Visitor&& field) {
   field(Option{"quiet"}.common(), c.quiet, Any{}, "print results and warnings only");
 }
 
-/// What to train, from where, and where to.
+/// The training, its source and its destination.
 struct TrainPlan {
   TrainConfig config;
-  std::optional<OptionLayers> layers;  // where config's values are from, unless from a checkpoint or model folder
-  GivenOptions fixed = GivenOptions::object();  // what --max_epochs does not scale: given options; at a resume, all
+  std::optional<OptionLayers> layers;  // source of config's values, unless from a checkpoint or model folder
+  GivenOptions fixed = GivenOptions::object();  // not scaled by --max_epochs: given options; at a resume, all
   TrainCommandOptions options;
   std::filesystem::path checkpoint;  // to resume, or empty
-  bool is_replaced = false;          // the model in the folder
+  bool is_replaced = false;          // whether to replace the model in the folder
 };
 
-/// The config stored in a checkpoint, with the folder that now contains the checkpoint as model folder. @throws
+/// Returns the config stored in a checkpoint. Its model folder is the one that now contains the checkpoint. @throws
 /// InputError
 TrainConfig config_of_checkpoint(const std::filesystem::path& checkpoint);
 
-/// The options of the training but for what depends on its scene: from the command line, the config file, and the
-/// checkpoint or model folder to resume. Without --batch, a step has a view for each rank; it cannot have fewer.
+/// Returns the options of the training that do not depend on its scene, from the command line, the config file, and the
+/// checkpoint or model folder to resume. Without --batch, a step has a view for each rank, and it cannot have fewer.
 /// `device`, of all ranks, is a value of --device. @throws InputError
 TrainPlan make_plan(const CommandLine& line, StatusLine& status, const TrainCommandOptions& options, int n_ranks,
                     const std::string& device);
 
-/// What follows from the scene: --max_epochs, --gaussians_per_pixel and --lr_decay_from_epoch become numbers. Nothing
-/// changes the options after that. Returns lines about these numbers and the options that were given.
+/// Completes the options that depend on the scene: --max_epochs, --gaussians_per_pixel and --lr_decay_from_epoch become
+/// numbers. Nothing changes the options after that. Returns lines about these numbers and the given options.
 std::vector<std::string> fit_to_scene(TrainPlan& plan, const Scene& scene);
 
-/// Protects an existing model, which may be hours of work. True if it is to be replaced. @throws InputError
+/// Protects an existing model, which may be hours of work. Returns whether to replace it. @throws InputError
 bool guard_model(const ModelFolder& folder, const TrainPlan& plan);
 
-/// Checks, before photographs are decoded, that the checkpoint can be resumed with these options, and is of this scene
-/// at this image size. @throws InputError
+/// Checks, before photographs are decoded, that the checkpoint can be resumed with these options, and that it belongs
+/// to this scene at this image size. @throws InputError
 void check_checkpoint(const std::filesystem::path& checkpoint, const TrainConfig& config);
 
-/// @throws InputError naming an option that this rank was given otherwise than rank 0
+/// @throws InputError naming an option of this rank that differs from rank 0
 void check_same_options(Communicator& ranks, const GivenOptions& given);
 
-/// Rank 0 tells the others what it has decided; they do not look at the model folder.
+/// Sends the plan of rank 0 to the others, which do not look at the model folder.
 void share_plan(Communicator& ranks, TrainPlan& plan);
 
 }  // namespace b3dgs

@@ -27,7 +27,7 @@ std::int64_t now_ms() {
 }
 
 /// timeout(1) and some batch systems signal both the program and its process group, so two signals in quick succession
-/// are one request. A later second signal means: stop immediately.
+/// are one request. A later second signal stops the program immediately.
 extern "C" void ask_to_stop(int signal) {
   constexpr std::int64_t kOneRequestMs = 500;
   int none = 0;
@@ -38,7 +38,7 @@ extern "C" void ask_to_stop(int signal) {
   }
 }
 
-/// Everything that a training, its evaluation and its report write into a model folder.
+/// Returns all files that a training, its evaluation and its report write into a model folder.
 std::vector<fs::path> parts_of(const ModelFolder& folder) {
   const fs::path& root = folder.root();
   std::vector<fs::path> parts{root / "point_cloud", root / "checkpoints", report_folder(folder)};
@@ -51,7 +51,8 @@ std::vector<fs::path> parts_of(const ModelFolder& folder) {
   return parts;
 }
 
-/// Moves what would be taken for a part of the new model, PLYs, checkpoints and results, to a new folder in set_aside/.
+/// Moves PLYs, checkpoints and results that would be mistaken for a part of the new model to a new folder in
+/// set_aside/.
 void move_remains(const ModelFolder& folder, OwnFiles& own, StatusLine& status) {
   const auto results = folder.results();
   std::vector<fs::path> remains(results.begin(), results.end());
@@ -72,7 +73,7 @@ void move_remains(const ModelFolder& folder, OwnFiles& own, StatusLine& status) 
               aside.string());
 }
 
-/// Moves the files in `from` that are the program's own to the same places below `to`.
+/// Moves the program's own files in `from` to the same relative paths below `to`.
 void move_own(const fs::path& from, const fs::path& to, OwnFiles& own) {
   if (fs::is_symlink(from) || !fs::is_directory(from)) {
     if (!own.is_own(from)) return;
@@ -83,18 +84,18 @@ void move_own(const fs::path& from, const fs::path& to, OwnFiles& own) {
   std::vector<fs::path> inside;
   for (const fs::directory_entry& entry : fs::directory_iterator(from)) inside.push_back(entry.path());
   for (const fs::path& path : inside) move_own(path, to / path.filename(), own);
-  std::error_code error;  // ignored: files of others are in it
+  std::error_code error;  // ignored: other files are in it
   fs::remove(from, error);
 }
 
-/// Whether the model has the PLY of its training's last iteration.
+/// Returns whether the model has the PLY of its training's last iteration.
 bool is_finished(const ModelFolder& folder) {
   const std::vector<int> saved = folder.ply_iterations();
   if (saved.empty()) return false;
   try {
     return saved.back() >= folder.read_config().iterations;
   } catch (const InputError&) {
-    return true;  // a PLY of which no more is known
+    return true;  // a PLY without more information
   }
 }
 
@@ -111,7 +112,7 @@ void catch_stop_signals() {
 }
 
 void request_stop() {
-  int none = 0;  // asked twice, this does not mean: immediately
+  int none = 0;  // two requests do not mean an immediate stop
   if (asked_to_stop.compare_exchange_strong(none, SIGINT)) asked_at_ms = now_ms();
 }
 
@@ -135,7 +136,7 @@ void require_movable(const ModelFolder& folder) {
 void put_model_aside(const ModelFolder& folder, StatusLine& status) {
   require_movable(folder);
   OwnFiles own(folder.root());
-  // A folder of another name until all is in it: if this is interrupted, the next call goes on.
+  // The folder has another name until it is complete, so that an interrupted move continues in the next call.
   const fs::path moving = folder.root() / kMoving, replaced = folder.root() / kReplaced;
   if (!fs::exists(moving) && fs::exists(replaced) && !is_finished(folder)) {
     for (const fs::path& part : parts_of(folder)) own.remove(part);

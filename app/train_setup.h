@@ -1,4 +1,4 @@
-// Shared by `train` and `compare`: signals, paths and model folders.
+// Functions shared by `train` and `compare`: signals, paths and model folders.
 #pragma once
 
 #include <atomic>
@@ -11,33 +11,34 @@
 
 namespace b3dgs {
 
-/// The signal that asked the program to stop, or 0.
+/// Returns the signal that requested a stop, or 0.
 const std::atomic<int>& stop_signal();
 
 /// From now on, the first SIGINT or SIGTERM makes training write a checkpoint and stop. A second one, at least half a
 /// second later, ends the program immediately.
 void catch_stop_signals();
 
-/// Like the first Ctrl-C, however often it is called.
+/// Acts like the first Ctrl-C, regardless of the number of calls.
 void request_stop();
 
 /// Makes a path independent of the working folder. An empty path stays empty.
 void make_absolute(std::string& path);
 
-/// @throws InputError if put_model_aside() could not move a part of the model in one step: a link, or on another disk
+/// @throws InputError if put_model_aside() could not move a part of the model in one step, because it is a link or on
+/// another disk
 void require_movable(const ModelFolder& folder);
 
 /// Moves the files of an earlier training to replaced/, where they stay until drop_replaced_model(), so that they are
-/// not mistaken for those of a new one. If replaced/ already holds a model because the training after it was stopped
-/// too early, that model stays and the unfinished one is removed. Files that the program has not written, or that were
-/// changed since, stay; any that would be mistaken are moved to set_aside/replaced_1 (_2, _3, ...), which a warning
+/// not mistaken for those of a new one. If replaced/ already has a model, because the training after it was stopped too
+/// early, that model stays and the unfinished one is removed. Files that the program has not written, or that have
+/// changed since, stay. Any that would be mistaken are moved to set_aside/replaced_1 (_2, _3, ...), which a warning
 /// names. @throws as require_movable(), before anything is moved
 void put_model_aside(const ModelFolder& folder, StatusLine& status);
 
-/// Moves the program's own files among `parts` of a folder to replaced/ in it, but keeps what is there already.
+/// Moves the program's own files among `parts` of a folder to replaced/ in it, but keeps existing files there.
 void put_aside(const std::filesystem::path& folder, const std::vector<std::filesystem::path>& parts);
 
-/// Removes what these have kept in a folder, once the new model is complete.
+/// Removes the files that these functions have kept in a folder, after the new model is complete.
 void drop_replaced_model(const std::filesystem::path& folder);
 
 }  // namespace b3dgs

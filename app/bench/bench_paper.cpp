@@ -20,7 +20,7 @@ using Json = nlohmann::ordered_json;
 
 struct PaperConfig : BenchRun {
   std::int64_t points = 1500000;
-  PaperConfig() { culling = "square"; }  // as in the rasterizer that the paper starts from
+  PaperConfig() { culling = "square"; }  // as in the rasterizer on which the paper is based
 };
 
 template <class Visitor>
@@ -29,7 +29,7 @@ void visit_fields(PaperConfig& c, Visitor&& field) {
   visit_fields(static_cast<BenchRun&>(c), field);
 }
 
-/// What the paper prints, measured on an A100 80 GB.
+/// Values printed in the paper, measured on an A100 80 GB.
 struct PrintedRow {
   double ms, theoretical, achieved;  // occupancies: %
   const char* limiter;
@@ -94,7 +94,7 @@ int run_bench_paper(const std::vector<std::string>& words) {
                    "b3dgs bench paper --points 4000000 --json table.json");
   line.add(config, "Benchmark");
   if (!line.parse(words)) return 0;
-  config.device = device_name(choose_device(config.device));  // of auto
+  config.device = device_name(choose_device(config.device));  // resolves auto
   set_compute_threads(config.threads);
 
   BenchConfig of_scene;

@@ -1,4 +1,4 @@
-// Results of benchmarks: timings, differences between kernels, and the tables and JSON that show them.
+// Results of benchmarks: timings, differences between kernels, and their tables and JSON.
 #pragma once
 
 #include <torch/types.h>
@@ -15,27 +15,28 @@ struct Timing {
   double median_ms = 0, min_ms = 0, max_ms = 0;
 };
 
-/// Median and range of the times of single runs; `ms` must not be empty.
+/// Returns median and range of the times of single runs; `ms` must not be empty.
 Timing summarize(std::vector<double> ms);
 
-/// {"median_ms": 2, "min_ms": 1, "max_ms": 3}, after `head`.
+/// Returns {"median_ms": 2, "min_ms": 1, "max_ms": 3}, after `head`.
 nlohmann::ordered_json to_json(const Timing& timing, nlohmann::ordered_json head = nlohmann::ordered_json::object());
 
-/// A row of a table, without its end: name, median, minimum and maximum.
+/// Prints a table row without its end: name, median, minimum and maximum.
 void print_timing(const std::string& name, const Timing& timing);
 
-/// Number of tiles, number of pairs, and load_statistics() of the lengths of the tiles' lists, int64 on the CPU.
+/// Returns number of tiles, number of pairs, and load_statistics() of the lengths of the tiles' lists, int64 on the
+/// CPU.
 nlohmann::ordered_json list_statistics(const torch::Tensor& lengths);
 
-/// Largest difference divided by the largest magnitude in `reference` or by `size`, whichever is larger; 0 if there is
-/// no difference.
+/// Returns the largest difference divided by the largest magnitude in `reference` or by `size`, whichever is larger; 0
+/// if there is no difference.
 double relative_difference(const torch::Tensor& values, const torch::Tensor& reference, double size = 0);
 
-/// Results so far as a new JSON file, which is rewritten with every result: a benchmark that is interrupted keeps them.
+/// A new JSON file of results. It is rewritten with every result, so that an interrupted benchmark keeps its results.
 /// Does nothing without a path.
 class BenchFile {
  public:
-  /// @throws InputError if there is something at `path`
+  /// @throws InputError if `path` exists
   explicit BenchFile(std::string path);
 
   /// @throws IoError
@@ -60,12 +61,12 @@ struct Measurement {
   std::optional<Timing> keeping{};             // forward kernels: when also storing data for the backward pass
 };
 
-/// A table of kernels for one pass, each compared with the first, of which the same must have been measured.
+/// A table of kernels for one pass. Each is compared with the first, so all must measure the same quantities.
 class ComparisonTable {
  public:
   explicit ComparisonTable(std::string title) : title_(std::move(title)) {}
 
-  /// Prints the row; before the first one a header, for what was measured.
+  /// Prints the row. Prints a header for the measured quantities before the first row.
   void add(const Measurement& measurement);
 
   const nlohmann::ordered_json& rows() const { return rows_; }

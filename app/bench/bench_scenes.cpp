@@ -40,7 +40,7 @@ class SpreadDensity {
             (is_logarithmic_ ? -slope_ * std::log(kCore) : slope_ * (1 - std::pow(kCore, exponent_)) / exponent_);
   }
 
-  /// Maps a distance of the even distribution to the distance that encloses the same share of this distribution.
+  /// Maps a distance in the even distribution to the distance that encloses the same share of this distribution.
   double skewed_distance(double distance) const {
     if (skew_ == 0) return distance;
     const double mass = distance * distance * mass_;
@@ -50,7 +50,7 @@ class SpreadDensity {
                            : std::pow(std::pow(kCore, exponent_) + exponent_ * rest, 1 / exponent_);
   }
 
-  /// Density at a distance, relative to the mean over the image.
+  /// Returns the density at a distance, relative to the mean over the image.
   double at(double distance) const { return std::pow(std::max(distance, kCore) / kCore, -2 * skew_) / mass_; }
 
  private:
@@ -60,7 +60,7 @@ class SpreadDensity {
   const double skew_;
   const double exponent_ = 2 - 2 * skew_, slope_ = 2 * std::pow(kCore, 2 * skew_);  // of the mass beyond the core
   const bool is_logarithmic_ = std::abs(exponent_) < 1e-9;
-  double mass_;  // of the whole image, with density 1 in the core
+  double mass_;  // mass of the whole image, with density 1 in the core
 };
 
 /// Appends the attributes of a trained Gaussian except its mean: random shape, opacity and colour.
@@ -76,7 +76,7 @@ void append_trained(SplatCloud& cloud, double median_sigma, Random& random) {
   add(cloud.shN, 3 * (sh_coefficient_count(cloud.sh_degree) - 1), 0, 0.1);
 }
 
-/// Appends the attributes that splats_from_points() gives to a point of random colour, except its mean.
+/// Appends the attributes that splats_from_points() assigns to a point of random colour, except its mean.
 void append_untrained(SplatCloud& cloud, double sigma, Random& random) {
   cloud.log_scales.insert(cloud.log_scales.end(), 3, static_cast<float>(std::log(sigma)));
   cloud.quats.insert(cloud.quats.end(), {1, 0, 0, 0});
@@ -95,7 +95,7 @@ const Camera& choose_view(const std::vector<NamedCamera>& cameras, const std::st
   return found->camera;
 }
 
-/// Of a model or scene folder, and of files in place of its Gaussians or cameras.
+/// Reads a model or scene folder, or files that replace its Gaussians or cameras.
 BenchScene read_bench_scene(const BenchConfig& config) {
   BenchScene result{config.ply.empty() ? config.scene : config.ply, {}, {}};
   std::vector<NamedCamera> cameras;  // in world coordinates
@@ -134,8 +134,8 @@ BenchScene read_bench_scene(const BenchConfig& config) {
 BenchScene make_spread_scene(const SpreadConfig& spread, const BenchRun& run) {
   constexpr double kFocal = 1000, kNearest = 2, kDepthRange = 8;
   constexpr double kTrainedSigma = 1.7;  // px
-  // Mean distance to the 3 nearest neighbours of random points in a plane with density 1: 1/2, 3/4 and 15/16. The
-  // geometric mean of the root mean square, which training takes, differs by less than 1 %.
+  // Mean distance to the 3 nearest neighbours of random points in a plane with density 1: 1/2, 3/4 and 15/16. Training
+  // uses the root mean square, whose geometric mean differs by less than 1 %.
   constexpr double kSigmaPerSpacing = (0.5 + 0.75 + 0.9375) / 3;
   const double pixels_per_point = static_cast<double>(run.width) * run.height / static_cast<double>(spread.points);
   const SpreadDensity density(spread.skew);

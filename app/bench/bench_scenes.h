@@ -33,7 +33,7 @@ void visit_fields(BenchRun& c, Visitor&& field) {
   field(Option{"json"}, c.json, Any{}, "also write all numbers to this new file");
 }
 
-/// The state of training that synthetic Gaussians are in.
+/// The training stage that synthetic Gaussians imitate.
 enum class SpreadState {
   /// The scene `spread`: log-normal sizes of about 1.7 px, varied opacities and shapes. About 300 Gaussians make a tile
   /// opaque, where kernels stop, so skew has little effect on a GPU.
@@ -48,7 +48,7 @@ enum class SpreadState {
 struct SpreadConfig {
   std::int64_t points = 1500000;
   /// Outside a small core, the density is proportional to distance^(-2 skew), where distance is max(|x|, |y|) from the
-  /// image centre in units of half the image size. 0: even; 1: as points of a road near the horizon.
+  /// image centre in units of half the image size. 0 is even, and 1 is like points of a road near the horizon.
   double skew = 0;
   int sh_degree = 3;
   SpreadState state = SpreadState::kTrained;
@@ -86,7 +86,7 @@ struct BenchScene {
 /// @throws InputError if a folder or file is missing or invalid
 BenchScene make_bench_scene(const BenchConfig& config);
 
-/// Synthetic Gaussians in front of one camera.
+/// Makes synthetic Gaussians in front of one camera.
 BenchScene make_spread_scene(const SpreadConfig& spread, const BenchRun& run);
 
 }  // namespace b3dgs

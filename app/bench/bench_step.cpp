@@ -42,7 +42,7 @@ void visit_fields(BenchStepOptions& c, Visitor&& field) {
   field(Option{"json"}, c.json, Any{}, "also write all numbers to this new file");
 }
 
-/// After the warm-up.
+/// Times after the warm-up.
 struct StepTimes {
   std::vector<StageTimes> steps, rounds;
 };
@@ -106,7 +106,7 @@ double run_steps(Trainer& trainer, int n) {
 /// Prints all results and writes them to `file`.
 void report_steps(const StepTimes& times, const TrainConfig& config, const Trainer& trainer, const Scene& scene,
                   double wall_ms, BenchFile& file) {
-  double n_pixels = 0;  // of a view, on average
+  double n_pixels = 0;  // pixels of a view, on average
   for (const View& view : scene.train) n_pixels += static_cast<double>(view.camera.width) * view.camera.height;
   n_pixels /= static_cast<double>(scene.train.size());
   std::printf("%s: %s Gaussians, %.2f Mpixel, %s, SH degree %d; %zu steps\n%s\n", config.source_path.c_str(),

@@ -13,7 +13,7 @@
 namespace b3dgs {
 namespace {
 
-/// A copy in host memory: the next pass overwrites the tensor.
+/// Returns a copy in host memory, because the next pass overwrites the tensor.
 torch::Tensor values_of(const torch::Tensor& tensor) {
   return tensor.to(torch::kCPU, torch::kFloat32, /*non_blocking=*/false, /*copy=*/true);
 }
@@ -57,7 +57,7 @@ Measurement BenchView::measure(const KernelRow& kernel) {
     measured.keeping = time_blend(kernel.kernel);
   }
   for (const torch::Tensor& image : {rendered_.color, rendered_.depth, rendered_.alpha}) {
-    image.fill_(NAN);  // shows where a kernel writes nothing
+    image.fill_(NAN);  // reveals pixels that a kernel does not write
   }
   rasterizer_.reblend(kernel.kernel);
   measured.image = values_of(rendered_.color);
@@ -73,7 +73,7 @@ Measurement BenchView::measure_backward(KernelFamily family) {
 
 std::vector<StageTimes> BenchView::run_passes() {
   std::vector<StageTimes> times;
-  for (int i = -1; i < repeat_; ++i) {  // the first warms up
+  for (int i = -1; i < repeat_; ++i) {  // the first run is the warm-up
     flush_cache();
     stages_.start(StageTimes::Kind::kStep);
     render(kStandardKernel, /*keep=*/true);
@@ -103,8 +103,8 @@ std::vector<ParameterGradient> BenchView::gradients() {
   std::vector<ParameterGradient> all;
   for (const torch::Tensor* const own : gradients_.all()) {
     all.push_back({values_of(*own)});
-    // For nearly spherical Gaussians, gradients of the rotation are only rounding errors, of about the size of those
-    // in the gradients of the scales. Differences are therefore taken relative to the latter.
+    // For nearly spherical Gaussians, gradients of the rotation are only rounding errors, about as large as those in
+    // the gradients of the scales. Therefore differences are relative to the latter.
     if (own == &gradients_.quats) all.back().size = gradients_.log_scales.abs().max().item<double>();
   }
   return all;

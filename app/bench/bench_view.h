@@ -24,24 +24,24 @@ class BenchView {
   const torch::Device& device() const { return device_; }
   std::string device_text() const;
 
-  /// Of the view and the kernel's lists in the last render().
+  /// Numbers of the view and of the kernel's lists in the last render().
   std::int64_t n_splats() const { return rasterizer_.view_size().n_splats; }
   nlohmann::ordered_json lists() const { return list_statistics(rasterizer_.count_load().tile_lists); }
 
-  /// A forward pass. `keep`: as in a training step, it stores what a backward pass needs.
+  /// Runs a forward pass. With `keep`, it stores the data for a backward pass, as in a training step.
   void render(ForwardKernel kernel, bool keep);
 
-  /// Times the forward blend alone, on the lists of the last render(), which had a kernel of the same family.
+  /// Times only the forward blend, on the lists of the last render(), which must have used a kernel of the same family.
   Timing time_blend(ForwardKernel kernel) {
     return time([&] { rasterizer_.reblend(kernel); });
   }
-  /// On a GPU, for a kernel of the paper.
+  /// Requires a GPU and a kernel of the paper.
   KernelOccupancy measure_occupancy(ForwardKernel kernel) { return rasterizer_.measure_occupancy(kernel); }
 
   Measurement measure(const KernelRow& kernel);
   /// Measures the backward kernel of a family, on a GPU.
   Measurement measure_backward(KernelFamily family);
-  /// Times of the passes of whole views, as in a training step.
+  /// Returns the times of the passes of whole views, as in a training step.
   std::vector<StageTimes> run_passes();
 
  private:

@@ -1,5 +1,5 @@
-// b3dgs bench: times the blending kernels and the passes of one view, or, as bench sweep, the forward kernels over
-// numbers of Gaussians and degrees of uneven load. The rasterizer of training runs them, on the CPU or a GPU.
+// b3dgs bench: times the blending kernels and the passes of one view. bench sweep times the forward kernels over
+// numbers of Gaussians and degrees of uneven load. Both run the rasterizer of training, on the CPU or a GPU.
 #include <algorithm>
 #include <cstdio>
 #include <filesystem>
@@ -42,7 +42,7 @@ void time_passes(BenchView& view, BenchFile& file) {
   file.set("passes", rows);
 }
 
-/// A mistyped subcommand or built-in scene would be taken for a folder. @throws InputError
+/// Rejects mistyped subcommands and built-in scenes, which would be mistaken for a folder. @throws InputError
 void check_scene(const std::string& scene) {
   static const std::vector<std::string> kNames{"street", "spread", "kernels", "step", "sweep", "paper"};
   if (std::find(kNames.begin(), kNames.end(), scene) != kNames.end() || std::filesystem::exists(scene)) return;
@@ -64,7 +64,7 @@ int run_bench_kernels(const std::vector<std::string>& words) {
   line.add(config, "Benchmark", {"scene"});
   if (!line.parse(words)) return 0;
   check_scene(config.scene);
-  config.device = device_name(choose_device(config.device));  // of auto
+  config.device = device_name(choose_device(config.device));  // resolves auto
   set_compute_threads(config.threads);
 
   const BenchScene scene = make_bench_scene(config);
@@ -148,7 +148,7 @@ int run_bench_sweep(const std::vector<std::string>& words) {
   line.add(config, "Benchmark");
   if (!line.parse(words)) return 0;
   if (config.skew.empty()) input_error("--skew needs at least one value");
-  config.device = device_name(choose_device(config.device));  // of auto
+  config.device = device_name(choose_device(config.device));  // resolves auto
   if (config.points.empty()) {
     const int least = config.device == "cuda" ? 250000 : 25000;
     config.points = {least, 4 * least, 16 * least};
@@ -160,7 +160,7 @@ int run_bench_sweep(const std::vector<std::string>& words) {
   nlohmann::ordered_json cells = nlohmann::ordered_json::array();
   for (const int points : config.points) {
     for (const double skew : config.skew) {
-      // Colours do not affect the time of blending; SH degree 0 makes creating the scenes ten times faster.
+      // Colours do not affect the time of blending, and SH degree 0 makes creating the scenes ten times faster.
       const BenchScene scene = make_spread_scene({points, skew, /*sh_degree=*/0, SpreadState::kFirstIteration}, config);
       BenchView view(config, scene);
       view.render(kStandardKernel, /*keep=*/false);

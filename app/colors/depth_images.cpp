@@ -11,13 +11,13 @@
 namespace b3dgs {
 namespace {
 
-constexpr std::int64_t kSamples = 20000;   // Gaussians that are examined
+constexpr std::int64_t kSamples = 20000;   // number of examined Gaussians
 constexpr double kLeastLogitOpacity = -2;  // more transparent ones do not form a surface
 constexpr std::size_t kPixelSamples = 10000;
 constexpr float kOpaque = 0.5f;
 constexpr double kPercentile = 0.02;
 
-/// Inverse depths of a range differ, and can be scaled.
+/// Returns a range whose inverse depths differ, so that it can be scaled.
 DepthRange range_of(std::vector<double>& depths) {
   std::sort(depths.begin(), depths.end());
   const auto at = [&](double share) {

@@ -1,5 +1,5 @@
-// Images of depth, for people: inverse depth, which preserves contrast at close range, in the turbo colour map, near
-// red and far blue, fading to black with decreasing alpha. And for programs: `b3dgs render --depth_format png16|exr`.
+// Depth images. For people, they show inverse depth, which preserves contrast at close range, in the turbo colour map,
+// near red and far blue, fading to black with decreasing alpha. For programs: `b3dgs render --depth_format png16|exr`.
 #pragma once
 
 #include <torch/types.h>
@@ -15,32 +15,33 @@
 
 namespace b3dgs {
 
-/// Grey values, 8 bits, in the colours of an OpenCV map (cv::COLORMAP_TURBO).
+/// Returns 8-bit grey values in the colours of an OpenCV map (cv::COLORMAP_TURBO).
 Image8 colored(const cv::Mat& grey, int map);
 
-/// World units.
+/// A range of depths in world units.
 struct DepthRange {
   double near = 0, far = 0;
 };
 
-/// The 2nd to 98th percentile of the depths of the Gaussians that the cameras see: one range for all frames of a path,
-/// so that videos do not flicker.
+/// Returns the 2nd to 98th percentile of the depths of the Gaussians that the cameras see. It is one range for all
+/// frames of a path, so that videos do not flicker.
 DepthRange visible_depth_range(const SplatCloud& splats, const std::vector<Camera>& cameras, double near_plane);
 
-/// The 2nd to 98th percentile of the depths of a rendered view, over its opaque pixels.
+/// Returns the 2nd to 98th percentile of the depths of a rendered view, over its opaque pixels.
 DepthRange depth_range(const torch::Tensor& depth, const torch::Tensor& alpha);
 
-/// `depth` [H, W]: rendered depth, the sum of weight x depth in world units. `alpha` [H, W]: the sum of the weights.
+/// Colours rendered depth. `depth` [H, W]: the sum of weight x depth in world units. `alpha` [H, W]: the sum of the
+/// weights.
 Image8 color_depth(const torch::Tensor& depth, const torch::Tensor& alpha, const DepthRange& range);
 
 /// Pixels less opaque than this have no depth.
 inline constexpr float kLeastDepthAlpha = 0.5f / 255;
 
-/// Mean depth along the camera's z axis of what a pixel shows, weighted by its blend weights: [H, W] world units; 0
-/// where nothing is seen. `depth` [H, W]: sum of weight x depth. `alpha` [H, W]: sum of the weights.
+/// Returns the mean depth along the camera's z axis at each pixel, weighted by its blend weights: [H, W] world units, 0
+/// for empty pixels. `depth` [H, W]: sum of weight x depth. `alpha` [H, W]: sum of the weights.
 std::vector<float> mean_depths(const torch::Tensor& depth, const torch::Tensor& alpha);
 
-/// Inverse depth in 16 bits, as `train --depths` reads it: value = scale / depth, where `scale` = 65535 x the least
+/// Inverse depth in 16 bits, as read by `train --depths`: value = scale / depth, where `scale` = 65535 x the smallest
 /// depth that can be represented. Nearer pixels get 65535, pixels without a depth 0.
 struct InverseDepth16 {
   Depth16 map;
@@ -48,7 +49,7 @@ struct InverseDepth16 {
 };
 InverseDepth16 inverse_depth_16(const std::vector<float>& depths, ImageSize size, double scale);
 
-/// depth.json, which says how to read the maps of a folder. @throws IoError
+/// Writes depth.json, which is needed to interpret the maps of a folder. @throws IoError
 void write_depth_scale(const std::filesystem::path& folder, double scale);
 
 }  // namespace b3dgs

@@ -1,4 +1,4 @@
-// b3dgs compare: trains one scene with several configurations, taking turns, and compares their time and quality.
+// b3dgs compare: trains one scene with several configurations in turns, and compares their time and quality.
 #include <algorithm>
 #include <iostream>
 
@@ -26,7 +26,8 @@ namespace {
 namespace fs = std::filesystem;
 
 struct CompareOptions {
-  // With the kernels without load balancing that adaptive is compared with, so that the gain of balancing is known.
+  // Includes the kernels without load balancing, as the baseline for adaptive, so that the benefit of balancing is
+  // known.
   std::vector<std::string> configs{"naive", "sub-tile", "adaptive"};
   std::vector<std::int64_t> seeds;
   bool noise = false;
@@ -68,12 +69,12 @@ std::string output_folder(const CommandLine& line) {
   return (fs::path("output") / (scene_name(source) + "-compare")).string();
 }
 
-/// As parse_configurations() reads them.
+/// Joins the configurations for parse_configurations().
 std::string joined(const std::vector<std::string>& configs) {
   return list_text(configs, ",");
 }
 
-/// @throws InputError if options that were given differ from those of the comparison to resume
+/// @throws InputError if given options differ from those of the comparison to resume
 void refuse_changes(const CommandLine& line, const CompareOptions& options, const ComparisonPlan& plan,
                     const TrainConfig& planned) {
   const auto refuse_if = [](bool is_changed, const std::string& option, const std::string& was) {
@@ -87,7 +88,7 @@ void refuse_changes(const CommandLine& line, const CompareOptions& options, cons
             std::string("the comparison was started ") + (plan.has_repetition ? "with" : "without") + " it");
 }
 
-/// The stored plan for --resume, else a plan from the command line.
+/// Returns the stored plan with --resume, otherwise a plan from the command line.
 ComparisonPlan make_plan(const CommandLine& line, const CompareOptions& options) {
   if (options.resume && options.overwrite) {
     input_error("--resume and --overwrite exclude each other: one continues the comparison in the output folder, the ",
@@ -104,7 +105,7 @@ ComparisonPlan make_plan(const CommandLine& line, const CompareOptions& options)
   given.update(given_options(line, options.config));
   if (!options.resume) given.emplace("eval", default_config().eval);
   plan.base = resolve_options(given).config;
-  plan.set_photographs(plan.photographs);  // of the comparison to resume
+  plan.set_photographs(plan.photographs);  // photographs of the comparison to resume
   plan.base.model_path = root;
   if (plan.base.source_path.empty()) fail_without_scene();
   make_absolute(plan.base.source_path);
@@ -124,7 +125,7 @@ ComparisonPlan make_plan(const CommandLine& line, const CompareOptions& options)
   for (const std::int64_t seed : plan.seeds) {
     if (std::count(plan.seeds.begin(), plan.seeds.end(), seed) > 1) input_error("--seeds: ", seed, " occurs twice");
   }
-  // All have one scene, and anti-aliasing needs pinholes (scene_options()).
+  // All share one scene, and anti-aliasing needs pinholes (scene_options()).
   for (const Configuration& own : plan.configurations()) {
     if (own.config.antialiasing && own.config.lenses == "auto") given["lenses"] = plan.base.lenses = "undistort";
   }
@@ -139,7 +140,7 @@ std::vector<ModelFolder> model_folders(const ComparisonPlan& plan) {
   return folders;
 }
 
-/// Prevents replacing a comparison by accident, or using models of other trainings as part of it.
+/// Prevents accidental replacement of a comparison, and the use of models of other trainings as part of it.
 void guard_comparison(const ComparisonPlan& plan, const CompareOptions& options) {
   if (ModelFolder(plan.root()).holds_model()) {
     input_error(plan.root().string(),
@@ -175,7 +176,7 @@ bool is_trained(const ComparisonPlan& plan, std::int64_t seed) {
   return true;
 }
 
-/// Moves the runs of earlier comparisons, and what the last one has found, to replaced/ in their folders.
+/// Moves the runs and results of earlier comparisons to replaced/ in their folders.
 void put_comparison_aside(const std::vector<ComparisonPlan>& replaced, StatusLine& status) {
   for (const ComparisonPlan& old : replaced) {
     for (const ModelFolder& folder : model_folders(old)) require_movable(folder);
@@ -187,10 +188,10 @@ void put_comparison_aside(const std::vector<ComparisonPlan>& replaced, StatusLin
   put_aside(root, {root / kComparisonFile, root / kComparisonReport});
 }
 
-/// Removes what put_comparison_aside() has kept, also of configurations that are compared no longer.
+/// Removes the files kept by put_comparison_aside(), also those of configurations that are no longer compared.
 void drop_replaced_comparison(const fs::path& root) {
   drop_replaced_model(root);
-  std::error_code error;  // of folders that cannot be read: nothing of this program's is in them
+  std::error_code error;  // ignored: unreadable folders have nothing of this program
   for (const fs::directory_entry& configuration : fs::directory_iterator(root, error)) {
     if (!configuration.is_directory(error) || configuration.is_symlink(error)) continue;
     for (const fs::directory_entry& run : fs::directory_iterator(configuration, error)) {
@@ -200,14 +201,14 @@ void drop_replaced_comparison(const fs::path& root) {
   }
 }
 
-/// Puts the runs of `replaced` aside and trains all runs that are not finished. Returns false if a signal stopped it.
+/// Moves the runs of `replaced` aside and trains all unfinished runs. Returns false if a signal stopped it.
 bool train_all(ComparisonPlan& plan, const std::vector<ComparisonPlan>& replaced, const torch::Device& device,
                const CompareOptions& options, StatusLine& status) {
   const auto is_open = [&](std::int64_t seed) { return !is_trained(plan, seed); };
   if (replaced.empty() && std::none_of(plan.seeds.begin(), plan.seeds.end(), is_open)) return true;
   const double start_s = steady_seconds();
   SceneOptions scene_options = b3dgs::scene_options(plan.base);
-  // One per configuration and one for evaluations, of which only one runs at a time.
+  // One per configuration and one for evaluations, which run one at a time.
   scene_options.n_readers = static_cast<int>(plan.configurations().size()) + 1;
   const Scene scene = open_scene(scene_options, status);
   if (plan.photographs.n != 0 && plan.photographs.n != scene.train.size()) {
@@ -224,7 +225,7 @@ bool train_all(ComparisonPlan& plan, const std::vector<ComparisonPlan>& replaced
     for (const std::string& text : scene.summary) std::cout << text << "\n";
     std::cout << describe_device(device) << std::endl;
   }
-  // Only after the scene has been read and all folders are there, so that nothing is moved if one of them fails.
+  // Only after the scene has been read and all folders exist, so that nothing is moved if one of them fails.
   for (const ModelFolder& folder : model_folders(plan)) create_folder(folder.root());
   if (!replaced.empty()) put_comparison_aside(replaced, status);
   write_plan(plan);
@@ -261,17 +262,17 @@ int run_compare(const std::vector<std::string>& words) {
   ComparisonPlan plan = make_plan(line, options);
   const torch::Device device = choose_device(plan.base.device);
   plan.base.device = device_name(device);
-  // Before photographs are read and anything is written.
+  // Runs before photographs are read and anything is written.
   for (const Configuration& configuration : plan.configurations()) check_options(configuration.config);
   const FolderLock lock(plan.root());
   guard_comparison(plan, options);
   set_compute_threads(plan.base.threads);
   std::vector<ComparisonPlan> replaced;
-  if (options.overwrite) replaced.push_back(plan);  // its folders may hold models of no comparison
+  if (options.overwrite) replaced.push_back(plan);  // its folders may have models outside any comparison
   if (options.overwrite && holds_comparison(plan.root())) {
     try {
       replaced.push_back(read_plan(plan.root()));
-    } catch (const InputError&) {  // damaged: the file is moved aside when another takes its place
+    } catch (const InputError&) {  // damaged: the file is moved aside when it is replaced
     }
   }
 

@@ -34,7 +34,7 @@ class InterleavedTraining {
   InterleavedTraining(const ComparisonPlan& plan, std::int64_t seed, const Scene& scene, StatusLine& status)
       : plan_(plan), seed_(seed), scene_(scene), status_(status) {
     const std::vector<Configuration> configurations = plan.configurations();
-    // By default a trainer takes half of the free memory for images, so later trainers would get less than the first.
+    // By default a trainer uses half of the free memory for images, so later trainers would get less than the first.
     // Here the budget is divided equally.
     const std::int64_t share = image_budget(-1, choose_device(plan.base.device), plan.base.gpu_memory_gb) /
                                static_cast<std::int64_t>(configurations.size());
@@ -99,7 +99,7 @@ class InterleavedTraining {
       const std::size_t first = first_in_turn(static_cast<std::size_t>(seed_index), n_turns, turns_.size());
       for (std::size_t i = 0; i < turns_.size(); ++i) {
         Turn& turn = turns_[(first + i) % turns_.size()];
-        if (turn.result.iteration == turn.iterations()) continue;  // shorter than others, and done
+        if (turn.result.iteration == turn.iterations()) continue;  // shorter than the others, and finished
         turn.result = turn.trainer->run(std::min(until, turn.iterations()));
         if (stop_signal() != 0) return false;
       }
@@ -118,7 +118,7 @@ class InterleavedTraining {
 
   void show(Turn& turn, const TrainProgress& progress) {
     turn.eta.add(progress.iteration, progress.elapsed_s);
-    std::optional<double> all = 0.0;  // known once every configuration has had a turn
+    std::optional<double> all = 0.0;  // known after every configuration has had a turn
     for (const Turn& own : turns_) {
       const std::optional<double> left = own.eta.seconds_left();
       all = all && left ? std::optional(*all + *left) : std::nullopt;
@@ -131,7 +131,7 @@ class InterleavedTraining {
   const Scene& scene_;
   StatusLine& status_;
   const std::unique_ptr<Communicator> ranks_ = Communicator::alone();
-  std::deque<Turn> turns_;  // whose elements stay where they are: the trainers' hooks refer to them
+  std::deque<Turn> turns_;  // elements do not move, because the trainers' hooks refer to them
 };
 
 }  // namespace
@@ -163,7 +163,7 @@ void warm_up(const ComparisonPlan& plan, const Scene& scene) {
     const WorkFolder folder(plan.root());
     TrainConfig config = run_config(configuration, ModelFolder(folder.path()), 0);
     if (n > 0) config.init_ply.clear();   // the part has fewer points; without points, the PLY is needed
-    constexpr int kIterations = 5;        // the first of which are in a timing check, which runs both kernels
+    constexpr int kIterations = 5;        // the first are in a timing check, which runs both kernels
     config.iterations = kIterations + 1;  // at its end, a training writes its outputs
     config.densify_from_iter = 0;
     config.densification_interval = 2;

@@ -1,4 +1,4 @@
-// b3dgs export: writes a model in the formats of viewers and editors, and says what that has cost.
+// b3dgs export: writes a model in the formats of viewers and editors, and measures the loss.
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -27,7 +27,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr std::size_t kScoredViews = 200;  // for --max_gaussians; more change the order of few Gaussians
+constexpr std::size_t kScoredViews = 200;  // for --max_gaussians; more views change the order of few Gaussians
 
 struct ExportOptions {
   std::string output;
@@ -96,7 +96,7 @@ std::int64_t crop(const std::string& text, SplatCloud& splats) {
                  splats);
 }
 
-/// Leaves out what the options say, and prints it.
+/// Removes Gaussians and coefficients according to the options, and prints the result.
 void reduce(LoadedModel& model, const ExportOptions& options, const torch::Device& device, StatusLine& status) {
   SplatCloud& splats = model.splats;
   const auto report = [&](std::int64_t removed, const std::string& what) {
@@ -135,7 +135,7 @@ UnitQuat rotation_to(const std::string& axis, const LoadedModel& model) {
   return rotation_between(*up, to);
 }
 
-/// The frame whose coordinates are written to an SPZ: that of the world, unless the Gaussians as a whole are too far
+/// Returns the frame of the coordinates in an SPZ. It is that of the world, unless the Gaussians as a whole are too far
 /// from its origin, or spread over too little or too much space, for 24-bit positions and 8-bit scales.
 CoordinateFrame spz_frame(const SplatCloud& splats, StatusLine& status) {
   constexpr double kLeastUnit = 0.01, kMostUnit = 100;
@@ -160,7 +160,7 @@ void write_output(const fs::path& output, const SplatCloud& splats, int sh_bits,
   write_spz(output, splats, sh_bits);
 }
 
-/// The file is written: where it cannot be read back, only the measurement is missing.
+/// Reads the written file back. If this fails, only the measurement is missing.
 std::optional<SplatCloud> read_back(const fs::path& output, std::string& why_not, StatusLine& status) {
   try {
     if (needs_splat_transform(output)) return read_by_splat_transform(output, why_not, status);
@@ -174,7 +174,7 @@ std::optional<SplatCloud> read_back(const fs::path& output, std::string& why_not
 }
 
 /// Renders the Gaussians before and after the export, which have the same world frame, from `views`, which have
-/// photographs, and prints what was lost. Prints nothing after a signal (stop_signal()). `what`: the views, in words.
+/// photographs, and prints the loss. Prints nothing after a signal (stop_signal()). `what` names the views.
 void measure_loss(const LoadedModel& before, SplatCloud exported, const std::vector<View>& views, const char* what,
                   bool is_cropped, StatusLine& status) {
   const torch::NoGradGuard no_grad;
@@ -183,7 +183,7 @@ void measure_loss(const LoadedModel& before, SplatCloud exported, const std::vec
   after.near_plane = before.near_plane;
   after.splats = std::move(exported);
   change_frame(before.splats.frame, after.splats);
-  after.splats.antialiased = before.splats.antialiased;  // not every format says so
+  after.splats.antialiased = before.splats.antialiased;  // not every format stores this
   status.show(detail::concat("measuring PSNR on ", views.size(), views.size() == 1 ? " view" : " views"), /*now=*/true);
   const torch::Device device = choose_device(before.config.device);
   ModelRenderer renderer_before(before, device), renderer_after(after, device);
@@ -262,7 +262,7 @@ int run_export(const std::vector<std::string>& words) {
     change_frame(written_frame, model.splats);
     model.splats.frame = {};
   }
-  if (needs_splat_transform(output)) catch_stop_signals();  // whose files have to be removed
+  if (needs_splat_transform(output)) catch_stop_signals();  // removes the temporary files of splat-transform
   try {
     write_output(output, model.splats, options.sh_bits, status);
   } catch (const InputError&) {

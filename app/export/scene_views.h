@@ -1,4 +1,4 @@
-// What only the views of a scene can tell about its Gaussians: how much each contributes.
+// The contribution of each Gaussian to the views of a scene.
 #pragma once
 
 #include <vector>
@@ -7,7 +7,7 @@
 
 namespace b3dgs {
 
-/// Sum over the pixels of `views` of each Gaussian's blend weight, px. Photographs are not needed.
+/// Returns the sum over the pixels of `views` of each Gaussian's blend weight, px. Photographs are not needed.
 std::vector<double> blend_weight_sums(const LoadedModel& model, const std::vector<View>& views,
                                       const torch::Device& device, StatusLine& status);
 

@@ -21,15 +21,15 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr const char* kProgram = "splat-transform";
-constexpr const char* kSuffixes[] = {".compressed.ply", ".sog", ".html"};  // that can be read back
+constexpr const char* kSuffixes[] = {".compressed.ply", ".sog", ".html"};  // formats that can be read back
 
-/// Of its name, in lower case.
+/// Compares with the end of the name, in lower case.
 bool ends_with(const fs::path& file, const std::string& end) {
   const std::string name = lower_case(file.filename().string());
   return name.size() >= end.size() && name.compare(name.size() - end.size(), end.size(), end) == 0;
 }
 
-/// Without control sequences, symbols and words in front of the error, and without the path of `folder`.
+/// Removes control sequences, symbols and words in front of the error, and the path of `folder`.
 std::string plain_text(std::string line, const fs::path& folder) {
   const std::string path = folder.string() + "/";
   for (std::size_t at = line.find(path); at != std::string::npos; at = line.find(path)) line.erase(at, path.size());
@@ -39,8 +39,8 @@ std::string plain_text(std::string line, const fs::path& folder) {
 }
 
 struct Conversion {
-  bool has_written = false, is_stopped = false;  // by a signal
-  std::string reason;                            // of a failure
+  bool has_written = false, is_stopped = false;  // stopped by a signal
+  std::string reason;                            // reason of a failure
 };
 
 Conversion convert(const fs::path& from, const fs::path& to, bool on_cpu) {
@@ -59,7 +59,7 @@ Conversion convert(const fs::path& from, const fs::path& to, bool on_cpu) {
   return {result.succeeded() && fs::file_size(to, error) > 0 && !error, result.signal != 0, reason};
 }
 
-/// The SOG file, a zip archive, that the viewer in a page loads from a data URL. Empty if there is none.
+/// Returns the SOG file, a zip archive, that the viewer in a page loads from a data URL, or "" if there is none.
 std::string sog_in_page(const fs::path& page) {
   constexpr const char* kZipInBase64 = ";base64,UEsDB";  // "PK\3\4"
   constexpr std::string_view kDigits = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
@@ -102,7 +102,7 @@ void write_by_splat_transform(const fs::path& file, const SplatCloud& cloud, Sta
   status.show(std::string(kProgram) + " writes " + file.filename().string() + ", which may take minutes", /*now=*/true);
   Conversion conversion = convert(ply, result, /*on_cpu=*/false);
   if (!conversion.has_written && !conversion.is_stopped) {
-    // Some formats are compressed on a GPU, if there is one that the program can use.
+    // Some formats are compressed on a GPU, if the program can use one.
     status.show(std::string(kProgram) + " writes " + file.filename().string() + " without a GPU", /*now=*/true);
     const Conversion again = convert(ply, result, /*on_cpu=*/true);
     if (again.has_written) conversion = again;

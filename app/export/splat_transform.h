@@ -1,4 +1,4 @@
-// Formats of other programs, by the program splat-transform (npm package @playcanvas/splat-transform).
+// Formats of other programs, written by splat-transform (npm package @playcanvas/splat-transform).
 #pragma once
 
 #include <filesystem>
@@ -10,18 +10,19 @@
 
 namespace b3dgs {
 
-/// Whether splat-transform has to write this file: its extension has no splat_format(), or is .compressed.ply.
+/// Returns whether splat-transform has to write this file, because its extension has no splat_format(), or is
+/// .compressed.ply.
 bool needs_splat_transform(const std::filesystem::path& file);
 
-/// @throws InputError with the way to get it if the program is not installed
+/// @throws InputError with installation instructions if the program is missing
 void require_splat_transform(const std::filesystem::path& file);
 
-/// Writes `cloud` to `file` in the format of its extension. The file appears complete or not at all.
-/// @throws InputError with the program's own message if it fails
+/// Writes `cloud` to `file` in the format of its extension. The write is atomic. @throws InputError with the program's
+/// own message if it fails
 void write_by_splat_transform(const std::filesystem::path& file, const SplatCloud& cloud, StatusLine& status);
 
-/// Reads such a file back; a page (.html) by the SOG file inside. Nothing, and the reason in `why_not`, if that is not
-/// possible.
+/// Reads such a file back. A page (.html) is read from the SOG file inside. Returns nothing, with the reason in
+/// `why_not`, if that is not possible.
 std::optional<SplatCloud> read_by_splat_transform(const std::filesystem::path& file, std::string& why_not,
                                                   StatusLine& status);
 

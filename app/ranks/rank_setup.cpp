@@ -52,11 +52,11 @@ std::string machine_name() {
   return name + " " + host.data();
 }
 
-/// A launcher may bind ranks to different cores of one machine.
+/// Returns the cores of this process. A launcher may bind ranks to different cores of one machine.
 std::string own_cores() {
   cpu_set_t cores;
   CPU_ZERO(&cores);
-  sched_getaffinity(0, sizeof cores, &cores);  // fails with more than 1024 cores: none then
+  sched_getaffinity(0, sizeof cores, &cores);  // fails with more than 1024 cores, so there are none
   return std::string(reinterpret_cast<const char*>(&cores), sizeof cores);
 }
 
@@ -64,7 +64,7 @@ std::string own_cores() {
 
 int count_gpus() {
 #if B3DGS_TORCH_CUDA
-  // Signals are blocked in threads that CUDA starts: they would receive those that start_ranks() waits for.
+  // Signals are blocked in threads that CUDA starts, which would otherwise receive those that start_ranks() waits for.
   sigset_t all, before;
   sigfillset(&all);
   pthread_sigmask(SIG_BLOCK, &all, &before);

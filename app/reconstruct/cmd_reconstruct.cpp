@@ -1,4 +1,4 @@
-// b3dgs reconstruct: makes a scene from photographs or a video, by COLMAP.
+// b3dgs reconstruct: makes a scene from photographs or a video, using COLMAP.
 #include <atomic>
 #include <iostream>
 
@@ -46,7 +46,7 @@ int run_reconstruct(const std::vector<std::string>& words) {
     input_error("missing argument: ", options.input.empty() ? "INPUT" : "OUTPUT",
                 "; usage: b3dgs reconstruct PHOTOS|VIDEO SCENE");
   }
-  // COLMAP's programs link Qt, which otherwise wants a display.
+  // COLMAP's programs link Qt, which otherwise needs a display.
   setenv("QT_QPA_PLATFORM", "offscreen", /*overwrite=*/0);
   handle_stop_signals(stop_reconstruction);
 

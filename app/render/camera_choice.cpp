@@ -22,12 +22,12 @@ bool goes_around(const CameraOptions& options) {
   return options.path == "orbit" || options.path == "turntable";
 }
 
-/// Through cameras or around something.
+/// Returns whether the cameras move through others or around something.
 bool is_path(const CameraOptions& options) {
   return goes_around(options) || options.path == "interpolated";
 }
 
-/// The views that a path goes through or around, or that are rendered themselves.
+/// Returns the views that a path goes through or around, or that are rendered themselves.
 CameraChoice key_cameras(const CommandLine& line, const CameraOptions& options, const Scene& scene,
                          const CoordinateFrame& frame) {
   CameraChoice keys;
@@ -67,7 +67,7 @@ ImageSize wanted_size(const CameraOptions& options, ImageSize size) {
   return size;
 }
 
-/// The camera for an image of another size, with its focal lengths times `scale`.
+/// Returns the camera for an image of another size, with its focal lengths times `scale`.
 Camera fit(const Camera& camera, ImageSize size, double scale) {
   if (size == ImageSize{camera.width, camera.height}) return camera;
   Camera fitted = camera;
@@ -80,14 +80,14 @@ Camera fit(const Camera& camera, ImageSize size, double scale) {
   return fitted;
 }
 
-/// Returns the camera in the size that the options name.
+/// Returns the camera in the size given by the options.
 Camera in_wanted_size(const CameraOptions& options, const Camera& camera) {
   const bool has_path_size = options.path_size.width > 0 && options.width == 0 && options.height == 0;
   return has_path_size && is_path(options) ? fit_longer_side(camera, options.path_size)
                                            : fit_to_size(camera, wanted_size(options, {camera.width, camera.height}));
 }
 
-/// Image size and focal lengths of the cameras on an orbit.
+/// Returns image size and focal lengths of the cameras on an orbit.
 Camera orbit_lens(const CameraOptions& options, const std::vector<Camera>& keys) {
   const bool has_fov = options.fov > 0 && options.projection != "fisheye";
   const double fov = has_fov ? options.fov : Camera::kDefaultFov;
@@ -111,13 +111,13 @@ cv::Vec3d up_axis(const std::string& name, const std::vector<Camera>& keys) {
   return {axis == 'x' ? sign : 0, axis == 'y' ? sign : 0, axis == 'z' ? sign : 0};
 }
 
-/// "(1.5, 0, -2.25)", to 0.01.
+/// Formats "(1.5, 0, -2.25)", rounded to 0.01.
 std::string vec_text(const cv::Vec3d& v) {
   const auto rounded = [](double value) { return std::round(100 * value) / 100 + 0.0; };  // not -0
   return print_to_string("(%.10g, %.10g, %.10g)", rounded(v[0]), rounded(v[1]), rounded(v[2]));
 }
 
-/// The distance at which a ball of the Gaussians' size fits into the image.
+/// Returns the distance at which a ball of the Gaussians' size fits into the image.
 double fitting_distance(const SplatBounds& bounds, const Camera& lens) {
   constexpr double kBall = 1.4;  // the median distance is 0.8 of the radius of a full ball, and 0.7 of that of a disc
   const double half_angle = std::atan(0.5 * std::min(lens.width / lens.fx, lens.height / lens.fy));
@@ -143,7 +143,7 @@ Orbit choose_orbit(const CommandLine& line, const CameraOptions& options, const 
   return turntable(focus, up, placement.distance, placement.elevation, toward);
 }
 
-/// The same place and direction in the projection that the options ask for.
+/// Returns a camera of the same pose in the projection given by the options.
 Camera in_projection(const CameraOptions& options, const Camera& camera) {
   if (options.projection == "auto") return camera;
   if (options.projection == "pinhole") return camera.without_lens();

@@ -1,4 +1,4 @@
-// Which cameras `b3dgs render` renders: views of a scene or cameras from a file, or a path through or around them.
+// The cameras of `b3dgs render`: views of a scene or cameras from a file, or a path through or around them.
 #pragma once
 
 #include <string>
@@ -51,31 +51,31 @@ void visit_fields(CameraOptions& c, Visitor&& field) {
         "axis that orbit and turntable turn about; auto: up of the cameras, or -y");
 }
 
-/// What is rendered: cameras of positive size.
+/// The cameras to render, of positive size.
 struct CameraChoice {
   std::vector<Camera> cameras;
-  std::vector<View> views;         // what the cameras belong to, as many; empty for paths and nameless cameras
+  std::vector<View> views;         // one view for each camera; empty for paths and nameless cameras
   std::string set;                 // for names of folders: "test", "turntable", "cameras/FILE" without extension
-  double fps = 0;                  // of the camera file; 0: it does not say
+  double fps = 0;                  // frames per second of the camera file; 0: not in the file
   std::vector<std::string> notes;  // for the user, one line each
 };
 
-/// Whether the options need the views of a scene.
+/// Returns whether the options need the views of a scene.
 bool needs_views(const CameraOptions& options);
 
 /// @throws InputError if options contradict each other
 void check_camera_options(const CommandLine& line, const CameraOptions& options);
 
-/// The cameras that the options select, in the size that they ask for. `line`: which of them were given. A camera keeps
-/// its vertical field of view and its square pixels if the size changes, or, in CameraOptions::path_size, the field of
-/// view along its longer side. @throws InputError, also for a bad camera file
+/// Returns the selected cameras in the requested size. `line` tells which options were given. If the size changes, a
+/// camera keeps its vertical field of view and its square pixels or, in CameraOptions::path_size, the field of view
+/// along its longer side. @throws InputError, also for a bad camera file
 CameraChoice choose_cameras(const CommandLine& line, const CameraOptions& options, const Scene& scene,
                             const SplatCloud& splats);
 
-/// The camera for an image of another size: the vertical field of view, the shape of pixels, and the distance of the
-/// principal point from the centre relative to the height stay the same.
+/// Returns the camera for an image of another size. The vertical field of view, the shape of pixels, and the distance
+/// of the principal point from the centre relative to the height stay the same.
 Camera fit_to_size(const Camera& camera, ImageSize size);
-/// The same, but the field of view along the longer side stays the same, whichever side that is before and after.
+/// Does the same, but keeps the field of view along the longer side, which may change from one side to the other.
 Camera fit_longer_side(const Camera& camera, ImageSize size);
 
 }  // namespace b3dgs

@@ -12,20 +12,20 @@
 namespace b3dgs {
 namespace {
 
-constexpr std::int64_t kSamples = 200000;  // Gaussians that are examined
-constexpr double kParallel = 1e-3;         // determinant of the mean projection, below which axes are nearly parallel
+constexpr std::int64_t kSamples = 200000;  // number of examined Gaussians
+constexpr double kParallel = 1e-3;         // axes are nearly parallel below this determinant of the mean projection
 constexpr double kLongestEllipse = 2.5;    // ratio of the axes
 constexpr double kInside = 0.9;            // share of the cameras' arc that an orbit along it uses
-constexpr double kLeastSwing = kPi / 18;   // of that orbit to each side, rad
+constexpr double kLeastSwing = kPi / 18;   // minimum swing of that orbit to each side, rad
 
 cv::Vec3d center_of(const Camera& camera) {
   return cv::Vec3d(camera.center().data());
 }
-/// Of the camera, in world coordinates: 0 right, 1 down, 2 forward.
+/// Returns an axis of the camera, in world coordinates: 0 right, 1 down, 2 forward.
 cv::Vec3d axis_of(const Camera& camera, std::size_t axis) {
   return cv::Vec3d(&camera.cam_from_world.rotation[3 * axis]);
 }
-/// Of a camera at `center`.
+/// Returns the pose of a camera at `center`.
 Pose pose_at(const cv::Vec3d& center, const cv::Matx33d& rotation) {
   Pose pose;
   std::copy_n(rotation.val, 9, pose.rotation.begin());
@@ -37,13 +37,13 @@ cv::Quatd rotation_of(const Camera& camera) {
   return cv::Quatd::createFromRotMat(cv::Matx33d(camera.cam_from_world.rotation.data()));
 }
 
-/// Catmull-Rom segment from p1 to p2, t in [0, 1].
+/// Evaluates the Catmull-Rom segment from p1 to p2, t in [0, 1].
 cv::Vec3d catmull_rom(const cv::Vec3d& p0, const cv::Vec3d& p1, const cv::Vec3d& p2, const cv::Vec3d& p3, double t) {
   const cv::Vec3d cubic = 3.0 * (p1 - p2) + p3 - p0;
   return p1 + 0.5 * t * (p2 - p0 + t * (2.0 * p0 - 5.0 * p1 + 4.0 * p2 - p3 + t * cubic));
 }
 
-/// The smallest value at which half of the weight is reached.
+/// Returns the smallest value at which half of the weight is reached.
 double weighted_median(std::vector<std::pair<double, double>>& values) {
   std::sort(values.begin(), values.end());
   double total = 0, sum = 0;
@@ -61,7 +61,7 @@ double median(std::vector<double> values) {
   return *middle;
 }
 
-/// A unit vector perpendicular to `up`, as near to `wanted` as possible.
+/// Returns the unit vector perpendicular to `up` that is nearest to `wanted`.
 cv::Vec3d horizontal(const cv::Vec3d& wanted, const cv::Vec3d& up) {
   const cv::Vec3d across = wanted - wanted.dot(up) * up;
   if (cv::norm(across) > 1e-6 * cv::norm(wanted)) return cv::normalize(across);
@@ -69,7 +69,7 @@ cv::Vec3d horizontal(const cv::Vec3d& wanted, const cv::Vec3d& up) {
   return cv::normalize(other - other.dot(up) * up);
 }
 
-/// Positions relative to the focus along `axis` and up x axis.
+/// Returns positions relative to the focus along `axis` and up x axis.
 std::vector<std::pair<double, double>> horizontal_positions(const std::vector<Camera>& cameras, const cv::Vec3d& focus,
                                                             const cv::Vec3d& axis, const cv::Vec3d& up) {
   std::vector<std::pair<double, double>> positions;
@@ -84,9 +84,9 @@ struct Ellipse {
   double angle = 0, first_radius = 0, second_radius = 0;
 };
 
-/// The ellipse a x^2 + b x y + c y^2 = 1 by least squares; radii of 0 if the positions do not determine one.
+/// Fits the ellipse a x^2 + b x y + c y^2 = 1 by least squares. Its radii are 0 if the positions do not determine one.
 Ellipse fit_ellipse(const std::vector<std::pair<double, double>>& positions, double scale) {
-  cv::Matx33d m;  // of the normal equations
+  cv::Matx33d m;  // matrix of the normal equations
   cv::Vec3d sum;
   for (const auto& [x_world, y_world] : positions) {
     const double x = x_world / scale, y = y_world / scale;
@@ -153,7 +153,8 @@ SplatBounds splat_bounds(const SplatCloud& splats) {
 
 cv::Vec3d focus_of(const std::vector<Camera>& cameras, const cv::Vec3d& fallback) {
   if (cameras.empty()) return fallback;
-  // Sum of (I - d d^T) (p - c) = 0 over the axes c + s d, about the fallback so that coordinates stay small.
+  // Solves sum of (I - d d^T) (p - c) = 0 over the axes c + s d, relative to the fallback so that coordinates stay
+  // small.
   cv::Matx33d a;
   cv::Vec3d b;
   const double share = 1 / static_cast<double>(cameras.size());
@@ -162,7 +163,7 @@ cv::Vec3d focus_of(const std::vector<Camera>& cameras, const cv::Vec3d& fallback
     a += share * (cv::Matx33d::eye() - d * d.t());
     b += share * (c - c.dot(d) * d);
   }
-  // Draws the point along the axes to the fallback, which is 0 here.
+  // Pulls the point along the axes to the fallback, which is 0 here.
   if (cv::determinant(a) < kParallel) a += 0.01 * cv::Matx33d::eye();
   const cv::Vec3d focus = fallback + cv::Vec3d(a.solve(b, cv::DECOMP_LU));
   const auto n_in_front = std::count_if(cameras.begin(), cameras.end(), [&](const Camera& camera) {

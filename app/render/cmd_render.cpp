@@ -1,5 +1,5 @@
-// b3dgs render: colour, depth and alpha images or a video of a model, from its views, from cameras of a file, or along
-// a path.
+// b3dgs render: renders colour, depth and alpha images or a video of a model, from its views, from cameras of a file,
+// or along a path.
 #include <algorithm>
 #include <atomic>
 #include <filesystem>
@@ -64,7 +64,7 @@ void visit_fields(RenderOptions& c, Visitor&& field) {
   field(Option{"overwrite"}.common(), c.overwrite, Any{}, "replace an existing video; images are always replaced");
 }
 
-/// @throws InputError if options contradict each other or cannot be done, before anything is loaded
+/// @throws InputError if options contradict each other or are impossible, before anything is loaded
 void check_options(const CommandLine& line, const ModelOptions& model, const RenderOptions& options) {
   if (!options.ply.empty() && !model.model_path.empty()) {
     input_error("-m and --ply both name a model; use one of them");
@@ -75,7 +75,7 @@ void check_options(const CommandLine& line, const ModelOptions& model, const Ren
   }
 }
 
-/// Returns the size of the frames of a path, unless the options name one or the cameras of a file have one.
+/// Returns the size of the frames of a path, unless the options or the camera file give one.
 ImageSize path_size(const CommandLine& line, const RenderOptions& options) {
   const std::string extension = lower_case(fs::path(options.video).extension().string());
   const bool is_full_hd = extension == ".mp4" || extension == ".webm";  // a .gif would be too large
@@ -83,7 +83,7 @@ ImageSize path_size(const CommandLine& line, const RenderOptions& options) {
                                                                                    : ImageSize{};
 }
 
-/// `variant`: results_variant().
+/// `variant` is that of results_variant().
 fs::path frames_folder(const LoadedModel& model, const RenderOptions& options, const std::string& set,
                        const std::string& variant) {
   if (!options.output.empty()) return options.output;
@@ -91,7 +91,7 @@ fs::path frames_folder(const LoadedModel& model, const RenderOptions& options, c
   return model.file.parent_path() / (model.file.stem().string() + "_" + set);
 }
 
-/// The size of all frames. @throws InputError if they differ
+/// Returns the size of all frames. @throws InputError if they differ
 ImageSize frame_size(const std::vector<Camera>& cameras) {
   const ImageSize size{cameras.at(0).width, cameras.at(0).height};
   for (const Camera& camera : cameras) {
@@ -102,14 +102,14 @@ ImageSize frame_size(const std::vector<Camera>& cameras) {
   return size;
 }
 
-/// What is written of a view: in host memory, since the next view overwrites the tensors of this one.
+/// The images of a view to write. They are in host memory, because the next view overwrites its tensors.
 struct RenderedFrame {
   std::size_t index;
-  Image8 color, alpha;                  // empty if nothing shows them
+  Image8 color, alpha;                  // empty if not written
   torch::Tensor depth, depth_of_alpha;  // [H, W] and the alpha that belongs to it; undefined as above
 };
 
-/// Writes what the options ask for, view by view, on threads of its own while the next view is rendered.
+/// Writes the requested images, view by view, on its own threads while the next view is rendered.
 class Output {
  public:
   Output(const RenderOptions& options, const CameraChoice& choice, const LoadedModel& model, const std::string& variant)
@@ -121,7 +121,7 @@ class Output {
     if (options.writes_images()) {
       own_files_.emplace(is_in_model ? model.folder.root() : folder_);
       for (const char* part : {"renders", "depth", "alpha", "depth.json", "views.json"}) {
-        own_files_->remove(folder_ / part);  // of an earlier call, which may have had more
+        own_files_->remove(folder_ / part);  // of an earlier run, which may have written more
       }
     }
     if (options.colors_depth() || options.depth_format == "png16") {
@@ -132,12 +132,13 @@ class Output {
                      options.crf);
     }
     if (options.writes_images() && options.depth && options.depth_format == "png16") {
-      // Half the near end of the range: only what is much nearer than the scene, such as floaters, is out of range.
+      // Half the near end of the range, so that only objects much nearer than the scene, such as floaters, are out of
+      // range.
       inverse_depth_scale_ = 65535 * unit_ * std::max(0.5 * range_.near, model.near_plane);
     }
   }
 
-  /// Returns before the view is written. @throws what writing it, or a view before it, has thrown
+  /// Returns before the view is written. @throws errors from writing it, or a view before it
   void write(std::size_t index, const RenderedView& rendered) {
     const bool needs_color = options_.writes_images() || options_.video_of == "color";
     const bool needs_alpha = (options_.writes_images() && options_.alpha) || options_.video_of == "alpha";
@@ -156,7 +157,7 @@ class Output {
   /// Waits until all views are written. @throws as write()
   void wait() { tasks_.finish(); }
 
-  /// Finishes the files that concern all views, and prints where everything is.
+  /// Finishes the files that concern all views, and prints all output paths.
   void finish(const CameraChoice& choice, const std::string& rendered) {
     const std::size_t n = choice.cameras.size();
     if (video_) {
@@ -247,7 +248,7 @@ int run_render(const std::vector<std::string>& words) {
   if (!options.ply.empty()) model_options.model_path = options.ply;
   camera_options.path_size = path_size(line, options);
   LoadedModel model = load_model(model_options, needs_views(camera_options));
-  // A file does not say which views it was trained on: --path train has all.
+  // A file does not name the views it was trained on, so --path train has all.
   if (model.is_file() && camera_options.path == "test" && line.was_given("path")) model.config.eval = true;
   if (!model.is_file() || !model_options.source_path.empty()) add_cameras(model, model_options, status);
   const CameraChoice choice = choose_cameras(line, camera_options, model.scene, model.splats);

@@ -18,21 +18,21 @@ std::string extension_of(const fs::path& path) {
   return lower_case(path.extension().string());
 }
 
-/// Words that are separated by blanks.
+/// Returns the words separated by blanks.
 Words words_of(const std::string& text) {
   std::istringstream stream(text);
   return {std::istream_iterator<std::string>(stream), {}};
 }
 
-/// What ffmpeg is told about the output, without the file's name.
+/// Returns ffmpeg's options for the output, without the file's name.
 Words output_options(const std::string& extension, int crf) {
   if (extension == ".gif") {
     return words_of("-vf split[frames][all];[all]palettegen[palette];[frames][palette]paletteuse -loop 0 -f gif");
   }
   const bool is_mp4 = extension == ".mp4";
   if (crf < 0) crf = is_mp4 ? 18 : 30;
-  // Without these tags, players take videos of HD size for BT.709, but ffmpeg converts to BT.601. The transfer function
-  // is that of the images, sRGB.
+  // Without these tags, players assume BT.709 for videos of HD size, but ffmpeg converts to BT.601. The transfer
+  // function is that of the images, sRGB.
   return words_of(detail::concat(
       "-vf crop=trunc(iw/2)*2:trunc(ih/2)*2:0:0,scale=out_color_matrix=bt709:out_range=tv,format=yuv420p"
       " -colorspace bt709 -color_primaries bt709 -color_trc iec61966-2-1 -color_range tv -crf ",

@@ -1,4 +1,4 @@
-// Videos for `b3dgs render --video`: frames go to ffmpeg as they are rendered, through its standard input.
+// Videos for `b3dgs render --video`. Frames are written to the standard input of ffmpeg as they are rendered.
 #pragma once
 
 #include <filesystem>
@@ -12,14 +12,14 @@
 namespace b3dgs {
 
 /// @throws InputError unless the name ends in .mp4, .webm or .gif and ffmpeg is installed, or if the file exists and
-/// may not be replaced
+/// must not be replaced
 void check_video_file(const std::filesystem::path& path, bool may_replace);
 
-/// The file appears complete or not at all, also if a signal ends the program.
+/// Writes the file atomically, also if a signal ends the program.
 class VideoWriter {
  public:
   /// Starts ffmpeg: H.264 in .mp4, VP9 in .webm, both with 4:2:0 chroma and BT.709, or .gif. Sizes are made even by
-  /// leaving out the last row or column. `channels`: 3, RGB, or 1, grey. `crf`: quality, lower is better; -1: 18 for
+  /// removing the last row or column. `channels`: 3 (RGB) or 1 (grey). `crf`: quality, lower is better; -1: 18 for
   /// H.264, 30 for VP9. @throws InputError as check_video_file(); IoError
   VideoWriter(const std::filesystem::path& path, ImageSize size, int channels, double fps, int crf);
 
@@ -35,8 +35,8 @@ class VideoWriter {
   std::filesystem::path path_;
   ImageSize size_;
   int channels_;
-  std::string last_line_;  // of ffmpeg
-  // A signal that ends this program is raised again when the last EndingSignals is gone: after the temporary file.
+  std::string last_line_;  // last line of ffmpeg
+  // A signal that ends this program is raised again when the last EndingSignals is destroyed, after the temporary file.
   EndingSignals signals_;
   AtomicFile file_;
   std::unique_ptr<Child> ffmpeg_;

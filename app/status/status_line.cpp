@@ -46,7 +46,7 @@ void StatusLine::show(const std::string& text, bool now) {
   last_shown_s_ = time_s;
   const std::string line = detail::one_line(text);
   if (!is_terminal()) {
-    out_ << line + '\n' << std::flush;  // one write: errors of other ranks do not get into the line
+    out_ << line + '\n' << std::flush;  // one write, so that errors of other ranks do not get into the line
     return;
   }
   shown_ = line.substr(0, static_cast<std::size_t>(columns_ - 1));  // a full line would wrap

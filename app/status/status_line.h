@@ -10,20 +10,19 @@
 
 namespace b3dgs {
 
-/// Seconds since an arbitrary fixed moment.
+/// Returns seconds since an arbitrary fixed moment.
 using Clock = std::function<double()>;
 double steady_seconds();
 
-/// An output stream with a status line below the output. Without a terminal, the status is printed as a line of its
-/// own, at most every 10 seconds unless requested. What is printed meanwhile must go through print() or warn(), or it
-/// mixes with the status.
+/// An output stream with a status line below the output. Without a terminal, the status is printed as a separate line,
+/// at most every 10 seconds unless requested. Use print() or warn() for output meanwhile, or it mixes with the status.
 class StatusLine {
  public:
   /// `columns` is the width of the terminal, 0 if there is none. If `quiet`, only lines from print() are shown.
   StatusLine(std::ostream& out, int columns, bool quiet, Clock clock = steady_seconds);
-  /// A status line on standard error.
+  /// Makes a status line on standard error.
   static StatusLine for_stderr(bool quiet);
-  /// Shows nothing, not even lines from print() and warn().
+  /// Makes a status line that shows nothing, not even lines from print() and warn().
   static StatusLine silent();
   ~StatusLine();
 
@@ -46,17 +45,17 @@ class StatusLine {
   bool quiet_;
   Clock clock_;
   double last_shown_s_;
-  std::string shown_;  // on the terminal
+  std::string shown_;  // text on the terminal
 };
 
 inline constexpr int kBarColumns = 22;
-/// "[=====>    ]", `columns` wide.
+/// Returns "[=====>    ]", `columns` wide.
 std::string format_bar(double share, int columns);
 
 /// Shows the progress of load_scene().
 ProgressFn show_loading(StatusLine& status);
 
-/// Calls load_scene() and shows its progress and warnings. `on_loading`: instead of show_loading().
+/// Calls load_scene() and shows its progress and warnings. `on_loading` replaces show_loading().
 Scene open_scene(const SceneOptions& options, StatusLine& status, const ProgressFn& on_loading = {});
 
 }  // namespace b3dgs

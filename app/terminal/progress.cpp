@@ -7,7 +7,7 @@ namespace b3dgs {
 namespace {
 
 constexpr int kPlainLineIterations = 500;
-constexpr int kBarFromColumns = 100;  // narrower terminals show the numbers only
+constexpr int kBarFromColumns = 100;  // narrower terminals show only the numbers
 
 }  // namespace
 
@@ -62,7 +62,7 @@ TrainProgressView::TrainProgressView(StatusLine& status, const TrainConfig& conf
 
 void TrainProgressView::operator()(const TrainProgress& progress) {
   eta_.add(progress.iteration, progress.elapsed_s);
-  if (last_line_ == 0) last_line_ = progress.iteration;  // of a resumed training
+  if (last_line_ == 0) last_line_ = progress.iteration;  // a resumed training
   const bool is_due =
       progress.iteration >= last_line_ + kPlainLineIterations || progress.iteration == progress.iterations;
   const bool is_step = progress.activity == "training";

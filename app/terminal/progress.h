@@ -10,13 +10,13 @@
 
 namespace b3dgs {
 
-/// A running average over the last hundred iterations or so. It knows no clock. Steps get longer while the number of
-/// Gaussians or the size of the views grows, so until then the rest takes longer than estimated.
+/// Estimates the speed as a running average over about the last hundred iterations. It has no clock of its own. Steps
+/// get longer while the number of Gaussians or the size of the views grows, so until then the estimate is too short.
 class Eta {
  public:
   explicit Eta(int iterations) : iterations_(iterations) {}
 
-  /// The training has done `iteration` in `elapsed_s`. A repeated iteration has no effect.
+  /// Records that the training has done `iteration` after `elapsed_s`. A repeated iteration has no effect.
   void add(int iteration, double elapsed_s);
 
   double iterations_per_second() const;  // 0 = not known yet
@@ -29,14 +29,14 @@ class Eta {
   double seconds_per_iteration_ = 0;
 };
 
-/// "  37%  740/2000  6.1 it/s  ETA 3:27  loss 0.0412  84,120 Gaussians  densifying"
+/// Formats "  37%  740/2000  6.1 it/s  ETA 3:27  loss 0.0412  84,120 Gaussians  densifying"
 std::string format_train_progress(const TrainProgress& progress, double iterations_per_second,
                                   std::optional<double> seconds_left);
 
-/// Hooks that show loading, messages and warnings on the status line, the latter two after `label`.
+/// Returns hooks that show loading, messages and warnings on the status line, the latter two after `label`.
 TrainHooks hooks_for(StatusLine& status, const std::string& label = "");
 
-/// Shows the progress of training; a callback for TrainHooks::on_progress.
+/// Shows the progress of training. Use it as a callback for TrainHooks::on_progress.
 class TrainProgressView {
  public:
   TrainProgressView(StatusLine& status, const TrainConfig& config);

@@ -27,7 +27,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-/// Texts of files may contain line breaks and terminal escape sequences.
+/// Prints text of a file, which may contain line breaks and terminal escape sequences.
 void print_text(const std::string& line) {
   std::puts(detail::one_line(line).c_str());
 }
@@ -37,7 +37,7 @@ void print_row(const char* name, const char* format, Args... args) {
   print_text(print_to_string("%-18s", name) + print_to_string(format, args...));
 }
 
-/// The 1st, 50th and 99th percentile.
+/// Returns the 1st, 50th and 99th percentile.
 std::array<double, 3> quantiles(std::vector<double> values) {
   if (values.empty()) return {};
   std::sort(values.begin(), values.end());
@@ -47,7 +47,7 @@ std::array<double, 3> quantiles(std::vector<double> values) {
   return {at(0.01), at(0.5), at(0.99)};
 }
 
-/// Of world coordinates, [N, 3].
+/// Prints the bounds of world coordinates, [N, 3].
 void print_bounds(const std::vector<double>& positions) {
   constexpr const char* kAxes[3] = {"x", "y", "z"};
   for (std::size_t axis = 0; axis < 3; ++axis) {
@@ -92,7 +92,7 @@ void describe_points(const std::string& path) {
   if (points.size() > 0) print_bounds(points.positions);
 }
 
-/// Without paths and device, which are shown elsewhere or differ from machine to machine.
+/// Prints options without paths and device, which are shown elsewhere or depend on the machine.
 void print_options(const TrainConfig& config) {
   const nlohmann::ordered_json defaults = config_to_json(preset_options(config)), effective = config_to_json(config);
   std::vector<std::string> lines;
@@ -180,7 +180,7 @@ int run_info(const std::vector<std::string>& words) {
     return 0;
   }
   FileReader file(path);
-  std::string start(std::min<std::uint64_t>(8, file.remaining()), '\0');  // which identifies the format
+  std::string start(std::min<std::uint64_t>(8, file.remaining()), '\0');  // identifies the format
   file.read_bytes(start.data(), start.size());
   if (start.compare(0, 3, "ply") == 0 || splat_format(path) == SplatFormat::kSpz) {
     holds_splats(path) ? describe_splats(path) : describe_points(path);

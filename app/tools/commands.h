@@ -1,5 +1,5 @@
-// The subcommands. Each parses the words after its name, calls the libraries and reports: results to standard output,
-// progress and warnings to standard error. Errors are thrown; run_program() turns them into a message and an exit code.
+// The subcommands. Each parses the words after its name, calls the libraries and prints results to standard output,
+// progress and warnings to standard error. run_program() turns exceptions into a message and an exit code.
 #pragma once
 
 #include <string>
@@ -27,7 +27,7 @@ inline constexpr CommandName kCommandNames[] = {
     {"bench", "time kernels, rendering passes and training steps"},
 };
 
-/// Each returns its exit code: 0, or 128 + signal for a training or comparison that a signal stopped.
+/// Each returns its exit code: 0, or 128 + signal if a signal stopped a training or comparison.
 int run_reconstruct(const std::vector<std::string>& words);
 int run_train(const std::vector<std::string>& words);
 int run_eval(const std::vector<std::string>& words);
@@ -48,8 +48,8 @@ struct Command {
   int (*run)(const std::vector<std::string>& words);
 };
 
-/// b3dgs-engine and b3dgs-tools: runs the command that the first word names, with the others. Returns the exit code of
-/// the program.
+/// Main function of b3dgs-engine and b3dgs-tools. Runs the command named by the first word, with the others as
+/// arguments. Returns the exit code of the program.
 int run_program(int argc, char** argv, const std::vector<Command>& commands);
 
 }  // namespace b3dgs

@@ -1,4 +1,4 @@
-// b3dgs-tools, which launcher.cpp starts for the commands that need no LibTorch.
+// b3dgs-tools, started by launcher.cpp for the commands that do not need LibTorch.
 #include "app/tools/commands.h"
 
 int main(int argc, char** argv) {

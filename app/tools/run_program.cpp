@@ -21,7 +21,7 @@ enum ExitCode { kFailed = 1, kBadInput = 2, kPeerFailed = PeerError::kExitCode }
 
 int report_error(const std::string& message, ExitCode code) {
   std::cerr << "error: " + detail::one_line(first_line(message)) +
-                   '\n';  // one write: lines of several ranks on one terminal do not mix
+                   '\n';  // one write, so that lines of several ranks on one terminal do not mix
   return code;
 }
 
@@ -36,7 +36,7 @@ int report_out_of_memory(const std::string& what) {
 [[noreturn]] void reject_command(const std::string& word) {
   std::vector<std::string> names;
   for (const CommandName& command : kCommandNames) names.emplace_back(command.name);
-  const std::string script = word.substr(0, word.find(".py"));  // of the original 3DGS code: train.py, full_eval.py
+  const std::string script = word.substr(0, word.find(".py"));  // scripts of the original 3DGS: train.py, full_eval.py
   const std::string nearest = script == "metrics"   ? "eval"
                               : script == "convert" ? "reconstruct"
                                                     : nearest_name(script, names);
@@ -48,7 +48,7 @@ int report_out_of_memory(const std::string& what) {
 
 int run_program(int argc, char** argv, const std::vector<Command>& commands) {
   end_by_stop_signals();
-  std::signal(SIGXFSZ, SIG_IGN);  // of ulimit -f: writing then fails with an error that names the file
+  std::signal(SIGXFSZ, SIG_IGN);  // with ulimit -f, writing then fails with an error that names the file
   try {
     const std::string name = argc > 1 ? argv[1] : "";
     const auto found =
@@ -71,7 +71,7 @@ int run_program(int argc, char** argv, const std::vector<Command>& commands) {
   } catch (const std::bad_alloc&) {
     return report_out_of_memory("out of memory");
   } catch (const std::exception& error) {
-    // LibTorch's messages if GPU memory and host memory run out.
+    // LibTorch's messages if GPU memory or host memory is exhausted.
     if (std::strstr(error.what(), "CUDA out of memory") != nullptr) return report_out_of_memory("out of GPU memory");
     if (std::strstr(error.what(), "allocate memory") != nullptr) return report_out_of_memory("out of memory");
     return report_error(error.what(), kFailed);

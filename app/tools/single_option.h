@@ -1,4 +1,4 @@
-// For commands that have one option of their own.
+// Commands with a single option of their own.
 #pragma once
 
 #include "core/config.h"

@@ -12,7 +12,8 @@ namespace {
 
 constexpr const char* kAutoPort = "auto";
 
-/// A port, or an address in digits or `localhost` and a port; anything else after --view is the next argument.
+/// Returns whether the word is a port, or an address in digits or `localhost` and a port. Anything else after --view is
+/// the next argument.
 bool is_place(const std::string& word) {
   const std::size_t colon = word.rfind(':');
   const std::string port = word.substr(colon == std::string::npos ? 0 : colon + 1);

@@ -1,4 +1,4 @@
-// The option --view, and the server that it asks for.
+// The option --view, and the server that it starts.
 #pragma once
 
 #include <memory>
@@ -10,14 +10,15 @@
 
 namespace b3dgs {
 
-/// Starts the server and says how to reach it; warns if other machines can. @throws InputError if it cannot listen
+/// Starts the server and prints its address. Warns if other machines can reach it. @throws InputError if it cannot
+/// listen
 std::unique_ptr<ViewServer> start_view_server(FrameSource& source, const ViewServerOptions& options,
                                               StatusLine& status);
 
-/// Of --view PLACE: "8080", "0.0.0.0:8080" or "auto". @throws InputError
+/// Parses PLACE of --view PLACE: "8080", "0.0.0.0:8080" or "auto". @throws InputError
 ViewServerOptions parse_view_place(const std::string& place);
 
-/// "--view 8080" as "--view=8080", and "--view" before anything else as "--view=auto".
+/// Replaces "--view 8080" by "--view=8080", and "--view" before anything else by "--view=auto".
 std::vector<std::string> join_view_place(const std::vector<std::string>& words);
 
 }  // namespace b3dgs

@@ -20,7 +20,7 @@
 namespace b3dgs {
 namespace {
 
-constexpr double kFullError = 0.25;  // mean absolute difference of a pixel's channels that has the brightest colour
+constexpr double kFullError = 0.25;  // mean absolute difference of a pixel's channels with the brightest colour
 
 void paint_depth(const RenderedView& rendered, double unit, Frame& frame) {
   const torch::Tensor depth = host_copy(rendered.depth), alpha = host_copy(rendered.alpha);
@@ -48,7 +48,7 @@ void paint_difference(const Image8& photograph, Frame& frame) {
                       sum / n / 255, kFullError, psnr, rendered.width, rendered.height);
 }
 
-/// Entries of each tile's list, on a logarithmic scale.
+/// Paints the number of entries of each tile's list, on a logarithmic scale.
 void paint_load(const ViewLoad& load, const TileShape& tile, Frame& frame) {
   const torch::Tensor lists = load.tile_lists.contiguous();
   const std::int64_t* entries = lists.data_ptr<std::int64_t>();
@@ -82,7 +82,7 @@ ViewedScene viewed_scene(const Scene& scene, const std::vector<float>& points, c
   }
   const CoordinateFrame around = choose_frame({}, {points.begin(), points.end()});
   viewed.center = around.origin;
-  viewed.radius = 0.5 * kTypicalDepth * around.unit;  // the distance of the points, median
+  viewed.radius = 0.5 * kTypicalDepth * around.unit;  // the median distance of the points
   return viewed;
 }
 

@@ -1,6 +1,5 @@
-// The live view of a scene: what the page is told of it, frames with the colours of their modes, and a model at rest.
-// Only one thread renders, in FrameQueue::serve(): the trainer's, between two steps, or the main thread of `b3dgs
-// view`.
+// The live view of a scene: the data for the page, frames with the colours of their modes, and a finished model. Only
+// one thread renders, in FrameQueue::serve(): the trainer's, between two steps, or the main thread of `b3dgs view`.
 #pragma once
 
 #include <torch/types.h>
@@ -17,10 +16,10 @@
 
 namespace b3dgs {
 
-/// The cameras of a scene, training views first, and the part of the world where most of the points are ([N, 3]).
+/// Returns the cameras of a scene, training views first, and the region of the world with most of the points ([N, 3]).
 ViewedScene viewed_scene(const Scene& scene, const std::vector<float>& points, const std::string& title);
 
-/// The view behind ViewedScene::views[index].
+/// Returns the view of ViewedScene::views[index].
 const View& view_at(const Scene& scene, int index);
 
 class WatchedScene : public FrameSource {
@@ -44,7 +43,7 @@ class WatchedScene : public FrameSource {
   FrameQueue queue_;
 
  private:
-  Rasterizer rasterizer_;  // its own, so that a training's keeps what it needs
+  Rasterizer rasterizer_;  // separate, so that the training's rasterizer keeps its data
 };
 
 struct ModelAtRest {
@@ -59,7 +58,7 @@ class WatchedModel final : public WatchedScene {
   WatchedModel(const ModelAtRest& model, const Scene& scene, ViewedScene viewed)
       : WatchedScene(scene, std::move(viewed), model.gaussians.means.device()), model_(model) {}
 
-  /// Renders what the server's threads ask for, on this thread, until `stop_signal` is not 0.
+  /// Renders frames for the server's threads on this thread, until `stop_signal` is not 0.
   void run(const std::atomic<int>& stop_signal);
 
   ViewState state(int since) const override;

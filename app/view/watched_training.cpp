@@ -20,7 +20,7 @@ constexpr double kLeastPixels = 16000;                          // below, a fram
 constexpr double kRefreshSeconds = 1;                           // between frames if there is time
 constexpr std::size_t kMaxCurve = 2000;                         // points; then every second one is dropped
 
-/// `first` is called with the arguments of `hook`, before it.
+/// Calls `first` with the arguments of `hook`, before it.
 template <class... Args, class First>
 void call_before(std::function<void(Args...)>& hook, First first) {
   hook = [first, next = hook](Args... args) {
@@ -127,7 +127,7 @@ void WatchedTraining::show(const ModelInTraining& model) {
 
 Frame WatchedTraining::paint(const FrameRequest& request, const ModelInTraining& model) {
   FrameRequest wanted = request;
-  if (request.view >= 0) {  // where pose refinement has moved the view
+  if (request.view >= 0) {  // at the pose to which pose refinement has moved the view
     const View& view = view_at(source_, request.view);
     const std::vector<View> refined = with_refined_poses({view}, source_.train, model.poses);
     wanted.camera = refined.front().camera.scaled_to(request.camera.width, request.camera.height);

@@ -1,4 +1,4 @@
-// The live view of a training. The trainer's thread renders between two steps what the server's threads ask for.
+// The live view of a training. Between two steps, the trainer's thread renders frames for the server's threads.
 #pragma once
 
 #include <atomic>
@@ -16,7 +16,7 @@ namespace b3dgs {
 class FrameBudget {
  public:
   explicit FrameBudget(double share) : share_(share) {}
-  /// Whether there is time for a frame at this moment (seconds on any clock).
+  /// Returns whether there is time for a frame now (seconds on any clock).
   bool allows(double now_s);
   /// Returns how many pixels a frame may have now. A draft, and the first frame, are small. Other frames use the
   /// savings except for a reserve, which pays for the drafts that follow the next click or drag.
@@ -38,15 +38,16 @@ class FrameBudget {
 
 class WatchedTraining final : public WatchedScene {
  public:
-  /// `scene` must outlive this. `stop`: asks the training to write a checkpoint and end.
+  /// `scene` must outlive this. `stop` requests that the training write a checkpoint and end.
   WatchedTraining(const TrainConfig& config, const Scene& scene, std::function<void()> stop);
 
-  /// Adds the callbacks to those that `hooks` has. hooks.stop_signal, if set, also ends a pause.
+  /// Adds its callbacks to those in `hooks`. hooks.stop_signal, if set, also ends a pause.
   void attach(TrainHooks& hooks);
-  /// Saves the model and returns the checkpoint: Trainer::save(). Called within TrainHooks::on_model.
+  /// Sets the function that saves the model and returns the checkpoint, Trainer::save(). It is called in
+  /// TrainHooks::on_model.
   void set_save(std::function<std::filesystem::path()> save) { save_ = std::move(save); }
 
-  /// The end of a training that has not failed; close() alone is that of one that has.
+  /// Ends the view of a successful training. After a failed one, only close() is called.
   void finish(const TrainResult& result);
 
   ViewState state(int since) const override;
@@ -70,7 +71,7 @@ class WatchedTraining final : public WatchedScene {
   FrameBudget budget_;
   std::atomic<bool> is_paused_{false}, is_to_save_{false};
 
-  mutable std::mutex mutex_;  // of what follows
+  mutable std::mutex mutex_;  // protects the following members
   ViewState state_;
   Eta eta_;
   int curve_spacing_ = 1;  // iterations between points of the curve
