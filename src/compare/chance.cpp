@@ -13,19 +13,19 @@ constexpr double kStudentT[] = {12.706, 4.303, 3.182, 2.776, 2.571, 2.447, 2.365
                                 2.201,  2.179, 2.160, 2.145, 2.131, 2.120, 2.110, 2.101, 2.093, 2.086,
                                 2.080,  2.074, 2.069, 2.064, 2.060, 2.056, 2.052, 2.048, 2.045, 2.042};
 
-/// Beyond the table its last value, which is at most 4 % too large.
+/// Returns the quantile. Beyond the table this is its last value, which is at most 4 % too large.
 double student_t(std::size_t degrees_of_freedom) {
   return kStudentT[std::min(degrees_of_freedom, std::size(kStudentT)) - 1];
 }
 
-/// A spread cannot be estimated from fewer blocks of turns.
+/// With fewer blocks of turns, a spread cannot be estimated.
 constexpr std::size_t kFewestBlocks = 5;
-constexpr std::size_t kFewestTurns = 2 * kFewestBlocks;  // enough to see whether neighbours depend on each other
-/// Shorter trainings mostly measure how caches and clocks warm up.
+constexpr std::size_t kFewestTurns = 2 * kFewestBlocks;  // enough to detect whether neighbours depend on each other
+/// Shorter trainings mostly measure the warm-up of caches and clocks.
 constexpr double kShortestS = 10;
 
 /// With one seed, a difference below this share of the floor is called equal. If the true difference were the floor or
-/// more, so small a difference would occur in at most 2.4 % of comparisons, however much (normally distributed) runs
+/// more, such a small difference would occur in at most 2.4 % of comparisons, however much (normally distributed) runs
 /// vary.
 constexpr double kEqualShare = 1.0 / 20;
 
@@ -48,9 +48,9 @@ double TurnTimes::margin() const {
   const std::size_t n = before_s.size();
   const double total_s = sum(before_s), saved = (total_s - sum(after_s)) / total_s;
   double margin = 0;
-  // Turns take longer as Gaussians are added, so each is compared with its share of the whole saving. A load that
-  // lasts for several turns makes their differences depend on each other. Sums of neighbours show that, so the largest
-  // margin of all block lengths counts.
+  // Turns take longer as Gaussians are added, so each is compared with its share of the whole saving. A load that lasts
+  // for several turns makes their differences depend on each other. Sums of neighbours reveal this, so the largest
+  // margin of all block lengths is used.
   for (std::size_t n_blocks = n; n_blocks >= kFewestBlocks; n_blocks /= 2) {
     std::vector<double> blocks(n_blocks);
     for (std::size_t i = 0; i < n; ++i) blocks[i * n_blocks / n] += before_s[i] * (1 - saved) - after_s[i];

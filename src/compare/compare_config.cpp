@@ -12,8 +12,8 @@
 namespace b3dgs {
 namespace {
 
-/// Options that must be the same for all configurations: their times and images would not be comparable otherwise, or
-/// the scene, which is read once, has them.
+/// Options that must be the same for all configurations, because otherwise their times and images would not be
+/// comparable, or because they belong to the scene, which is read once.
 constexpr const char* kShared[] = {"source_path", "model_path",       "images",         "resolution",
                                    "eval",        "lenses",           "seed",           "device",
                                    "threads",     "white_background", "train_test_exp", "depths",
@@ -22,7 +22,7 @@ constexpr const char* kShared[] = {"source_path", "model_path",       "images", 
 /// Options closest to the original 3DGS trainer. Its loss, optimizer and projection cannot be selected.
 constexpr const char* kNaiveKernels = "naive-kernels";
 
-/// An entry that stands for the two configurations of the Balanced 3DGS paper.
+/// An entry that expands to the two configurations of the Balanced 3DGS paper.
 constexpr const char *kPaper = "paper", *kPaperEntries[] = {kNaiveKernels, "published:naive-kernels+kernel=published"};
 
 constexpr const char* kKernelOptions[] = {"kernel", "kernel_check_interval"};
@@ -37,7 +37,7 @@ std::vector<std::string> split(const std::string& text, char separator) {
   return parts;
 }
 
-/// The entries of `--configs`, with those that `paper` stands for in its place.
+/// Returns the entries of `--configs`, with `paper` expanded.
 std::vector<std::string> entries_of(const std::string& text) {
   std::vector<std::string> entries;
   for (const std::string& entry : split(text, ',')) {
@@ -56,11 +56,11 @@ struct NamedOption {
   const char* prefix = "";  // "no_" of a negated flag
 };
 
-/// The option with this name, letter or other name; of a flag, also the negated name. @throws InputError if there is
-/// none, or configurations may not differ in it
+/// Returns the option with this name, letter or other name, or the negated name of a flag. @throws InputError if there
+/// is none, or configurations may not differ in it
 NamedOption find_option(const std::string& key) {
   NamedOption found;
-  std::vector<std::string> names;  // that may be meant
+  std::vector<std::string> names;  // possible intended names
   const TrainConfig config;
   visit_fields(config, [&](const Option& option, const auto& value, const auto&, const char*) {
     using Value = std::decay_t<decltype(value)>;
@@ -91,7 +91,7 @@ void visit_differing(const TrainConfig& a, const TrainConfig& b, Visit&& visit) 
   std::string_view group;
   visit_fields(a, [&](const Option& option, const auto& value, const auto&, const char*) {
     if (*option.group_name != '\0') group = option.group_name;
-    // The fields of both are visited in one order, so this is the same one.
+    // Both visit their fields in one order, so this is the same field.
     if (value != *static_cast<const std::decay_t<decltype(value)>*>(*other++)) visit(option, group);
   });
 }
@@ -116,8 +116,8 @@ void check_kernel(const std::string& name) {
               meant.empty() ? "" : "; did you mean " + meant + "?");
 }
 
-/// An entry's name, which may be its text, and the text of its parts. Only a colon before the first + or = separates a
-/// name; later ones belong to values.
+/// Returns an entry's name, which may be its text, and the text of its parts. A name ends at a colon before the first +
+/// or =. Later colons belong to values.
 std::pair<std::string, std::string> split_name(const std::string& entry) {
   const std::size_t colon = entry.find(':');
   if (colon == std::string::npos || colon >= entry.find_first_of("+=")) return {entry, entry};
@@ -125,7 +125,7 @@ std::pair<std::string, std::string> split_name(const std::string& entry) {
 }
 
 /// Adds "culling=square", "combined" or "naive-kernels" as words of a command line. Lists are separated by slashes,
-/// since commas separate configurations.
+/// because commas separate configurations.
 void add_part(const std::string& part, std::vector<std::string>& words) {
   if (part.empty()) input_error("empty part; expected a kernel, naive-kernels or option=value");
   const std::size_t equals = part.find('=');

@@ -24,7 +24,8 @@ Json or_null(const std::optional<double>& value) {
 
 // --- Time
 
-/// Training time up to `iteration`, s, linearly interpolated between log lines; constant after the last line.
+/// Returns the training time up to `iteration`, s, linearly interpolated between log lines, and constant after the last
+/// line.
 double elapsed_at(const TrainHistory& history, double iteration) {
   double from_iteration = 0, from_s = 0;
   for (const LogPoint& point : history.points) {
@@ -42,7 +43,8 @@ double seconds_between(const TrainHistory& history, int from, int until) {
   return elapsed_at(history, until) - elapsed_at(history, from);
 }
 
-/// Over the iterations from + 1 to until, which both runs have done; nullopt if `before` took no time for them.
+/// Compares the iterations from + 1 to until, which both runs have done. Returns nullopt if `before` took no time for
+/// them.
 std::optional<double> saved_between(const TrainHistory& before, const TrainHistory& after, int from, int until) {
   const double before_s = seconds_between(before, from, until);
   if (before_s <= 0 || std::min(before.last_iteration(), after.last_iteration()) < until) return std::nullopt;
@@ -105,7 +107,7 @@ std::optional<int> first_kernel_switch(const TrainHistory& history) {
   return std::nullopt;
 }
 
-/// The iterations that `ours` ran with a load-balanced kernel, or those with any other: which kernels, how many
+/// Returns the part of `ours` with a load-balanced kernel, or the part with any other kernel: which kernels, how many
 /// iterations, and the time saved in them.
 Json kernel_part(const ConfigurationHistory& baseline, const ConfigurationHistory& ours,
                  const std::vector<int>& done_by_seed, bool is_balanced) {
@@ -130,7 +132,7 @@ Json kernel_part(const ConfigurationHistory& baseline, const ConfigurationHistor
   return {{"names", kernels}, {"iterations", spread_of(iterations)}, {"saved_against_baseline", spread_of(saved)}};
 }
 
-/// One configuration compared with another, over the iterations of each seed that all configurations have done.
+/// Compares one configuration with another, over the iterations of each seed that all configurations have done.
 Json compare_times(const ConfigurationHistory& baseline, const ConfigurationHistory& ours, const Repetition& repetition,
                    const TimedIterations& timed) {
   const std::vector<int>& done_by_seed = timed.by_seed;
@@ -172,13 +174,13 @@ Json compare_times(const ConfigurationHistory& baseline, const ConfigurationHist
 
 // --- Load balancing
 
-/// Whether the kernel is load-balanced, or chosen by timing: then it may be.
+/// Returns whether the kernel is load-balanced, or chosen by timing, so that it may be.
 bool may_balance(const ConfigurationHistory& configuration) {
   return chooses_kernel(configuration.config) || is_balanced_kernel(configuration.config.kernel);
 }
 
-/// The kernels without load balancing that a configuration is compared with: naive, the baseline of the paper, and the
-/// best one in the family of the configuration's kernels.
+/// Returns the kernels without load balancing that a configuration is compared with: naive, the baseline of the paper,
+/// and the best one in the family of the configuration's kernels.
 std::array<std::string_view, 2> unbalanced_kernels(const TrainConfig& config) {
   const std::optional<ForwardKernel> fixed = find_kernel(config.kernel);
   const bool is_of_paper = fixed ? family_of(*fixed) == KernelFamily::kPaper : config.kernel == kPublishedKernel;
@@ -186,7 +188,7 @@ std::array<std::string_view, 2> unbalanced_kernels(const TrainConfig& config) {
           kernel_name(is_of_paper ? ForwardKernel::kSharedMemory : ForwardKernel::kSubTile)};
 }
 
-/// The first configuration with this fixed kernel that differs from `ours` only in the kernel, or null.
+/// Returns the first configuration with this fixed kernel that differs from `ours` only in the kernel, or null.
 const ConfigurationHistory* find_trained(const Histories& configurations, const TrainConfig& ours,
                                          std::string_view kernel) {
   const auto found = std::find_if(configurations.begin(), configurations.end(), [&](const ConfigurationHistory& own) {
@@ -195,7 +197,7 @@ const ConfigurationHistory* find_trained(const Histories& configurations, const 
   return found == configurations.end() ? nullptr : &*found;
 }
 
-/// Those of unbalanced_kernels() for which no configuration differs from `ours` only in the kernel.
+/// Returns those of unbalanced_kernels() for which no configuration differs from `ours` only in the kernel.
 std::vector<std::string> missing_unbalanced_kernels(const Histories& configurations, const TrainConfig& ours) {
   std::vector<std::string> missing;
   for (const std::string_view kernel : unbalanced_kernels(ours)) {
@@ -204,9 +206,9 @@ std::vector<std::string> missing_unbalanced_kernels(const Histories& configurati
   return missing;
 }
 
-/// Splits the time saved by a configuration that may balance in two: from naive to the fastest kernel without load
-/// balancing ("unbalanced"), and from there to this configuration. Null if it does not balance, or if a kernel without
-/// load balancing was not trained with the same other options.
+/// Splits the time saved by a configuration that may balance into two parts: from naive to the fastest kernel without
+/// load balancing ("unbalanced"), and from there to this configuration. Returns null if it does not balance, or if a
+/// kernel without load balancing was not trained with the same other options.
 Json balancing_gain(const Histories& configurations, const ConfigurationHistory& ours, const TimedIterations& timed,
                     const std::optional<double>& noise) {
   const std::vector<int>& done_by_seed = timed.by_seed;
@@ -243,8 +245,8 @@ Json balancing_gain(const Histories& configurations, const ConfigurationHistory&
           {"machine_spread", or_null(noise)}};
 }
 
-/// Whether the two are the comparison in the Balanced 3DGS paper (arXiv 2412.17378): naive against the choice between
-/// combined and shared-memory.
+/// Returns whether the two are the comparison in the Balanced 3DGS paper (arXiv 2412.17378): naive against the choice
+/// between combined and shared-memory.
 bool is_paper_pair(const TrainConfig& baseline, const TrainConfig& ours) {
   return baseline.kernel == kernel_name(ForwardKernel::kNaive) && ours.kernel == kPublishedKernel &&
          differing_options(baseline, ours).others.empty();
@@ -269,7 +271,7 @@ constexpr QualityMeasure kMeasures[] = {
     {kCountMeasure, kCount, true, count_of},
 };
 
-/// Empty if it was not measured after this iteration.
+/// Returns nothing if it was not measured after this iteration.
 std::optional<double> value_at(const TrainHistory& history, int iteration, const QualityMeasure& measure) {
   const auto point = std::lower_bound(history.points.begin(), history.points.end(), iteration,
                                       [](const LogPoint& own, int wanted) { return own.iteration < wanted; });
@@ -277,7 +279,8 @@ std::optional<double> value_at(const TrainHistory& history, int iteration, const
   return is_logged ? measure.value(*point) : std::nullopt;
 }
 
-/// The last iteration at which all configurations were measured for some seed (0 if there is none), and these seeds.
+/// Returns the last iteration at which all configurations were measured for some seed (0 if there is none), and these
+/// seeds.
 std::pair<int, std::vector<std::size_t>> common_measurement(const Histories& configurations,
                                                             const QualityMeasure& measure) {
   std::pair<int, std::vector<std::size_t>> common;
@@ -331,13 +334,13 @@ Json compare_quality(const Histories& configurations, const ConfigurationHistory
   return compared;
 }
 
-/// What each configuration has reached at the end of its own training, over the seeds that have been trained so far.
+/// Returns the results of each configuration at the end of its own training, over the seeds trained so far.
 Json final_results(const Histories& configurations, const Repetition& repetition) {
   Json results = Json::array();
   const auto is_complete = [](const ConfigurationHistory& own, std::size_t seed) {
     return own.by_seed[seed].last_iteration() >= own.config.iterations && !own.by_seed[seed].points.empty();
   };
-  const auto psnr_gained = [&](const ConfigurationHistory& own) {  // of the seeds that have both
+  const auto psnr_gained = [&](const ConfigurationHistory& own) {  // over the seeds that have both
     std::vector<double> gained;
     for (std::size_t seed = 0; seed < own.by_seed.size(); ++seed) {
       if (!is_complete(own, seed) || !is_complete(configurations[0], seed)) continue;
@@ -376,8 +379,8 @@ Json final_results(const Histories& configurations, const Repetition& repetition
   return results;
 }
 
-/// Iterations that all configurations have completed, by seed; 0 for seeds that have not come as far as another: over
-/// other iterations, times cannot be averaged.
+/// Returns the iterations that all configurations have completed, by seed. It is 0 for seeds that have not reached the
+/// iteration of another seed, because times over different iterations cannot be averaged.
 std::vector<int> common_iterations(const Histories& configurations, int requested) {
   std::vector<int> done(configurations[0].by_seed.size(), requested);
   for (const ConfigurationHistory& configuration : configurations) {
@@ -392,7 +395,7 @@ std::vector<int> common_iterations(const Histories& configurations, int requeste
   return done;
 }
 
-/// The configuration that the verdict is about: the first adaptive one after the baseline, else the first that may use
+/// Returns the subject of the verdict: the first adaptive configuration after the baseline, else the first that may use
 /// a load-balanced kernel, else the second.
 const ConfigurationHistory& choose_ours(const Histories& configurations) {
   const auto is_adaptive = [](const ConfigurationHistory& own) { return own.config.kernel == kAdaptive; };

@@ -1,4 +1,4 @@
-// What the logs of a comparison's runs say: time saved, quality, and what load balancing alone contributes.
+// Summary of the logs of a comparison's runs: time saved, quality, and the contribution of load balancing alone.
 #pragma once
 
 #include <nlohmann/json.hpp>
@@ -8,12 +8,12 @@
 
 namespace b3dgs {
 
-/// The measures of "quality" in compare.json. The verdict is about the first.
+/// The measures of "quality" in compare.json. The verdict uses the first.
 inline constexpr const char *kPsnrMeasure = "PSNR, dB", *kSsimMeasure = "SSIM", *kCountMeasure = "Gaussians";
 
-/// "summary" of compare.json, which the page and the terminal show. `configurations`: at least two, of which the first
-/// is the baseline; all have the same seeds. `iterations`: how many were requested of the longest. `chunk`: iterations
-/// per turn.
+/// Returns "summary" of compare.json, which the page and the terminal show. `configurations`: at least two, starting
+/// with the baseline; all have the same seeds. `iterations`: number of iterations requested of the longest. `chunk`:
+/// iterations per turn.
 ///
 /// Values over seeds are spreads, {"mean", "min", "max", "n"}, or null without a value. Differences between runs with
 /// the same seeds are effects, spreads with
@@ -28,7 +28,7 @@ inline constexpr const char *kPsnrMeasure = "PSNR, dB", *kSsimMeasure = "SSIM", 
 nlohmann::ordered_json summarize_comparison(const std::vector<ConfigurationHistory>& configurations, int iterations,
                                             int chunk);
 
-/// Whether all configurations of a summary train for the same number of iterations.
+/// Returns whether all configurations of a summary train for the same number of iterations.
 bool have_equal_lengths(const nlohmann::ordered_json& summary);
 
 }  // namespace b3dgs

@@ -21,7 +21,7 @@ std::string percent(double share) {
   return text == "-0.0 %" ? "0.0 %" : text;
 }
 
-/// " in 1 of 3 seeds", or "" if n == of.
+/// Returns " in 1 of 3 seeds", or "" if n == of.
 std::string in_seeds(std::size_t n, std::size_t of) {
   return n == of ? "" : detail::concat(" in ", n, " of ", of, " seeds");
 }
@@ -35,9 +35,9 @@ bool is_too_short(const Json& saved) {
   return saved["finding"] == "too short";
 }
 
-/// "saved 9.4 % of the training time of naive", "took 3.0 % longer than naive", "took as long as naive", "shows no
-/// clear difference in training time from naive" or "against naive: too short to judge", and in brackets the interval
-/// or what one seed cannot tell, and `times`.
+/// Returns "saved 9.4 % of the training time of naive", "took 3.0 % longer than naive", "took as long as naive", "shows
+/// no clear difference in training time from naive" or "against naive: too short to judge". Adds in brackets the
+/// interval or the limitation of one seed, and `times`.
 std::string saving_text(const Json& saved, const std::string& than, const std::string& times = "") {
   const auto in_brackets = [](const std::string& notes) { return notes.empty() ? "" : " (" + notes + ")"; };
   if (is_too_short(saved)) return "against " + than + ": too short to judge the training time" + in_brackets(times);
@@ -58,7 +58,8 @@ std::string saving_text(const Json& saved, const std::string& than, const std::s
   return text + in_brackets(notes);
 }
 
-/// "; load balancing alone: adaptive saved 20.0 % of the training time of sub-tile, the fastest kernel without it".
+/// Returns "; load balancing alone: adaptive saved 20.0 % of the training time of sub-tile, the fastest kernel without
+/// it".
 std::string balancing_text(const Json& summary, const Json& ours) {
   const bool has_balanced = !ours["balanced_kernels"]["iterations"].is_null();
   const bool is_named = has_balanced || !ours["other_kernels"]["iterations"].is_null();
@@ -76,7 +77,7 @@ std::string balancing_text(const Json& summary, const Json& ours) {
          (missing.size() > 1 ? " and others were" : " was") + " not trained";
 }
 
-/// One of the measures of "quality"; null if it was not measured.
+/// Returns one of the measures of "quality"; null if it was not measured.
 Json quality_of(const Json& compared, const char* measure) {
   for (const Json& own : compared["quality"]) {
     if (own["measure"] == measure) return own;
@@ -84,8 +85,8 @@ Json quality_of(const Json& compared, const char* measure) {
   return nullptr;
 }
 
-/// How configuration i differs from the baseline in PSNR: at the end of each, or at an iteration that all have reached.
-/// Null if that is not known.
+/// Returns the PSNR difference of configuration i from the baseline, at the end of each or at an iteration that all
+/// have reached. Returns null if it is unknown.
 Json psnr_gained(const Json& summary, std::size_t i) {
   if (!have_equal_lengths(summary)) return summary["results"][i]["psnr_gained"];
   const Json own = quality_of(summary["compared"][i - 1], kPsnrMeasure);
@@ -94,8 +95,9 @@ Json psnr_gained(const Json& summary, std::size_t i) {
           {"limit", own["tolerance"]}, {"n", own["baseline"]["n"]},   {"iteration", own["iteration"]}};
 }
 
-/// " PSNR of the test views, compared with naive: fast -2.20 dB, same +0.05 dB (may be chance).", of all configurations
-/// that differ from the baseline in what they learn; "" if none does. The time says little about these without it.
+/// Returns " PSNR of the test views, compared with naive: fast -2.20 dB, same +0.05 dB (may be chance).", for all
+/// configurations that learn differently from the baseline, because their time means little without it. Returns "" if
+/// there is none.
 std::string psnr_sentence(const Json& summary) {
   const std::size_t n_seeds = summary["done_by_seed"].size();
   const bool is_of_one_length = have_equal_lengths(summary);  // then all were measured in the same seeds
@@ -136,7 +138,7 @@ std::string psnr_sentence(const Json& summary) {
          summary["baseline"].get<std::string>() + ": " + text + "." + one_seed;
 }
 
-/// "inria 38.2 s, 28.90 dB, 931,000 Gaussians; fast 4.9 s, ..."; what is not known is left out.
+/// Returns "inria 38.2 s, 28.90 dB, 931,000 Gaussians; fast 4.9 s, ..." without unknown values.
 std::string results_text(const Json& results) {
   std::string text;
   for (const Json& own : results) {
@@ -149,7 +151,7 @@ std::string results_text(const Json& results) {
   return text;
 }
 
-/// Mean of "ours_s" or "baseline_s" over seeds; nothing without seeds.
+/// Returns the mean of "ours_s" or "baseline_s" over seeds; nothing without seeds.
 std::optional<double> mean_seconds(const Json& compared, const char* key) {
   const Json& by_seed = compared["by_seed"];
   if (by_seed.empty()) return std::nullopt;
@@ -158,7 +160,7 @@ std::optional<double> mean_seconds(const Json& compared, const char* key) {
   return sum / static_cast<double>(by_seed.size());
 }
 
-/// "adaptive 16.0 s, naive 40.0 s", means over seeds, at least one.
+/// Returns "adaptive 16.0 s, naive 40.0 s", means over at least one seed.
 std::string times_text(const Json& ours) {
   const double ours_s = mean_seconds(ours, "ours_s").value(), baseline_s = mean_seconds(ours, "baseline_s").value();
   const double smallest = std::min(ours_s, baseline_s);
@@ -166,7 +168,7 @@ std::string times_text(const Json& ours) {
          ours["baseline"].get<std::string>() + " " + format_seconds(baseline_s, smallest);
 }
 
-/// Lines with aligned columns, the first to the left. Columns with nothing but "-" below the head are left out.
+/// Formats aligned columns, the first to the left. Columns with only "-" below the head are left out.
 std::string text_table(const std::vector<std::vector<std::string>>& rows) {
   std::vector<std::string> lines(rows.size());
   for (std::size_t column = 0; column < rows.front().size(); ++column) {
@@ -188,7 +190,7 @@ std::optional<double> mean_of(const Json& spread) {
   return spread.is_null() ? std::nullopt : std::optional(spread["mean"].get<double>());
 }
 
-/// "-" without a value.
+/// Returns "-" without a value.
 std::string cell(const char* format, const std::optional<double>& value) {
   return value ? print_to_string(format, *value) : "-";
 }
@@ -199,7 +201,7 @@ std::string verdict(const Json& summary) {
   const Json& results = summary["results"];
   const std::size_t n_seeds = summary["done_by_seed"].size(), n_started = seeds_started(summary);
   if (!have_equal_lengths(summary)) {
-    // Times over the same iterations say nothing here.
+    // Times over the same iterations are not meaningful here.
     const std::string text = results_text(results);
     const bool is_complete =
         std::all_of(results.begin(), results.end(), [&](const Json& own) { return own["complete_seeds"] == n_seeds; });
@@ -238,7 +240,7 @@ std::string summary_table(const Json& summary) {
     const Json &own = summary["results"][i], &compared = summary["compared"][i == 0 ? 0 : i - 1];
     const Json saved = i == 0 || !compares_times ? Json() : compared["saved_overall"];
     const Json gained = i == 0 ? Json() : psnr_gained(summary, i);
-    // Trainings that are compared need not be complete: a column is over iterations and seeds that all have done.
+    // Trainings need not be complete, so each column covers the iterations and seeds that all have done.
     const auto value = [&](const char* measure, const char* of_result) {
       if (!compares_times) return mean_of(own[of_result]);
       const Json quality = quality_of(compared, measure);

@@ -141,9 +141,9 @@ Comparison load_comparison(const ComparisonPlan& plan) {
 
 namespace {
 
-/// Pairs of name and text: scene, seeds, and the options that all configurations have, where these differ from the
-/// values of the baseline's preset. Those in which configurations differ go to `rows`: the name, and a text for each
-/// configuration.
+/// Returns pairs of name and text: scene, seeds, and the options shared by all configurations that differ from the
+/// values of the baseline's preset. Options in which configurations differ are added to `rows`, with the name and a
+/// text for each configuration.
 Json settings(const Comparison& comparison, Json& rows) {
   const ComparisonPlan& plan = comparison.plan;
   std::vector<Json> all;

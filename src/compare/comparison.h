@@ -14,10 +14,10 @@
 
 namespace b3dgs {
 
-/// What to compare; stored in compare.json, so that the comparison can be resumed.
+/// The settings of a comparison. They are stored in compare.json, so that it can be resumed.
 struct ComparisonPlan {
   TrainConfig base;    // model_path is the comparison's folder
-  GivenOptions given;  // options given for all configurations, of which `base` follows
+  GivenOptions given;  // options given for all configurations; `base` follows from them
   std::string configs;
   std::vector<std::int64_t> seeds;
   bool has_repetition = false;  // trains the baseline twice (--noise)
@@ -29,11 +29,11 @@ struct ComparisonPlan {
   std::vector<Configuration> configurations() const;
   /// Applies --max_epochs, to `base` as well.
   void set_photographs(const Photographs& of_scene);
-  int longest() const;  // iterations of the configuration that has most
+  int longest() const;  // iterations of the longest configuration
   ModelFolder folder(const Configuration& configuration, std::int64_t seed) const;
 };
 
-/// Writes compare.json with the plan only; write_comparison() adds the results. @throws IoError
+/// Writes compare.json with only the plan. write_comparison() adds the results. @throws IoError
 void write_plan(const ComparisonPlan& plan);
 
 /// @throws InputError if compare.json is missing or damaged
@@ -56,11 +56,11 @@ Comparison load_comparison(const ComparisonPlan& plan);
 /// Writes compare.json and report.html. @throws IoError
 void write_comparison(const Comparison& comparison);
 
-/// The result for standard output.
+/// Returns the result for standard output.
 std::string describe_comparison(const Comparison& comparison);
 
-/// What the report shows: the summary, and the runs of all seeds. @throws IoError, InputError if
-/// an image cannot be read
+/// Collects the data for a report: the summary, and the runs of all seeds. Throws IoError, or InputError if an image
+/// cannot be read.
 nlohmann::ordered_json comparison_report_data(const Comparison& comparison);
 
 }  // namespace b3dgs
