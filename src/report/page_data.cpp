@@ -32,13 +32,13 @@ Json or_null(const Value& value) {
   return value;
 }
 
-/// Reports are passed on, so they name files and folders without where these are.
+/// Returns the name without its location, because reports are passed on.
 std::string last_part(std::string path) {
   while (path.size() > 1 && path.back() == '/') path.pop_back();
   return path.substr(path.rfind('/') + 1);
 }
 
-/// Applies last_part() to what is in quotes: masks: "" -> "/data/masks".
+/// Applies last_part() to quoted text: masks: "" -> "/data/masks".
 std::string with_last_parts(const std::string& change) {
   std::string text;
   for (std::size_t at = 0;;) {
@@ -70,12 +70,12 @@ Json curves_of(const TrainHistory& history) {
   return curves;
 }
 
-/// "" if the file has been deleted since: the report is written without it.
+/// Returns "" if the file has been deleted since, and the report is written without it.
 std::string picture(const std::filesystem::path& file) {
   return std::filesystem::exists(file) ? data_uri(read_image(file, false)) : "";
 }
 
-/// "24 photographs, 240 x 160 px", from the model's cameras.json; empty if that cannot be read.
+/// Returns "24 photographs, 240 x 160 px", from the model's cameras.json, or "" if that cannot be read.
 std::string photographs_text(const ModelFolder& folder) {
   std::vector<NamedCamera> cameras;
   try {
@@ -205,7 +205,7 @@ RunInfo read_run_info(const ModelFolder& folder) {
   return info;
 }
 
-/// Of page/, which CMake makes one string of. "@DATA@" stands where the data goes, as JSON.
+/// The contents of page/, which CMake combines into one string. The data replaces "@DATA@", as JSON.
 extern const char* const kReportPage;
 
 namespace {
@@ -223,7 +223,7 @@ void round_numbers(Json& json) {
 std::string base64(const std::string& bytes) {
   constexpr char kDigits[] = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
   std::string text;
-  std::uint32_t bits = 0;  // of which the last n are not in the text yet
+  std::uint32_t bits = 0;  // the last n bits are not in the text yet
   int n = 0;
   for (const char byte : bytes) {
     bits = bits << 8 | static_cast<unsigned char>(byte);
@@ -237,7 +237,7 @@ std::string base64(const std::string& bytes) {
 
 std::string report_page(Json data) {
   round_numbers(data);
-  // ASCII only, and "<" occurs in strings alone: no text can end the script element or open a comment.
+  // The output is ASCII, and "<" occurs only in strings, so no text can end the script element or open a comment.
   const std::string json = data.dump(-1, ' ', /*ensure_ascii=*/true, Json::error_handler_t::replace);
   std::string page = kReportPage;
   const std::string mark = "@DATA@";

@@ -13,8 +13,8 @@ namespace {
 
 using Json = nlohmann::ordered_json;
 
-/// The members of the events that reports show, as values of their types: what is missing or of another type becomes
-/// this value. null: a number or nothing; {}: numbers by name; a list: of such values.
+/// The members of the events that reports show, with values of their types. Missing members and those of another type
+/// get this value. null: a number or nothing; {}: numbers by name; a list: of such values.
 const Json& event_members() {
   static const Json load{{"min", 0}, {"median", 0}, {"p90", 0},    {"p99", 0},
                          {"max", 0}, {"mean", 0.0}, {"gini", 0.0}, {"log2_bins", Json::array({0})}};
@@ -25,7 +25,7 @@ const Json& event_members() {
         {"times_ms", Json::object()},  // by kernel: mean over the views
         {"error_ms", nullptr},         // standard error of the mean difference
         {"cost_ms", nullptr},
-        {"before", ""},  // the kernel in use
+        {"before", ""},  // kernel in use
         {"after", ""},   // from this iteration on
         {"reason", ""}}},
       // Distributions over the tiles and pixels of all views together.
@@ -35,10 +35,10 @@ const Json& event_members() {
         {"tile_lists", load},
         {"pixel_processed", load},
         {"pixel_contributing", load}}},
-      // The number of Gaussians has reached a limit, and does not exceed `count` from here on.
+      // The number of Gaussians has reached a limit, and never exceeds `count` after this.
       {"held", {{"iteration", 0}, {"count", 0}, {"reason", ""}}},
       {"floaters", {{"iteration", 0}, {"unseen", 0}, {"one_view", 0}, {"close", 0}, {"large", 0}}},
-      // After `iteration`, with this kernel; options as "name: old -> new".
+      // After `iteration`, with this kernel. Options have the form "name: old -> new".
       {"resumed", {{"iteration", 0}, {"kernel", ""}, {"changed_options", Json::array({""})}}}};
   return members;
 }
@@ -48,7 +48,7 @@ bool has_type_of(const Json& example, const Json& json) {
   return example.is_number() || example.is_null() ? json.is_number() : json.type() == example.type();
 }
 
-/// `json` with the members of `expected`, each of its type. A record that is none becomes null.
+/// Returns `json` with the members of `expected`, each of its type. An entry that is not an object becomes null.
 Json checked(const Json& json, const Json& expected) {
   if (!expected.is_structured()) return has_type_of(expected, json) ? json : expected;
   if (expected.is_object() && !expected.empty()) {
@@ -66,7 +66,7 @@ Json checked(const Json& json, const Json& expected) {
   return all;
 }
 
-// Reads a member of a line. False, and `to` stays as it is, if it has another type or is out of range.
+// Reads a member of a line. Returns false, and leaves `to` unchanged, if it has another type or is out of range.
 
 bool read(const Json& json, double& to) {
   if (json.is_number()) to = json.get<double>();

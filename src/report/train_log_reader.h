@@ -21,7 +21,8 @@ struct LogPoint {
   std::string kernel;                                                   // "" if the line does not name it
   nlohmann::ordered_json stages_ms = nlohmann::ordered_json::object();  // mean per step; empty if not timed
 
-  /// Calls field(key, member) for what is drawn over the iterations, with its key in train.jsonl and compare.json.
+  /// Calls field(key, member) for quantities drawn over the iterations, with their keys in train.jsonl and
+  /// compare.json.
   template <class Point, class Field>
   static void visit_curves(Point& point, Field&& field) {
     field("iteration", point.iteration);
@@ -37,15 +38,15 @@ struct LogPoint {
 
 struct TrainHistory {
   std::vector<LogPoint> points;  // ascending by iteration
-  /// Lines with "event" by its value, each kind an array in the order of the file. All members that
-  /// train_log_reader.cpp lists are there and have the right type.
+  /// Lines with "event" by its value, each kind an array in the order of the file. All members listed in
+  /// train_log_reader.cpp exist and have the right type.
   nlohmann::ordered_json events = no_events();
 
   int last_iteration() const { return points.empty() ? 0 : points.back().iteration; }
   static nlohmann::ordered_json no_events();
 };
 
-/// Whether an event "kernel_check" changed the kernel.
+/// Returns whether an event "kernel_check" changed the kernel.
 bool switches_kernel(const nlohmann::ordered_json& check);
 
 /// A kernel that was in use from iteration from + 1 to until.
@@ -59,7 +60,7 @@ std::vector<KernelPeriod> kernel_periods(const TrainHistory& history);
 
 TrainHistory parse_train_log(std::istream& lines);
 
-/// Empty if the file does not exist.
+/// Returns an empty history if the file does not exist.
 TrainHistory read_train_log(const std::filesystem::path& path);
 
 }  // namespace b3dgs

@@ -14,7 +14,7 @@ namespace {
 
 using Json = nlohmann::ordered_json;
 
-/// The last point with an evaluation on test views, or null.
+/// Returns the last point with an evaluation on test views, or null.
 const LogPoint* last_evaluation(const TrainHistory& history) {
   for (auto point = history.points.rbegin(); point != history.points.rend(); ++point) {
     if (point->test_psnr) return &*point;
@@ -22,14 +22,14 @@ const LogPoint* last_evaluation(const TrainHistory& history) {
   return nullptr;
 }
 
-/// 0 if GPU memory was not measured.
+/// Returns 0 if GPU memory was not measured.
 std::int64_t gpu_peak_bytes(const TrainHistory& history) {
   std::int64_t peak = 0;
   for (const LogPoint& point : history.points) peak = std::max(peak, point.gpu_peak_bytes.value_or(0));
   return peak;
 }
 
-/// Pairs of name and text.
+/// Returns pairs of name and text.
 Json settings(const ModelFolder& folder, const TrainConfig& config) {
   Json rows = scene_rows(config, folder);
   const std::string changed = changed_options(config_to_json(preset_options(config)), config_to_json(config));
@@ -38,7 +38,7 @@ Json settings(const ModelFolder& folder, const TrainConfig& config) {
   return rows;
 }
 
-/// The event since which memory or an option has limited the number of Gaussians; null if none has.
+/// Returns the event after which memory or an option has limited the number of Gaussians, or null.
 Json limit_of(const TrainHistory& history) {
   const Json& held = history.events["held"];
   if (held.empty() || history.points.empty()) return nullptr;
@@ -78,7 +78,7 @@ std::string limit_text(const TrainHistory& history, std::int64_t limit) {
 }
 
 std::optional<Overfitting> find_overfitting(const TrainHistory& history) {
-  constexpr double kClear = 0.2;  // dB; PSNR also goes up and down where it has no trend
+  constexpr double kClear = 0.2;  // dB; PSNR also fluctuates without a trend
   const LogPoint* const last = last_evaluation(history);
   const LogPoint* best = last;
   for (const LogPoint& point : history.points) {

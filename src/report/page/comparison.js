@@ -1,9 +1,9 @@
 // The report of a comparison: compare.json's "summary", and the runs of all configurations.
 
-/// A grey for the baseline, colours for the others.
+/// Grey for the baseline, colours for the others.
 const color_of = (configuration) => (configuration === 0 ? 9 : (configuration - 1) % 8);
 
-/// The runs of the first seed, which the charts show.
+/// Returns the runs of the first seed, which the charts show.
 function first_runs({runs, seeds, summary}) {
   return summary.results.map(({name}, i) => ({...runs[i * seeds.length], name, color: color_of(i)}));
 }
@@ -11,7 +11,7 @@ function first_runs({runs, seeds, summary}) {
 const seeds_started = (summary) => summary.done_by_seed.filter((done) => done > 0).length;
 const in_seeds = (n, all) => (n === all ? "" : ` in ${n} of ${all} seeds`);
 
-/// "28.90", with several seeds "28.90 (28.81 to 28.97)"; "-" if unknown.
+/// Returns "28.90", with several seeds "28.90 (28.81 to 28.97)"; "-" if unknown.
 function spread_cell(spread, text) {
   if (!spread) return "-";
   return text(spread.mean) + (spread.n > 1 ? ` (${text(spread.min)} to ${text(spread.max)})` : "");
@@ -72,8 +72,8 @@ function quality_section(data) {
 
 // --- Training time
 
-/// "18.3 %", with the run-to-run variation "18.3 % ± 0.4 %"; with several seeds also the range or, of a share that has
-/// one, the 95 % interval of the mean; with what was found unless `has_word`.
+/// Returns "18.3 %", with the run-to-run variation "18.3 % ± 0.4 %". With several seeds also the range or, if the share
+/// has one, the 95 % interval of the mean. Adds the finding unless `has_word`.
 function share_cell(share, noise, n_seeds, has_word = true) {
   if (!share) return "-";
   const {mean, min, max, n, interval, finding} = share;
@@ -96,7 +96,7 @@ function saved_cells(own, n_seeds) {
           at ? when + in_seeds(at.n, n_seeds) : "none"];
 }
 
-/// "40.1 s", with several seeds "40.1 s (39.8 to 40.4)".
+/// Returns "40.1 s", with several seeds "40.1 s (39.8 to 40.4)".
 function seconds_cell({by_seed}, key) {
   const all = by_seed.map((seed) => seed[key]);
   if (all.length === 0) return "-";
@@ -105,7 +105,7 @@ function seconds_cell({by_seed}, key) {
   return `${text(mean)} s` + (all.length > 1 ? ` (${text(low)} to ${text(high)})` : "");
 }
 
-/// "lambda_dssim 0.2 → 0.4", of few options; of more, how many they are.
+/// Returns "lambda_dssim 0.2 → 0.4" for few options, and the number of options for more.
 function differences_cell({options}, own, i) {
   const kernel = own.has_own_kernel ? ["kernel"] : [], names = own.differs_in;
   if (names.length > 3) return [...kernel, `${names.length} options (see below)`].join(", ");
@@ -196,29 +196,30 @@ function time_section(data) {
 
 // --- Kernels, load, published results
 
-/// `make` of each run, under a heading.
+/// Calls `make` for each run, under a heading.
 const of_runs = (runs, make) => runs.map((run) => [element("h3", {}, `${run.name}, seed ${run.seed}`), make(run)]);
 
-/// Of the runs for which `has` is true, the first of the configuration that the verdict is about, else the first.
+/// Among the runs for which `has` is true, returns the first of the configuration that the verdict is about, else the
+/// first.
 function one_run({runs, summary}, has) {
   const found = runs.filter(has);
   return [...found.filter((run) => run.name === summary.ours), ...found].slice(0, 1);
 }
 
-/// The first run with timing checks of each configuration.
+/// Returns the first run with timing checks of each configuration.
 function compared_kernels({runs}) {
   const checked = runs.filter((run) => run.kernel_checks.length > 0);
   const first = checked.filter((run, i) => checked.findIndex((own) => own.name === run.name) === i);
   return first.length > 0 ? of_runs(first, kernel_section) : soft("No kernels were timed.");
 }
 
-/// The load of one configuration. It depends on the scene and on the size of tiles, hardly on anything else.
+/// Shows the load of one configuration. It depends almost only on the scene and on the size of tiles.
 function compared_load(data) {
   const one = one_run(data, (run) => run.load_statistics.length > 0);
   return one.length > 0 ? of_runs(one, load_section) : load_section({load_statistics: []});
 }
 
-/// Published results beside those of configurations that repeat the published comparison.
+/// Shows published results beside those of configurations that repeat the published comparison.
 function paper_section({summary}) {
   const published = "The Balanced 3DGS paper (arXiv 2412.17378) compares the kernel naive with a choice between the " +
       "kernels combined (load-balanced) and shared-memory, both with the backward pass and optimizer of the original " +
@@ -241,7 +242,7 @@ function paper_section({summary}) {
 
 // --- The page
 
-/// When a difference is more than chance, with the limits of what has been measured.
+/// Explains when a difference is more than chance, with the limits of the measured quantities.
 function criterion({compared, machine_spread, done_by_seed}) {
   const {saved_overall: saved, quality} = compared[0];
   if (!saved) return [];

@@ -1,15 +1,15 @@
-// The sections that the reports of a training and of a comparison share. Where data is missing, a sentence says so.
-// `element`, `table` and `Charts` are of src/page.
+// Sections shared by the reports of a training and of a comparison. Where data is missing, a sentence reports it.
+// `element`, `table` and `Charts` are in src/page.
 
 const paragraph = (text) => element("p", {}, text);
 const soft = (text) => element("p", {class: "soft"}, text);
 const section = (heading, ...content) =>
     element("section", {}, element("h2", {}, heading), ...content.flat(Infinity));
-/// Closed until its heading is clicked; printed in full.
+/// A section that is closed until its heading is clicked, and printed in full.
 const folded = (heading, ...content) =>
     element("details", {class: "folded"}, element("summary", {}, heading), ...content.flat(Infinity));
 
-/// With 2 decimals if `smallest`, the smallest of the times shown together, is below 10 s, else with 1.
+/// Uses 2 decimals if `smallest`, the smallest of the times shown together, is below 10 s, otherwise 1.
 const seconds_text = (seconds, smallest) => `${seconds.toFixed(smallest < 10 ? 2 : 1)} s`;
 const bytes_text = (n) => (n >= 1e9 ? `${(n / 1e9).toFixed(2)} GB` : n >= 1e6 ? `${(n / 1e6).toFixed(1)} MB`
                                                                             : `${(n / 1e3).toFixed(1)} kB`);
@@ -17,7 +17,7 @@ const bytes_text = (n) => (n >= 1e9 ? `${(n / 1e9).toFixed(2)} GB` : n >= 1e6 ? 
 const kMeasuredHalf = "PSNR and SSIM are those of the right half of each test view, with colours fitted to its left " +
     "half (--train_test_exp).";
 
-/// What is drawn over the iterations; `key` names a curve.
+/// Quantities to draw over the iterations. `key` names a curve.
 const kQuantities = {
   psnr: {key: "test_psnr", name: "PSNR", unit: "dB", caption: "PSNR, mean over the test views.", from_zero: false,
          format: (x) => x.toFixed(2)},
@@ -36,7 +36,8 @@ function curve_sentence({name, unit, format = figure_text}, series) {
                    (iterations.size === 1 ? ` (iteration ${count_text([...iterations][0])}).` : "."));
 }
 
-/// A chart of series [{name, color, points}]; a sentence if none has two points; nothing if there is no point.
+/// Returns a chart of series [{name, color, points}], a sentence if none has two points, or nothing if there is no
+/// point.
 function series_figure(quantity, all, events = []) {
   const series = all.filter((own) => own.points.length > 0);
   if (series.length === 0) return [];
@@ -46,7 +47,7 @@ function series_figure(quantity, all, events = []) {
                                  series, events, from_zero, height, format}, caption);
 }
 
-/// The same of a curve of each run.
+/// Does the same for a curve of each run.
 function curve_figure(quantity, runs) {
   return series_figure(quantity, runs.map(({name, color, curves}) => {
     const points = curves.iteration.map((x, i) => [x, curves[quantity.key][i]]).filter((point) => point[1] !== null);
@@ -90,7 +91,7 @@ function preview_section({previews, held_out}) {
 
 const has_changed = (check) => check.after !== "" && check.before !== check.after;
 
-/// The times of both kernels over the training, with every switch.
+/// Draws the times of both kernels over the training, with every switch.
 function kernel_figure(checks) {
   const series = new Map();
   for (const {iteration, times_ms} of checks) {
@@ -105,7 +106,7 @@ function kernel_figure(checks) {
     "from there on, the other kernel is used."}, [...series.values()], events);
 }
 
-/// Which kernel ran in which iterations.
+/// Lists which kernel ran in which iterations.
 function kernels_in_use({kernel_periods: periods, kernel_checks}) {
   if (periods.length === 0) return [];
   if (periods.length === 1) return paragraph(`All iterations used the kernel ${periods[0].kernel}.`);
@@ -117,7 +118,7 @@ function kernels_in_use({kernel_periods: periods, kernel_checks}) {
   return table(["kernel", "iterations", "selected by"], rows, {words: true});
 }
 
-/// The timing checks, and the kernels that changed because training was resumed with other options.
+/// Lists the timing checks, and the kernels that changed because training was resumed with other options.
 function check_table({kernel_checks, resumes}) {
   const events = [...resumes.map((own) => ({...own, at: own.iteration + 0.5})),
                   ...kernel_checks.map((own) => ({...own, at: own.iteration}))].sort((a, b) => a.at - b.at);
@@ -183,7 +184,7 @@ function load_figure(events, field, name, caption) {
   }, caption + ginis);
 }
 
-/// Of up to four measurements, evenly over the training.
+/// Draws up to four measurements, evenly spaced over the training.
 function load_histograms(events, field, name, counted, caption) {
   const filled = events.filter((event) => event[field].log2_bins.length > 0), n = Math.min(4, filled.length);
   if (n === 0) return [];

@@ -1,6 +1,6 @@
 // The report of one training.
 
-/// "1 h 2 min", "12 min 3 s" or "4.21 s"
+/// Returns "1 h 2 min", "12 min 3 s" or "4.21 s".
 function time_text(seconds) {
   if (seconds < 60) return seconds_text(seconds, seconds);
   const total = Math.round(seconds);
@@ -8,7 +8,8 @@ function time_text(seconds) {
                       : `${Math.floor(total / 3600)} h ${Math.floor(total / 60) % 60} min`;
 }
 
-/// The quality on test views; without these, on the training views that are shown; "" if neither was evaluated.
+/// Returns the quality on test views or, without these, on the training views shown. Returns "" if neither was
+/// evaluated.
 function reached_quality({runs: [{curves}], previews, held_out, measures_half}) {
   const at = curves.test_psnr.findLastIndex((psnr) => psnr !== null);
   if (at >= 0) {
