@@ -19,13 +19,14 @@ namespace fs = std::filesystem;
 constexpr const char* kInstall =
     "install it: apt install colmap (other systems: https://colmap.github.io/install.html)";
 
-// Panoramas before and after each that it is matched with, if not with all. COLMAP's own number is 10 photographs.
+// Number of panoramas before and after each that it is matched with, if not with all. COLMAP's default is 10
+// photographs.
 constexpr std::size_t kNeighbours = 5;
 
 // Models with larger IDs came with COLMAP 4.
 constexpr int kNewestInAllVersions = static_cast<int>(CameraModel::kThinPrismFisheye);
 
-/// Whether the name of a camera model stands in the text, not as a part of another one.
+/// Returns whether the name of a camera model occurs in the text as a separate word.
 bool has_word(const std::string& text, const std::string& word) {
   const auto is_part = [](char c) { return c == '_' || std::isalnum(static_cast<unsigned char>(c)) != 0; };
   for (std::size_t at = text.find(word); at != std::string::npos; at = text.find(word, at + 1)) {
@@ -41,7 +42,7 @@ std::vector<std::string> lines_of(const std::vector<std::string>& command, Progr
   return lines;
 }
 
-/// What follows `words` in the line; null if they are not in it.
+/// Returns the text after `words` in the line, or null if they are not in it.
 const char* text_after(const std::string& line, const char* words) {
   const std::size_t at = line.find(words);
   return at == std::string::npos ? nullptr : line.c_str() + at + std::strlen(words);
@@ -85,7 +86,7 @@ void ColmapProgram::check_options() {
                 ") was built without CUDA; leave --use_gpu out, or install a COLMAP with CUDA");
   }
   const CameraModel model = camera_model_from_name(options_.camera_model, "--camera_model");
-  const bool has_faces = model == CameraModel::kEquirectangular;  // which COLMAP gets
+  const bool has_faces = model == CameraModel::kEquirectangular;  // COLMAP gets the faces
   if (has_faces || static_cast<int>(model) <= kNewestInAllVersions) return;
   // Newer versions list the models in their help.
   std::string help;
@@ -164,7 +165,7 @@ std::vector<std::string> ColmapProgram::match_command(const std::string& matcher
   std::vector<std::string> command = begin(matcher + "_matcher");
   add_device(command, "Matching");
   if (matcher == "exhaustive") {
-    // COLMAP says how far it is, and stores what it has, once per block of pairs.
+    // COLMAP reports its progress, and stores its results, once per block of pairs.
     const std::size_t block = std::clamp<std::size_t>(n_photographs / 8, 16, 50);
     add(command, {"ExhaustiveMatching.block_size", "ExhaustivePairing.block_size"}, std::to_string(block));
   } else if (!face_params_.empty()) {

@@ -20,19 +20,19 @@ namespace {
 
 namespace fs = std::filesystem;
 
-// How far the poses of faces may differ from that of their panorama: an angle, and as many pixels of parallax.
+// Limits for the deviation of the poses of faces from that of their panorama: an angle, and as many pixels of parallax.
 constexpr double kMostAngle = 3 * kDegree;
 
 std::string face_name(const std::string& panorama, std::size_t face) {
   return panorama + "/" + std::to_string(face) + ".jpg";
 }
 
-/// The pose that a face gives its panorama.
+/// The pose of a panorama derived from one face.
 struct Candidate {
-  std::uint32_t image = 0;  // of the face
+  std::uint32_t image = 0;  // ID of the face
   std::array<double, 4> quat{};
   std::array<double, 3> center{};
-  double weight = 0;  // the number of points that the face sees
+  double weight = 0;  // number of points that the face sees
 };
 
 double dot(const std::array<double, 4>& a, const std::array<double, 4>& b) {
@@ -49,7 +49,7 @@ Candidate candidate_of(const ColmapImage& image, const Camera& face) {
   return {image.id, quaternion_from_rotation(rotation), camera.center(), 0};
 }
 
-/// Those that agree with the one with which most do, by weight.
+/// Returns the candidates that agree with the one that most agree with, by weight.
 std::vector<Candidate> agreeing(const std::vector<Candidate>& candidates, double most_distance) {
   std::vector<Candidate> best;
   double best_weight = -1;
@@ -69,7 +69,7 @@ std::vector<Candidate> agreeing(const std::vector<Candidate>& candidates, double
   return best;
 }
 
-/// Sets the image's pose to the candidates' mean.
+/// Sets the image's pose to the mean of the candidates.
 void set_mean_pose(ColmapImage& image, const std::vector<Candidate>& candidates) {
   std::array<double, 4> quat{};
   std::array<double, 3> center{};
@@ -88,7 +88,8 @@ void set_mean_pose(ColmapImage& image, const std::vector<Candidate>& candidates)
   }
 }
 
-/// Points that two panoramas or more see, with these as tracks. `panorama_of`: by face, of those that count.
+/// Returns points that two or more panoramas see, with these as tracks. `panorama_of` has the panorama of each valid
+/// face.
 std::vector<ColmapPoint> points_of_two(const std::vector<ColmapPoint>& points,
                                        const std::map<std::uint32_t, std::uint32_t>& panorama_of) {
   std::vector<ColmapPoint> result;
@@ -179,7 +180,7 @@ ColmapModel join_faces(const ColmapModel& faces, const CheckedPhotographs& panor
 
   ColmapModel model;
   std::map<int, std::uint32_t> camera_ids;             // by width
-  std::map<std::uint32_t, std::uint32_t> panorama_of;  // that has the face's pose: image IDs
+  std::map<std::uint32_t, std::uint32_t> panorama_of;  // panorama with the pose of the face: image IDs
   for (const auto& [panorama, those] : candidates) {
     const ImageSize size = panoramas.sizes[panorama];
     const auto n_cameras = static_cast<std::uint32_t>(camera_ids.size());
@@ -206,7 +207,7 @@ ColmapModel join_faces(const ColmapModel& faces, const CheckedPhotographs& panor
 std::size_t join_models(const fs::path& from, const fs::path& to, const CheckedPhotographs& panoramas) {
   std::vector<ColmapModel> models;
   std::error_code error;
-  std::set<fs::path> folders;  // in their order, which models of one size keep
+  std::set<fs::path> folders;  // sorted, which decides among models of one size
   for (const fs::directory_entry& entry : fs::directory_iterator(from, error)) folders.insert(entry.path());
   for (const fs::path& folder : folders) {
     if (!colmap_format(folder)) continue;

@@ -51,7 +51,7 @@ std::vector<std::uint8_t> read_file(const fs::path& path) {
   return bytes;
 }
 
-/// The whole file, to see whether it is complete. Larger ones than any camera's are not read.
+/// Reads the whole file to check that it is complete. Files larger than those of any camera are not read.
 std::string damage_of(const fs::path& path) {
   constexpr std::uint64_t kMostBytes = 1 << 29;
   const std::uint64_t bytes = FileReader(path).remaining();
@@ -59,7 +59,7 @@ std::string damage_of(const fs::path& path) {
   return bytes > kMostBytes ? "" : image_damage(read_file(path));
 }
 
-/// Whether place_photographs() need not do anything.
+/// Returns whether place_photographs() has nothing to do.
 bool is_placed(const fs::path& from, const fs::path& to) {
   std::error_code error;
   if (!fs::exists(to, error)) return false;
@@ -74,7 +74,8 @@ bool is_placed(const fs::path& from, const fs::path& to) {
   return difference <= kMostRounding && difference >= -kMostRounding && (has_size || read_exif_orientation(from) != 1);
 }
 
-/// Lets `to` share the blocks of `from` until one of them is changed. False where the file system cannot.
+/// Lets `to` share the blocks of `from` until one of them is changed. Returns false if the file system does not support
+/// this.
 bool clone_file(const fs::path& from, const fs::path& to) {
   const Descriptor source = open_for_reading(from), target(::open(to.c_str(), O_WRONLY | O_CLOEXEC));
   return source && target && ::ioctl(target.fd(), FICLONE, source.fd()) == 0;
@@ -100,7 +101,7 @@ bool copy_photograph(const fs::path& from, const fs::path& to) {
   return upright.has_value();
 }
 
-/// COLMAP removes blanks at both ends of the names in its list, one per line. At the end there is an extension.
+/// COLMAP removes blanks at both ends of the names in its list, one per line. The end is an extension.
 void check_name(const fs::path& folder, const std::string& name) {
   if (!detail::has_control_characters(name) && name[0] != ' ') return;
   input_error((folder / name).string(), ": expected a name without ",
@@ -108,7 +109,8 @@ void check_name(const fs::path& folder, const std::string& name) {
               "; rename this file or folder");
 }
 
-/// Whether a folder below `top` is a link to one on the way to it, or around that, which would be listed again.
+/// Returns whether a folder below `top` is a link to a parent folder or to one that contains `top`, which would be
+/// listed again.
 bool leads_back(const fs::directory_entry& folder, const fs::path& top) {
   std::error_code error;
   if (!folder.is_symlink(error)) return false;
@@ -200,7 +202,7 @@ std::string find_in_the_way(const fs::path& from, const fs::path& to, const std:
     const fs::path target = to / photograph.name;
     const bool is_taken = fs::exists(fs::symlink_status(target, error));
     if (is_taken && !is_placed(from / photograph.name, target)) return photograph.name;
-    // A file where a folder is needed.
+    // Handles a file with the name of a required folder.
     for (fs::path folder = target.parent_path(); folder.native().size() > to.native().size();
          folder = folder.parent_path()) {
       if (fs::exists(fs::symlink_status(folder, error)) && !fs::is_directory(folder, error)) return photograph.name;

@@ -19,7 +19,7 @@ bool contains(const std::string& text, const char* part) {
   return lower_case(text).find(part) != std::string::npos;
 }
 
-/// "E20240131 10:11:12.123456 42 sfm.cc:264] failed to ..." without what stands before the message.
+/// Returns the message of "E20240131 10:11:12.123456 42 sfm.cc:264] failed to ..." without the prefix.
 std::string without_prefix(const std::string& line) {
   const bool has_prefix =
       line.size() > 9 && std::strchr("IWEF", line[0]) != nullptr && line[1] >= '0' && line[1] <= '9';

@@ -14,10 +14,10 @@
 
 namespace b3dgs {
 
-/// A program was ended because `stop` asked for it. Not an error of the user.
+/// Thrown if a program was ended because `stop` requested it. Not an error of the user.
 struct Stopped {};
 
-/// A program that this one runs has failed.
+/// Thrown if a program that this one runs has failed.
 struct ProgramFailed : InputError {
   ProgramFailed(const std::string& message, std::string why) : InputError(message), reason(std::move(why)) {}
   std::string reason;  // its failure_line(), in lower case
@@ -25,15 +25,15 @@ struct ProgramFailed : InputError {
 
 class ProgramLog {
  public:
-  /// Appends to the file, which is the program's own from then on. @throws IoError
+  /// Appends to the file, which belongs to the program from then on. @throws IoError
   ProgramLog(std::filesystem::path file, const std::atomic<int>* stop);
 
-  /// Runs a program with its output in the log; with `on_bytes`, which takes standard output, only that of standard
-  /// error. @throws ProgramFailed: program, reason, log; InputError if it was killed; IoError if the disk is full;
-  /// Stopped; InputError and IoError of run_program_lines()
+  /// Runs a program with its output in the log. With `on_bytes`, which receives standard output, the log has only
+  /// standard error. @throws ProgramFailed: program, reason, log; InputError if it was killed; IoError if the disk is
+  /// full; Stopped; InputError and IoError of run_program_lines()
   void run(const std::vector<std::string>& argv, const OnChildLine& on_line = {}, const OnChildBytes& on_bytes = {});
 
-  /// @throws Stopped if `stop` asks for it
+  /// @throws Stopped if `stop` requests it
   void check_stop() const;
 
  private:
@@ -47,8 +47,8 @@ class ProgramLog {
   std::deque<std::string> last_lines_;
 };
 
-/// The line among a failed program's last lines that says most about why: the last one that speaks of an error, or the
-/// last one that is not empty; without the prefix of a logging library. Empty if there is none.
+/// Returns the most informative of a failed program's last lines: the last one that mentions an error, or the last one
+/// that is not empty, without the prefix of a logging library. Returns "" if there is none.
 std::string failure_line(const std::deque<std::string>& lines);
 
 }  // namespace b3dgs

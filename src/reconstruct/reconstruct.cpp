@@ -25,7 +25,7 @@ namespace {
 namespace fs = std::filesystem;
 using Json = nlohmann::ordered_json;
 
-constexpr double kWarnBelow = 0.8;            // of the photographs registered
+constexpr double kWarnBelow = 0.8;            // share of registered photographs
 constexpr std::size_t kMostExhaustive = 300;  // photographs; pairs grow with the square
 constexpr const char* kHowToPhotograph =
     "photograph again with two thirds of overlap between neighbours, sharp, from many places, with the same zoom";
@@ -61,13 +61,14 @@ class Reconstruction {
     progress_(stage, done, total);
   }
 
-  /// The name of the input in the record: that of an earlier call if it is the same place, whatever it is called now.
+  /// Returns the name of the input for stages.json. An earlier call's name is kept if it is the same path, whatever its
+  /// name now.
   std::string source_name(const char* stage, const char* key) const {
     const std::string earlier = record_.earlier_text(stage, key);
     return !earlier.empty() && is_same_place(earlier, input_.source) ? earlier : input_.source.string();
   }
 
-  /// At its end, also by an exception, what was written at the paths is the program's own.
+  /// Marks files written at the paths as the program's own when it is destroyed, also by an exception.
   struct Recorder {
     ~Recorder() {
       for (const fs::path& path : paths) folder.add(path);
@@ -76,8 +77,8 @@ class Reconstruction {
     std::vector<fs::path> paths;
   };
 
-  /// Runs a program that writes at the paths. Files that were there before and were not the program's own stay the
-  /// user's, such as a database that was changed by hand.
+  /// Runs a program that writes at the paths. Files that existed before and were not the program's own still belong to
+  /// the user, such as a database that was changed by hand.
   void run(const std::vector<std::string>& command, const OnChildLine& on_line, std::vector<fs::path> written) {
     const auto is_users = [&](const fs::path& path) { return folder_.has_others(path); };
     written.erase(std::remove_if(written.begin(), written.end(), is_users), written.end());
@@ -189,7 +190,7 @@ class Reconstruction {
     }
   }
 
-  /// What COLMAP gets instead of panoramas.
+  /// Returns the images that COLMAP gets instead of panoramas.
   CheckedPhotographs cut_faces(const CheckedPhotographs& panoramas) {
     const std::vector<Camera> cameras = panorama_faces(panoramas.sizes);
     const ImageSize size{cameras[0].width, cameras[0].height};
@@ -213,8 +214,8 @@ class Reconstruction {
                   {"groups", Json::array()}};
     for (const CameraGroup& group : groups) settings["groups"].push_back(group.names);
     if (record_.is_done("features", settings, is_there(places_.database))) return;
-    // What an earlier call has done: COLMAP keeps the features that it has, and the other photographs of the group get
-    // the same camera. If COLMAP was ended before it had said which one that is, all begin again.
+    // Continues an earlier call. COLMAP keeps its existing features, and the other photographs of the group get the
+    // same camera. If COLMAP was ended before it had printed this camera, extraction starts again.
     std::size_t first = groups.size();
     std::optional<std::size_t> camera;
     if (record_.was_begun() && is_there(places_.database)) {
@@ -308,7 +309,7 @@ class Reconstruction {
     const std::size_t n_models = is_panoramas_ ? join_models(places_.models, places_.ordered, photographs)
                                                : order_models(places_.models, places_.ordered);
     folder_.add(places_.ordered);
-    if (n_models == 0) {  // some versions of the mapper fail then, and others only say so
+    if (n_models == 0) {  // some versions of the mapper fail then, and others only print it
       const auto says = [&](const char* word) { return failure->reason.find(word) != std::string::npos; };
       if (failure && !says("model") && !says("initial")) throw ProgramFailed(*failure);
       input_error(options_.input, ": too few matches: COLMAP found no two photographs to begin with; ",

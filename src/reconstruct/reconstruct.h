@@ -1,4 +1,4 @@
-// From photographs or a video to a COLMAP scene, by the programs colmap and ffmpeg.
+// Makes a COLMAP scene from photographs or a video, using the programs colmap and ffmpeg.
 #pragma once
 
 #include <atomic>
@@ -19,7 +19,7 @@ struct ReconstructOptions {
   std::string matcher = "auto";
   std::string camera_model = "OPENCV";
   std::string camera_per = "size";
-  int frames = 0;  // of a video; 0: automatic
+  int frames = 0;  // number of frames of a video; 0: automatic
   std::string use_gpu = "auto";
   int threads = 0;  // 0: all cores
   int max_features = 8192;
@@ -52,9 +52,9 @@ void visit_fields(ReconstructOptions& c, Visitor&& field) {
 }
 
 struct ReconstructResult {
-  bool is_stopped = false;        // by `stop`; what is done is kept
-  std::size_t n_photographs = 0;  // that COLMAP was given
-  std::size_t n_registered = 0;   // of them, in the largest model
+  bool is_stopped = false;        // by `stop`; finished work is kept
+  std::size_t n_photographs = 0;  // number given to COLMAP
+  std::size_t n_registered = 0;   // number registered in the largest model
   std::size_t n_models = 0;
   std::size_t n_points = 0;  // of the largest model
   double mean_error = 0;     // px, mean reprojection error of its points
@@ -63,13 +63,12 @@ struct ReconstructResult {
 /// `done` of `total` (0: unknown) of a stage, such as "matching".
 using ReconstructProgress = std::function<void(const std::string& stage, std::size_t done, std::size_t total)>;
 
-/// Makes a scene of the photographs or the video `options.input`: SCENE/images and SCENE/sparse/0, of several models
-/// the largest. COLMAP gets panoramas (camera model EQUIRECTANGULAR) as perspective images, and the scene is one of
-/// panoramas. What an earlier call with the same input and options has done is not done again. If `*stop` becomes
-/// other than 0, the program that runs is ended. `warn` gets one line for each thing to know, such as a photograph that
-/// is left out, also if an error follows.
-/// @throws InputError if the input cannot be used, a program is missing or fails, or too few photographs can be
-/// registered (the models are then kept in SCENE/reconstruct/sparse); IoError
+/// Makes a scene from the photographs or the video `options.input`: SCENE/images and SCENE/sparse/0. If there are
+/// several models, it is the largest. COLMAP gets panoramas (camera model EQUIRECTANGULAR) as perspective images, but
+/// the scene has panoramas. Work of an earlier call with the same input and options is not repeated. If `*stop` becomes
+/// nonzero, the running program is ended. `warn` gets one line for each notable event, such as a photograph that is
+/// left out, also if an error follows. @throws InputError if the input cannot be used, a program is missing or fails,
+/// or too few photographs can be registered (the models are then kept in SCENE/reconstruct/sparse); IoError
 ReconstructResult reconstruct(const ReconstructOptions& options, const ReconstructProgress& progress = {},
                               const std::atomic<int>* stop = nullptr,
                               const std::function<void(const std::string& line)>& warn = {});

@@ -16,7 +16,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-/// Whether `path` lies below `folder`. Both without links.
+/// Returns whether `path` is below `folder`. Both must be without links.
 bool is_inside(const fs::path& path, const fs::path& folder) {
   const fs::path relative = path.lexically_relative(folder);
   return !relative.empty() && *relative.begin() != ".." && relative != ".";
@@ -81,7 +81,7 @@ ReconstructInput check_input(const ReconstructOptions& options, const ScenePlace
   check_colmap_is_installed();
   if (input.is_video) check_ffmpeg_is_installed();
   if (is_stage_record(places.record)) return input;
-  // What was there before the first call is the user's.
+  // Existing files before the first call belong to the user.
   for (const fs::path& folder : {places.sparse / "0", places.sparse, places.root}) {
     if (!colmap_format(folder)) continue;
     input_error(folder.string(), ": there is a COLMAP model already, which `b3dgs train ", shell_quote(options.output),

@@ -13,13 +13,12 @@ namespace b3dgs {
 struct ReconstructInput {
   std::filesystem::path source;  // a folder of photographs, or a video; without links
   bool is_video = false;
-  bool is_in_place = false;             // the photographs are those in SCENE/images
-  std::vector<Photograph> photographs;  // unless it is a video
+  bool is_in_place = false;             // the photographs are already in SCENE/images
+  std::vector<Photograph> photographs;  // empty for a video
 };
 
-/// `warn` gets a line about photographs that are left out.
-/// @throws InputError, with the remedy, if the input or the scene folder cannot be used, or if a program that is needed
-/// is not installed
+/// `warn` gets a line about photographs that are left out. @throws InputError, with the remedy, if the input or the
+/// scene folder cannot be used, or if a required program is not installed
 ReconstructInput check_input(const ReconstructOptions& options, const ScenePlaces& places, const WarnFn& warn);
 
 bool is_there(const std::filesystem::path& path);

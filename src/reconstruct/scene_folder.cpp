@@ -17,12 +17,12 @@ namespace {
 
 namespace fs = std::filesystem;
 
-/// Files of this program that are there only while it writes.
+/// Returns whether this is a file of this program that exists only while it writes.
 bool is_lock_or_temporary(const fs::path& path) {
   return path.filename().string().rfind(".b3dgs-", 0) == 0;
 }
 
-/// All files and links at the path and below it.
+/// Returns all files and links at the path and below it.
 std::vector<fs::path> files_at(const fs::path& path) {
   std::error_code error;
   if (!fs::is_directory(fs::symlink_status(path, error))) {
@@ -88,7 +88,7 @@ SceneFolder::SceneFolder(const ScenePlaces& places, const WarnFn& warn)
 }
 
 SceneFolder::~SceneFolder() {
-  own().add(places_.log, /*is_growing=*/true);  // with its size now: a shorter one is another file
+  own().add(places_.log, /*is_growing=*/true);  // with its current size, because a shorter one is another file
   OwnFiles::set_reporter({});
 }
 
@@ -162,7 +162,7 @@ std::size_t order_models(const fs::path& from, const fs::path& to) {
     try {
       models.emplace_back(count_colmap_images(entry.path()), entry.path());
     } catch (const InputError&) {
-      continue;  // cut off, for example by a full disk; the log has COLMAP's own message
+      continue;  // truncated, for example by a full disk; the log has COLMAP's own message
     }
   }
   std::sort(models.begin(), models.end(),

@@ -1,4 +1,4 @@
-// The scene folder of a reconstruction: what is where, and what in it may be removed.
+// The scene folder of a reconstruction: its paths, and which files in it may be removed.
 #pragma once
 
 #include <cstddef>
@@ -14,46 +14,47 @@ namespace b3dgs {
 
 using WarnFn = std::function<void(const std::string& line)>;
 
-/// Places in the scene folder.
+/// Paths in the scene folder.
 struct ScenePlaces {
   explicit ScenePlaces(const std::filesystem::path& scene);
 
   std::filesystem::path root, images, sparse, log;
   std::filesystem::path work, record, database;
-  std::filesystem::path frames;   // of a video, until all are written
-  std::filesystem::path faces;    // of panoramas
-  std::filesystem::path models;   // as the mapper writes them
-  std::filesystem::path ordered;  // by size, until they are accepted
+  std::filesystem::path frames;   // frames of a video, until all are written
+  std::filesystem::path faces;    // faces of panoramas
+  std::filesystem::path models;   // models written by the mapper
+  std::filesystem::path ordered;  // models by size, until they are accepted
 };
 
-/// @throws InputError if SCENE/reconstruct has files that this program has not written: it may then not be used
+/// @throws InputError if SCENE/reconstruct has files that this program has not written, because then it must not be
+/// used
 void check_work_folder(const ScenePlaces& places);
 
-/// A scene folder in use. Removes and replaces only files that the program has written, as own_files.h records them;
-/// others stay, or are moved aside and named in a warning.
+/// A scene folder in use. Removes and replaces only files that the program has written, according to own_files.h. Other
+/// files stay, or are moved aside and named in a warning.
 class SceneFolder {
  public:
-  /// Locks the folder and makes it if it is missing. @throws InputError if another process holds it; IoError
+  /// Locks the folder and makes it if it is missing. @throws InputError if another process has locked it; IoError
   SceneFolder(const ScenePlaces& places, const WarnFn& warn);
   ~SceneFolder();
   SceneFolder(const SceneFolder&) = delete;
   SceneFolder& operator=(const SceneFolder&) = delete;
 
-  /// Records a file that another program has written, or all files in a folder.
+  /// Registers a file that another program has written, or all files in a folder, as the program's own.
   void add(const std::filesystem::path& path);
 
-  /// Whether there is a file of the user's at the path or below it.
+  /// Returns whether there is a file of the user at the path or below it.
   bool has_others(const std::filesystem::path& path) const;
 
-  /// Makes `path` free: removes what is the program's own, and moves the rest to PATH.previous. @throws IoError
+  /// Makes `path` free. Removes the program's own files, and moves the rest to PATH.previous. @throws IoError
   void clear(const std::filesystem::path& path);
-  /// The same for the database_files(), which stay together.
+  /// Does the same for the database_files(), which stay together.
   void clear_database();
-  /// Moves what is at `path`, if there is something, to PATH.previous. Warns, with `reason` if there is one, and if
-  /// there are files of the user's. @throws IoError
+  /// Moves anything at `path` to PATH.previous. Warns, with `reason` if there is one, and if there are files of the
+  /// user. @throws IoError
   void move_aside(const std::filesystem::path& path, const std::string& reason = "");
 
-  /// What the program has written in the folder.
+  /// Returns the files that the program has written in the folder.
   OwnFiles& own() const;
 
  private:
@@ -62,17 +63,17 @@ class SceneFolder {
   FolderLock lock_;
 };
 
-/// COLMAP's database, and the files beside it with what SQLite has not yet written into it.
+/// Returns COLMAP's database, and the files beside it with data that SQLite has not yet written into it.
 std::vector<std::filesystem::path> database_files(const std::filesystem::path& database);
 
-/// Whether something is at the path, also a link that leads nowhere.
+/// Returns whether the path exists, also as a link that leads nowhere.
 bool is_taken(const std::filesystem::path& path);
 
-/// Whether the folder is there and not empty.
+/// Returns whether the folder exists and is not empty.
 bool holds_files(const std::filesystem::path& folder);
 
-/// Moves the models in `from` to `to`/0, `to`/1, ..., the one with the most registered photographs first. Folders that
-/// hold no readable model stay. @return the number of models
+/// Moves the models in `from` to `to`/0, `to`/1, ..., starting with the one with the most registered photographs.
+/// Folders without a readable model stay. @return the number of models
 std::size_t order_models(const std::filesystem::path& from, const std::filesystem::path& to);
 
 }  // namespace b3dgs

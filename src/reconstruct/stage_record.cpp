@@ -20,7 +20,7 @@ bool is_stage(const Json& json) {
          json.contains("done") && json["done"].is_boolean() && json.contains("notes") && json["notes"].is_object();
 }
 
-/// Nothing if the file is no record of any version.
+/// Returns nothing if the file is not a stages.json of any version.
 std::optional<Json> read_record(const std::filesystem::path& file) {
   Json json = read_json(file);
   if (!json.is_object() || !json.contains("version") || !json["version"].is_number_integer()) return std::nullopt;
@@ -29,7 +29,7 @@ std::optional<Json> read_record(const std::filesystem::path& file) {
 }
 
 /// Earlier versions had a stage for each group of photographs: "features 0", "features 1", ... Adds such a stage to the
-/// one of all groups. False if it is another stage.
+/// one of all groups. Returns false for other stages.
 bool join_groups(Json& stages, const Json& stage) {
   if (stage["stage"].get<std::string>().rfind("features ", 0) != 0 || !stage["settings"].is_object()) return false;
   if (stages.empty() || stages.back()["stage"] != "features") {
@@ -42,7 +42,7 @@ bool join_groups(Json& stages, const Json& stage) {
   if (!all["settings"].is_object() || !all["settings"]["groups"].is_array()) return false;
   if (all["done"] == true && stage["done"] == false) {
     all["done"] = false;
-    all["notes"] = stage["notes"];  // its camera
+    all["notes"] = stage["notes"];  // notes with the group's camera
     all["notes"]["groups"] = all["settings"]["groups"].size();
   }
   all["settings"]["groups"].push_back(stage["settings"].value("photographs", Json()));

@@ -19,10 +19,10 @@ using Json = nlohmann::ordered_json;
 
 constexpr double kFramesPerSecond = 2;
 constexpr std::size_t kLeastFrames = 100, kMostFrames = 300;
-// The system limits a word of a command line to 128 KiB; a frame takes up to 20 bytes of it.
+// The system limits a word of a command line to 128 KiB, and a frame takes up to 20 bytes of it.
 constexpr std::size_t kFramesOfACall = 5000;
 
-/// A value that ffprobe writes as text, such as "10/1" or "5.000000"; 0 if it is missing or unknown ("N/A").
+/// Returns a value that ffprobe writes as text, such as "10/1" or "5.000000"; 0 if it is missing or unknown ("N/A").
 double number_of(const Json& json, const char* key) {
   if (!json.is_object() || !json.contains(key) || !json[key].is_string()) return 0;
   const std::string text = json[key].get<std::string>();
@@ -32,26 +32,27 @@ double number_of(const Json& json, const char* key) {
   return std::isfinite(value) && value > 0 ? value : 0;
 }
 
-/// A number of pixels; 0 if it is missing or impossible.
+/// Returns a number of pixels; 0 if it is missing or impossible.
 int side_of(const Json& json, const char* key) {
   constexpr int kMostPixels = 1 << 16;
   if (!json.is_object() || !json.contains(key) || !json[key].is_number_unsigned()) return 0;
   return json[key].get<std::uint64_t>() <= kMostPixels ? json[key].get<int>() : 0;
 }
 
-/// A path is read as such, also if it begins with '-' or has a colon.
+/// Makes ffmpeg read the argument as a path, also if it begins with '-' or has a colon.
 std::string file_argument(const fs::path& path) {
   return "file:" + fs::absolute(path).string();
 }
 
-// Containers of videos. Playlists are not among them, because they would make ffmpeg read other files.
+// Containers of videos. Playlists are excluded, because they would make ffmpeg read other files.
 constexpr const char* kProtocols = "file,pipe";
 constexpr const char* kContainers =
     "mov,mp4,matroska,webm,avi,mpeg,mpegts,mpegvideo,flv,asf,ogg,mxf,dv,gif,apng,h264,hevc,m4v,mjpeg,ivf,obu,rm,wtv,"
     "nut,"
     "yuv4mpegpipe";
 
-/// Each decoded frame once, whatever the times in the file: some muxers would otherwise repeat or drop frames.
+/// Passes each decoded frame once, regardless of the times in the file. Otherwise some muxers would repeat or drop
+/// frames.
 constexpr const char* kEachFrame = "settb=1/25,setpts=N";
 
 std::vector<std::string> ffmpeg_command(const fs::path& video, const std::string& filter) {
@@ -77,7 +78,7 @@ std::vector<std::string> ffmpeg_command(const fs::path& video, const std::string
 
 std::vector<double> measure_sharpness(const fs::path& video, const VideoInfo& info, ProgramLog& log,
                                       const std::function<void(std::size_t done, std::size_t total)>& progress) {
-  // At full size, noise counts more than edges.
+  // At full size, noise outweighs edges.
   const int width = std::min(960, info.width), height = std::max(1, info.height * width / info.width);
   const std::string filter = detail::concat(kEachFrame, ",scale=", width, ":", height, ":flags=area,format=gray");
   std::vector<std::string> command = ffmpeg_command(video, filter);
@@ -100,15 +101,15 @@ std::vector<double> measure_sharpness(const fs::path& video, const VideoInfo& in
   return values;
 }
 
-/// "(eq(n,1)+(eq(n,5)+eq(n,9)))", which selects the frames from `first` up to `last`. A tree: ffmpeg refuses
-/// expressions that are more than 100 levels deep, and a sum of n terms in a row has n levels.
+/// Returns "(eq(n,1)+(eq(n,5)+eq(n,9)))", which selects the frames from `first` up to `last`. It is a tree, because
+/// ffmpeg rejects expressions more than 100 levels deep, and a plain sum of n terms has n levels.
 std::string selection(const std::size_t* first, const std::size_t* last) {
   if (last - first == 1) return detail::concat("eq(n,", *first, ")");
   const std::size_t* const middle = first + (last - first) / 2;
   return "(" + selection(first, middle) + "+" + selection(middle, last) + ")";
 }
 
-/// A pattern for image2, in which % begins a number.
+/// Returns a pattern for image2, in which % begins a number.
 std::string frame_pattern(const fs::path& folder) {
   std::string pattern;
   for (const char c : folder.string()) pattern += c == '%' ? "%%" : std::string(1, c);
@@ -138,7 +139,7 @@ VideoInfo read_video_info(const fs::path& video, ProgramLog& log) {
   } catch (const InputError& error) {
     input_error(fault, "; ", error.what());
   }
-  // Warnings about the file may come before and after.
+  // There may be warnings about the file before and after.
   const std::size_t begin = text.find('{'), end = text.rfind('}');
   const Json json = begin < end && end != std::string::npos ? parse_json(text.substr(begin, end - begin + 1)) : Json();
   const Json stream = json.is_object() ? json.value(Json::json_pointer("/streams/0"), Json()) : Json();
@@ -200,7 +201,7 @@ std::vector<std::string> extract_frames(
     const std::size_t* const first = chosen.data() + begin;
     std::vector<std::string> command =
         ffmpeg_command(video, "select='" + selection(first, first + count) + "'," + kEachFrame);
-    // After its last frame, ffmpeg need not decode the rest.
+    // ffmpeg need not decode frames after the last selected one.
     command.insert(command.end(),
                    {"-frames:v", std::to_string(count), "-f", "image2", "-start_number", std::to_string(begin + 1),
                     "-q:v", "1", "-qmin", "1", frame_pattern(fs::absolute(folder))});
