@@ -7,10 +7,10 @@
 //   histograms: {title, x_label, item, panels: [{name, counts}]}: bin 0 is the value 0, bin k 2^(k-1) to 2^k - 1
 //   scatter:    {title, x_label, y_label, size_label, dots: [{name, color, x, y, low, high, size}]}: areas stand for
 //               sizes; the dashed line joins dots that no other one beats in both (less x, more y)
-// Each is a function that draws it (kKinds) and one that lists its values (kValues).
+// Each kind has a function that draws it (kKinds) and one that lists its values (kValues).
 const Charts = (() => {
   const kLeft = 58, kBottom = 38, kRight = 14;  // px around the plot
-  const specs = new Map();  // of the elements that hold a chart: {kind, spec}
+  const specs = new Map();  // charts by element: {kind, spec}
 
   const make = (name) => document.createElementNS("http://www.w3.org/2000/svg", name);
 
@@ -29,7 +29,7 @@ const Charts = (() => {
   pen.font = `12px ${getComputedStyle(document.documentElement).fontFamily}`;  // as in style.css
   const text_width = (text) => pen.measureText(text).width;
   const name_width = (name) => 16 + text_width(name);  // with its mark
-  const kNarrow = 560;  // px, as in style.css: here, names are in a legend
+  const kNarrow = 560;  // px, as in style.css; below this width, names are in a legend
   const sum = (values) => values.reduce((total, value) => total + value, 0);
 
   /// Maps [low, high], widened by a margin and to 0 if `from_zero`, to pixels.
@@ -57,7 +57,7 @@ const Charts = (() => {
     return Object.assign(at, {low, high, log});
   }
 
-  /// About n round numbers on a scale, at least `min_step` apart.
+  /// Returns about n round numbers on a scale, at least `min_step` apart.
   function ticks({low, high, log}, n, min_step = 0) {
     const found = [];
     if (log) {
@@ -97,7 +97,7 @@ const Charts = (() => {
     draw(svg, "text", {x: right, y: bottom + 33, class: "axis end"}, x_label);
   }
 
-  /// A text that has `room` px: one that is longer is cut, and its tooltip has all of it.
+  /// Draws a text in `room` px. A longer text is cut, and its tooltip has all of it.
   function draw_short(svg, text, room, attributes) {
     let short = text;
     while (short.length > 2 && text_width(short) > room) short = `${short.slice(0, -2)}…`;
@@ -105,13 +105,13 @@ const Charts = (() => {
     if (short !== text) draw(made, "title", {}, text);
   }
 
-  /// A name beside a mark of its colour.
+  /// Draws a name beside a mark of its colour.
   function draw_name(svg, {name, color, opacity = 1}, x, y, room) {
     draw(svg, "rect", {x, y: y - 9, width: 11, height: 11, class: `c${color % 10}`, "fill-opacity": String(opacity)});
     draw_short(svg, name, room - 16, {x: x + 16, y, class: "name"});
   }
 
-  /// Names with colours in lines of `width`; returns the height.
+  /// Draws names with colours in lines of `width`. Returns the height.
   function legend(svg, entries, width) {
     let x = 0, y = 12;
     for (const entry of entries) {
@@ -123,7 +123,7 @@ const Charts = (() => {
     return entries.length > 0 ? y + 10 : 4;
   }
 
-  /// Means of at most 300 groups; the first and the last point stay.
+  /// Returns the means of at most 300 groups. The first and the last point do not change.
   function thinned(points) {
     if (points.length <= 300) return points;
     const inner = points.slice(1, -1), groups = [];
@@ -156,7 +156,7 @@ const Charts = (() => {
     const x = plain_scale(spec.small ? Math.min(...xs) : 0, Math.max(1, ...xs), left, right);
     let y = scale(ys, bottom, top, {log: spec.log, from_zero: spec.from_zero !== false});
     if (spec.small) {
-      // A first loss may tower over all others.
+      // A first loss may be far above all others.
       const sorted = [...ys].sort((a, b) => a - b), high = sorted[Math.ceil(0.99 * (sorted.length - 1))];
       const room = Math.max(0, 0.02 * Math.abs(high) - (high - sorted[0])) / 2;
       const fit = plain_scale(sorted[0] - room, high + room, bottom, top);
@@ -180,7 +180,7 @@ const Charts = (() => {
       if (!markers && points.length > 1) continue;
       for (const [px, py] of points) draw(svg, "circle", {class: `c${color % 10}`, cx: x(px), cy: y(py), r: 3});
     }
-    events.forEach((event, i) => {  // at the bottom, where curves rarely are
+    events.forEach((event, i) => {  // at the bottom, where there are rarely curves
       const fits = x(event.x) + 6 + text_width(event.label) < right;
       const at = {x: x(event.x) + (fits ? 5 : -5), y: bottom - 8 - 14 * (i % 4)};
       draw(svg, "text", {...at, class: fits ? "note" : "note end"}, event.label);
@@ -196,7 +196,7 @@ const Charts = (() => {
     return bottom + (spec.small ? 4 : kBottom);
   }
 
-  /// Names at the ends of the curves, moved apart where they would overlap.
+  /// Draws names at the ends of the curves, moved apart to avoid overlap.
   function label_ends(svg, series, y, right, bottom) {
     const labels = series.filter((own) => own.points.length > 0)
                        .map((own) => ({own, at: y(own.points[own.points.length - 1][1])})).sort((a, b) => a.at - b.at);
@@ -327,7 +327,7 @@ const Charts = (() => {
   const hover = element("div", {class: "hover"});
   hover.hidden = true;
 
-  /// Draws charts again whose width has changed. What scrolls can be reached with the keyboard.
+  /// Redraws charts whose width has changed. Makes scrollable elements reachable with the keyboard.
   function fit() {
     for (const own of document.querySelectorAll(".scroll")) {
       own.tabIndex = own.scrollWidth > own.clientWidth || own.scrollHeight > own.clientHeight ? 0 : -1;
@@ -340,13 +340,13 @@ const Charts = (() => {
   window.addEventListener("resize", fit);
   document.addEventListener("toggle", fit, true);  // a section was unfolded
 
-  /// Draws a chart in an element, or draws it again with other values.
+  /// Draws a chart in an element, or redraws it with other values.
   function show(holder, kind, spec) {
     specs.set(holder, {kind, spec});
     redraw(holder);
   }
 
-  /// Head and rows of texts: the values of a chart.
+  /// Functions that return the head and rows of the table of a chart's values.
   const kValues = {
     lines: (spec) => {
       const columns = spec.columns || spec.series, kMost = 40;
@@ -370,7 +370,7 @@ const Charts = (() => {
         [dot.name, dot.x.toFixed(2), dot.y.toFixed(2), count_text(dot.size)])],
   };
 
-  /// A chart with its caption, and a table of its values to unfold.
+  /// Returns a chart with its caption, and a table of its values to unfold.
   function figure(kind, spec, caption) {
     const holder = element("div", {class: "holder"}), [head, rows] = kValues[kind](spec);
     const made = element("figure", {}, holder, element("figcaption", {}, caption),

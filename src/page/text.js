@@ -1,8 +1,8 @@
-// Numbers as text, and HTML elements. Texts become text nodes, so that none is read as HTML.
+// Numbers as text, and HTML elements. Texts become text nodes, so they are never parsed as HTML.
 
 const count_text = (n) => Math.round(n).toLocaleString("en-US");
 
-/// With three significant digits.
+/// Formats a number with three significant digits.
 function figure_text(value) {
   const size = Math.abs(value);
   if (size >= 1e7) return `${(value / 1e6).toFixed(1)} M`;
@@ -20,8 +20,8 @@ function element(name, attributes = {}, ...content) {
   return made;
 }
 
-/// A table of texts; the first of a row names it. `head` may be empty. Words are aligned to the left, figures to the
-/// right.
+/// Returns a table of texts. The first of a row names it. `head` may be empty. Words are aligned to the left, figures
+/// to the right.
 function table(head, rows, {words = false, marked = -1} = {}) {
   const row = (scope, texts) => element("tr", {}, ...texts.map((text, i) =>
       (scope === "row" && i > 0 ? element("td", {}, text) : element("th", {scope}, text))));
