@@ -15,7 +15,7 @@ namespace {
 
 constexpr std::chrono::seconds kGone{5};
 
-/// The name without the port: "[::1]:8080" -> "[::1]".
+/// Returns the name without the port: "[::1]:8080" -> "[::1]".
 std::string without_port(const std::string& host) {
   if (!host.empty() && host[0] == '[') return host.substr(0, host.find(']') + 1);
   return host.substr(0, host.find(':'));

@@ -1,4 +1,4 @@
-// Who may use the server: the holder of a random token, at an address that no other site's name can stand for.
+// Access to the server, which needs a random token and an address that the name of another site cannot imitate.
 #pragma once
 
 #include <chrono>
@@ -9,24 +9,24 @@
 
 namespace b3dgs {
 
-/// 128 random bits from the system, as 32 hexadecimal digits. @throws IoError
+/// Returns 128 random bits from the system, as 32 hexadecimal digits. @throws IoError
 std::string make_token();
 
-/// Compares without telling by its duration where two strings of equal length differ.
+/// Compares strings. For equal lengths, the duration does not reveal where they differ.
 bool equal_in_constant_time(const std::string& a, const std::string& b);
 
-/// Whether the Host header of a request names this server by an address: 127.0.0.1, [::1], localhost, or, if the server
-/// listens on another address, any numeric one. A name may be one that another site has pointed here (DNS rebinding).
-/// The port may be any, since a tunnel changes it.
+/// Returns whether the Host header of a request names this server by an address: 127.0.0.1, [::1], localhost, or, if
+/// the server listens on another address, any numeric one. A name is not accepted, because another site may have
+/// pointed it here (DNS rebinding). Any port is accepted, because a tunnel changes it.
 bool is_own_host(const std::string& host, const std::string& listens_on);
 
-/// Whether the Origin header of a request, if it has one, is that of the page itself.
+/// Returns whether the Origin header of a request, if it has one, is that of the page itself.
 bool is_own_origin(const std::string& origin, const std::string& host);
 
-/// Whether an address reaches this machine only: 127.0.0.0/8, ::1, localhost.
+/// Returns whether an address is reachable only from this machine: 127.0.0.0/8, ::1, localhost.
 bool is_loopback(const std::string& address);
 
-/// How many browsers may look at the same time, and that each has one picture in work.
+/// Limits the number of browsers at the same time, and renders one picture at a time for each.
 class ClientLimit {
  public:
   using Clock = std::chrono::steady_clock;
@@ -38,9 +38,9 @@ class ClientLimit {
   /// Returns false if the client has a picture in work already, or too many others have one.
   bool begin_picture(const std::string& client);
   void end_picture(const std::string& client);
-  /// Notes whether a client waits to be told of the end.
+  /// Registers whether a client waits for the end of the training.
   void set_waiting(const std::string& client, bool is_waiting);
-  /// Whether a client waits that has asked for something since then.
+  /// Returns whether a client waits that has sent a request since then.
   bool has_waiting(Clock::time_point since);
 
  private:

@@ -1,4 +1,5 @@
-// What the server shows: a model at rest or one in training. Without LibTorch, so that the server can be tested alone.
+// The source of the server's frames: a finished model or one in training. Without LibTorch, so that the server can be
+// tested alone.
 #pragma once
 
 #include <array>
@@ -23,7 +24,7 @@ namespace b3dgs {
 
 enum class FrameMode { kRender, kDifference, kDepth, kAlpha, kLoad };
 
-/// What a browser asks for: a picture of the Gaussians from a camera.
+/// A browser's request for a picture of the Gaussians from a camera.
 struct FrameRequest {
   Camera camera;
   int view = -1;  // index in ViewedScene::views whose camera this is; -1: none
@@ -42,7 +43,7 @@ struct Frame {
   std::string legend;  // one line that says what the colours mean; empty for kRender
 };
 
-/// The frame cannot be made now; the same request may succeed later.
+/// Thrown if the frame cannot be rendered now. The same request may succeed later.
 class BusyError : public Error {
  public:
   using Error::Error;
@@ -56,12 +57,12 @@ struct ViewedCamera {
   bool has_photograph = false;
 };
 
-/// What does not change while the page is open.
+/// Data that does not change while the page is open.
 struct ViewedScene {
   std::string title;
   std::vector<ViewedCamera> views;
-  std::array<double, 3> center{};  // of what there is to see
-  double radius = 1;               // about it
+  std::array<double, 3> center{};  // centre of the visible region
+  double radius = 1;               // its approximate radius
   bool is_training = false;
   CoordinateFrame frame{};  // of cameras and centre; files have world coordinates
 };
@@ -84,7 +85,7 @@ struct ViewState {
   std::string kernel;       // forward kernel in use
   std::string activity;     // such as "training", "paused", "finished", "stopped", "failed"
   std::string notice;       // one line about the last command, an error or what to do next; may be empty
-  bool is_warning = false;  // the notice
+  bool is_warning = false;  // whether the notice is a warning
   double iterations_per_second = 0;
   std::optional<double> eta_s;
   bool is_paused = false, has_ended = false;
@@ -100,36 +101,36 @@ class FrameSource {
   virtual ~FrameSource() = default;
 
   virtual const ViewedScene& scene() const = 0;
-  /// The curve holds points of iterations above `since` only.
+  /// Returns the state. The curve has only points of iterations above `since`.
   virtual ViewState state(int since) const = 0;
   /// Waits until the frame has been rendered. @throws BusyError if that takes too long, or the program is about to end
   virtual Frame render(const FrameRequest& request) = 0;
-  /// The photograph of a view that has one, resized. @throws InputError if it cannot be read
+  /// Returns the resized photograph of a view that has one. @throws InputError if it cannot be read
   virtual Image8 photograph(int view, ImageSize size) const = 0;
-  /// @throws InputError if there is no training to command
+  /// @throws InputError if there is no training
   virtual void command(ViewCommand command) = 0;
-  /// Whether the program was asked to end.
+  /// Returns whether the program was asked to end.
   virtual bool is_stopped() const { return false; }
-  /// There are no more frames: render() throws from now on, also where it waits. Does not throw.
+  /// Ends the frames. From now on, render() throws, also while it waits. Does not throw.
   virtual void close() = 0;
 };
 
-// Hands frame requests from the server's threads to the one thread that may render.
+// Passes frame requests from the server's threads to the one thread that may render.
 
 class FrameQueue {
  public:
-  /// Waits for the frame. @throws BusyError if nobody has begun it after `patience`, or the queue is closed; what the
-  /// renderer has thrown
+  /// Waits for the frame. @throws BusyError if nobody has begun it after `patience`, or the queue is closed; errors
+  /// from the renderer
   Frame ask(const FrameRequest& request, std::chrono::milliseconds patience);
 
-  /// Whether a request waits. Cheap enough to be asked after every step of a training.
+  /// Returns whether a request waits. Cheap enough to call after every step of a training.
   bool has_request() const;
 
-  /// Answers the oldest request, after waiting for one for at most `wait`. Exceptions go to the one who asked. Returns
-  /// whether there was one.
+  /// Answers the oldest request, after waiting at most `wait` for one. Exceptions are passed to the requesting thread.
+  /// Returns whether there was a request.
   bool serve(const std::function<Frame(const FrameRequest&)>& render, std::chrono::milliseconds wait);
 
-  /// Ends waiting in ask() and serve(), now and from now on.
+  /// Ends waiting in ask() and serve(), now and in the future.
   void close();
 
  private:

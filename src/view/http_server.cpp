@@ -1,5 +1,5 @@
-// On libmicrohttpd. One thread runs its event loop, which alone knows the connections; slow answers are made on others
-// while their connections are suspended.
+// Based on libmicrohttpd. One thread runs its event loop and is the only one that uses connections. Other threads
+// compute slow answers while their connections are suspended.
 #include "view/http_server.h"
 
 #include <microhttpd.h>
@@ -32,12 +32,12 @@ constexpr milliseconds kLongestWait{1000};
 
 struct Peer {
   int socket = -1;
-  Clock::time_point deadline;  // at which it is cut
-  bool is_allowed = false;     // a request of it was
+  Clock::time_point deadline;  // after this, it is cut
+  bool is_allowed = false;     // one of its requests was allowed
   bool is_cut = false;
 };
 
-/// A request on its way through the server.
+/// A request that is being processed.
 struct Exchange {
   HttpRequest request;
   std::optional<HttpResponse> response;
@@ -62,7 +62,7 @@ HttpRequest::Fields fields_of(MHD_Connection* connection, MHD_ValueKind kind, bo
   return std::move(collected.fields);
 }
 
-/// A number that is not one counts as too large.
+/// Compares a number. Text that is not a number counts as too large.
 bool is_larger(const std::string& length, std::size_t limit) {
   if (length.empty()) return false;
   const bool is_number = std::all_of(length.begin(), length.end(), [](char c) { return c >= '0' && c <= '9'; });
@@ -86,7 +86,7 @@ MHD_Result send(MHD_Connection* connection, const HttpResponse& response, bool c
 struct HttpServer::Impl {
   Impl(HttpHandler& handler, const HttpLimits& limits) : handler(handler), limits(limits) {}
 
-  /// Returns the port, or nothing if the address cannot be used. A port that another server uses is not shared.
+  /// Returns the port, or nothing if the address cannot be used. Does not share a port with another server.
   std::optional<int> start(const addrinfo& address) {
     const unsigned ip = address.ai_family == AF_INET6 ? MHD_USE_DUAL_STACK : 0;
     daemon = MHD_start_daemon(
@@ -112,7 +112,7 @@ struct HttpServer::Impl {
     }
     waiting_changed.notify_all();
     for (std::thread& worker : workers) worker.join();
-    MHD_stop_daemon(daemon);  // aborts if a connection is suspended: the workers have resumed all that the loop has not
+    MHD_stop_daemon(daemon);  // aborts if a connection is suspended; the workers have resumed all that the loop has not
   }
 
   void run() {
@@ -120,7 +120,8 @@ struct HttpServer::Impl {
       const Clock::time_point now = Clock::now();
       poll_files(now);
       MHD_run(daemon);
-      // What was late before that is late: what has come meanwhile was read, however long this thread had to wait.
+      // Decides with the time before this wait. Data that arrived meanwhile was read, however long this thread had to
+      // wait.
       for (Peer& peer : peers) {
         if (peer.deadline <= now) cut(peer);
       }
@@ -141,14 +142,14 @@ struct HttpServer::Impl {
     if (files[1].revents != 0) waker.reset();
   }
 
-  /// Ends a connection, whatever it is doing: the loop finds it closed. The socket itself stays the library's.
+  /// Ends a connection in any state. The loop finds it closed. The socket itself still belongs to the library.
   static void cut(Peer& peer) {
     if (!peer.is_cut) shutdown(peer.socket, SHUT_RDWR);
     peer.is_cut = true;
   }
 
-  /// Makes room for those to come: the oldest that was never allowed anything goes first, and the newest if there is
-  /// none.
+  /// Makes space for new connections. Closes the oldest one without an allowed request or, if there is none, the
+  /// newest.
   void make_room() {
     const auto n_open = std::count_if(peers.begin(), peers.end(), [](const Peer& peer) { return !peer.is_cut; });
     if (static_cast<std::size_t>(n_open) <= limits.connections * 3 / 4) return;
@@ -244,7 +245,7 @@ struct HttpServer::Impl {
     return refused;
   }
 
-  /// Makes slow answers. Those that wait when the server ends are not begun.
+  /// Computes slow answers. Those that wait when the server ends are not begun.
   void work() {
     std::unique_lock<std::mutex> lock(mutex);
     for (;;) {
@@ -256,7 +257,7 @@ struct HttpServer::Impl {
       exchange->response =
           is_ending ? text_response(503, "the program is about to end") : handler.answer(exchange->request);
       MHD_resume_connection(connection);
-      waker.wake();  // the library ends no wait when a connection is resumed
+      waker.wake();  // the library does not end a wait when a connection is resumed
       lock.lock();
     }
   }
@@ -266,14 +267,14 @@ struct HttpServer::Impl {
   Waker waker;
   MHD_Daemon* daemon = nullptr;
   int events = -1;        // readable when the library has something to do
-  std::list<Peer> peers;  // oldest first; of the loop
+  std::list<Peer> peers;  // oldest first; only for the loop
   std::thread loop;
   std::vector<std::thread> workers;
-  std::mutex mutex;  // of `waiting` and `has_ended`
+  std::mutex mutex;  // protects `waiting` and `has_ended`
   std::condition_variable waiting_changed;
   std::deque<std::pair<MHD_Connection*, Exchange*>> waiting;
   std::atomic<bool> is_ending{false};
-  bool has_ended = false;  // the loop
+  bool has_ended = false;  // the loop has ended
 };
 
 HttpServer::HttpServer(HttpHandler& handler, const HttpLimits& limits)

@@ -1,4 +1,4 @@
-// In place of http_server.cpp where libmicrohttpd was not found.
+// Replaces http_server.cpp if libmicrohttpd was not found.
 #include "core/check.h"
 #include "view/http_server.h"
 

@@ -16,7 +16,7 @@ namespace {
 using Json = nlohmann::ordered_json;
 
 constexpr const char* kModes[] = {"render", "difference", "depth", "alpha", "load"};  // in the order of FrameMode
-constexpr const char* kCommands[] = {"pause", "resume", "save", "stop"};              // in that of ViewCommand
+constexpr const char* kCommands[] = {"pause", "resume", "save", "stop"};              // in the order of ViewCommand
 constexpr int kMinSide = 16, kMaxSide = 16384;                                        // px
 constexpr double kMaxCoordinate = 1e9;                                                // world units
 
@@ -53,7 +53,7 @@ ImageSize check_size(ImageSize size) {
   return size;
 }
 
-/// The index of a word among those allowed. @throws InputError naming `what` and all words
+/// Returns the index of a word among the allowed ones. @throws InputError naming `what` and all words
 template <std::size_t n>
 int choice(const Json& json, const char* what, const char* const (&words)[n]) {
   const auto found = std::find(std::begin(words), std::end(words), json);

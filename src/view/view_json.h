@@ -1,4 +1,4 @@
-// The server's JSON: what the page asks for, checked, and what it is told.
+// The server's JSON: parsing and checking of the page's requests, and the answers.
 #pragma once
 
 #include <nlohmann/json.hpp>
@@ -20,22 +20,22 @@ inline constexpr std::int64_t kMaxFramePixels = 4'000'000;
 /// @throws InputError, one line, for anything that is missing, not finite or out of range
 FrameRequest parse_frame_request(const std::string& body, const ViewedScene& scene);
 
-/// The request of POST /command: {"command": "pause" | "resume" | "save" | "stop"}. @throws InputError
+/// Parses the request of POST /command: {"command": "pause" | "resume" | "save" | "stop"}. @throws InputError
 ViewCommand parse_command(const std::string& body);
 
 /// Returns the largest size of the view's aspect ratio within a size, also above that of the view if `may_enlarge`.
 /// @throws InputError if the size is out of range
 ImageSize fit_view(const ViewedScene& scene, int view, ImageSize within, bool may_enlarge);
 
-/// A whole number. @throws InputError naming `what`
+/// Parses an integer. @throws InputError naming `what`
 int parse_whole_number(const std::string& text, const std::string& what);
 
 nlohmann::ordered_json cameras_json(const ViewedScene& scene);
 nlohmann::ordered_json state_json(const ViewState& state);
-/// The header X-Frame: what is known of a frame.
+/// Returns the header X-Frame, with data about a frame.
 nlohmann::ordered_json frame_json(const Frame& frame);
 
-/// `json` on one line of valid UTF-8, whatever names of files hold.
+/// Returns `json` on one line of valid UTF-8, for any names of files.
 std::string json_text(const nlohmann::ordered_json& json);
 
 }  // namespace b3dgs

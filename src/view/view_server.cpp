@@ -15,8 +15,8 @@
 
 namespace b3dgs {
 
-/// HTML with style and script inside, which CMake makes of page/. "@NONCE@" stands where each answer has a random value
-/// of its own.
+/// HTML with style and script inside, which CMake builds from page/. Each answer replaces "@NONCE@" by a new random
+/// value.
 extern const char* const kViewPage;
 
 namespace {
@@ -42,7 +42,7 @@ HttpResponse page() {
   return {200, "text/html; charset=utf-8", text, {{kPolicy, policy}}};
 }
 
-/// Each open page has a name of its own.
+/// Returns the name of an open page, which is unique.
 std::string client_of(const HttpRequest& request) {
   return request.header("x-client").substr(0, 32);
 }
@@ -51,12 +51,12 @@ bool is_any_address(const std::string& address) {
   return address == "0.0.0.0" || address == "::";
 }
 
-/// "[::1]" for "::1", as URLs need it.
+/// Returns "[::1]" for "::1", as URLs need it.
 std::string in_url(const std::string& address) {
   return address.find(':') != std::string::npos ? "[" + address + "]" : address;
 }
 
-/// An IPv4 address by which other machines may reach this one; empty if there is none.
+/// Returns an IPv4 address at which other machines may reach this one, or "" if there is none.
 std::string address_of_this_machine() {
   ifaddrs* all = nullptr;
   if (::getifaddrs(&all) != 0) return "";
@@ -92,7 +92,7 @@ ViewServer::~ViewServer() {
   const auto has_waiting = [&] { return clients_.has_waiting(start - std::chrono::seconds(3)); };
   for (bool waits = has_waiting(); waits && Clock::now() < give_up && source_.is_stopped() == was_stopped;) {
     waits = has_waiting();
-    std::this_thread::sleep_for(std::chrono::milliseconds(100));  // also after the last one, whose answer is on its way
+    std::this_thread::sleep_for(std::chrono::milliseconds(100));  // also after the last one, so that its answer arrives
   }
 }
 

@@ -1,4 +1,4 @@
-// The web server of the live view: one page, and what it asks for. Without LibTorch.
+// The web server of the live view: one page, and its requests. Without LibTorch.
 //
 //   GET  /                           the page
 //   GET  /cameras                    title and cameras of the scene
@@ -30,10 +30,10 @@ inline constexpr std::size_t kMaxViewClients = 4;
 
 class ViewServer final : private HttpHandler {
  public:
-  /// Listens and answers on threads of its own until it is destroyed, which closes `source`. If that was a training,
-  /// waits at most 2.5 s for the pages that follow it to ask how it ended, or until FrameSource::is_stopped(); else for
-  /// no client. `source` must outlive it.
-  /// @throws InputError if the address or port cannot be used
+  /// Listens and answers on its own threads until it is destroyed, which closes `source`. If that was a training, the
+  /// destructor waits at most 2.5 s for the pages that follow it to ask for its end, or until
+  /// FrameSource::is_stopped(). Otherwise it waits for no client. `source` must outlive it. @throws InputError if the
+  /// address or port cannot be used
   ViewServer(FrameSource& source, const ViewServerOptions& options);
   ~ViewServer() override;
   ViewServer(const ViewServer&) = delete;
@@ -41,13 +41,13 @@ class ViewServer final : private HttpHandler {
 
   int port() const { return port_; }
   const std::string& token() const { return token_; }
-  /// "http://127.0.0.1:8080/?token=..."
+  /// Returns "http://127.0.0.1:8080/?token=..."
   std::string url() const;
-  /// What to tell the user: the URL, and how to reach it from elsewhere; a line each.
+  /// Returns lines for the user: the URL, and how to reach it from elsewhere.
   std::string instructions() const;
 
  private:
-  /// Refuses a request that is not from the page of the one who was given the URL.
+  /// Rejects requests that do not come from the page of the user who has the URL.
   std::optional<HttpResponse> refuse(const HttpRequest& request) override;
   bool is_slow(const HttpRequest& request) const override;
   HttpResponse answer(const HttpRequest& request) override;
@@ -55,7 +55,7 @@ class ViewServer final : private HttpHandler {
 
   void listen(const std::optional<int>& wanted);
   HttpResponse route(const HttpRequest& request);
-  /// A picture costs time and memory, so a page has at most one in work.
+  /// Pictures cost time and memory, so each page has at most one in progress.
   HttpResponse one_at_a_time(const HttpRequest& request, HttpResponse (ViewServer::*picture)(const HttpRequest&));
   HttpResponse frame(const HttpRequest& request);
   HttpResponse photograph(const HttpRequest& request);
@@ -65,7 +65,7 @@ class ViewServer final : private HttpHandler {
   const std::string token_ = make_token();
   int port_ = 0;
   ClientLimit clients_{kMaxViewClients};
-  HttpServer server_{*this, HttpLimits()};  // the last, so that its threads end first
+  HttpServer server_{*this, HttpLimits()};  // the last member, so that its threads end first
 };
 
 }  // namespace b3dgs

@@ -1,16 +1,16 @@
-// The camera that the page moves: position, axes, field of view, and the point that it turns about.
+// The camera that the page moves: position, axes, field of view, and the pivot that it orbits.
 class PageCamera {
   constructor() {
     this.position = [0, 0, 0];
     this.axes = [[1, 0, 0], [0, 1, 0], [0, 0, 1]];
     this.fov = 50;  // vertical, degrees
-    this.distance = 1;  // of the pivot, ahead
+    this.distance = 1;  // to the pivot in front of the camera
     this.up = [0, -1, 0];  // of the world
     this.center = [0, 0, 0];
     this.radius = 1;
   }
 
-  /// A start for a scene: its first camera or, without cameras, a look at its centre.
+  /// Sets the initial camera for a scene: its first camera or, without cameras, a view of its centre.
   begin(scene) {
     this.center = scene.center;
     this.radius = scene.radius;
@@ -34,7 +34,7 @@ class PageCamera {
     return {position: column(3), axes: [column(0), column(1), column(2)], fov: view.fov};
   }
 
-  /// The point nearest to all optical axes; null where these are parallel.
+  /// Returns the point nearest to all optical axes; null if these are parallel.
   static meeting_point(cameras) {
     const a = [[0, 0, 0], [0, 0, 0], [0, 0, 0]], b = [0, 0, 0];
     for (const {position, axes} of cameras) {
@@ -61,8 +61,8 @@ class PageCamera {
 
   pivot() { return sub(this.position, mul(this.axes[2], this.distance)); }
 
-  /// The picture follows a drag by these angles (rad), to the right and down. Orbit turns about the pivot, fly about
-  /// the camera.
+  /// Rotates so that the picture follows a drag by these angles (rad), to the right and down. Orbit turns about the
+  /// pivot, fly about the camera.
   turn(right, down, way) {
     const pivot = this.pivot();
     const sign = way === "orbit" ? -1 : 1;
@@ -70,13 +70,13 @@ class PageCamera {
     let axes = this.axes.map((v) => turned(v, axis, sign * right));
     const tilt = sign * down;
     const tilted = axes.map((v) => turned(v, axes[0], tilt));
-    const steep = Math.abs(dot(tilted[2], this.up));  // not over the poles, where up would flip
+    const steep = Math.abs(dot(tilted[2], this.up));  // not across the poles, where up would flip
     if (steep < 0.995 || steep < Math.abs(dot(axes[2], this.up))) axes = tilted;
     this.axes = straightened(axes);
     if (way === "orbit") this.position = add(pivot, mul(this.axes[2], this.distance));
   }
 
-  /// World units along the camera's axes.
+  /// Moves by world units along the camera's axes.
   move(right, up, forward) {
     const farthest = Math.max(100 * this.radius, norm(sub(this.position, this.center)));
     this.position = add(this.position, add(add(mul(this.axes[0], right), mul(this.axes[1], up)),
@@ -85,7 +85,7 @@ class PageCamera {
     if (norm(away) > farthest) this.position = add(this.center, mul(unit(away), farthest));
   }
 
-  /// Approaches the pivot; factor below 1. Flying, moves ahead instead.
+  /// Approaches the pivot by a factor below 1. In fly mode, moves forward instead.
   approach(factor, way) {
     if (way === "fly") return this.move(0, 0, (1 - factor) * this.distance);
     const pivot = this.pivot();

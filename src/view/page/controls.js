@@ -1,5 +1,5 @@
-// What moves the camera and chooses what is shown: the panel, mouse, touch and keys on the picture, and a path that is
-// played. The page's state is in page.js.
+// Controls that move the camera and choose the display: the panel, mouse, touch and keys on the picture, and playback
+// of a path. The page's state is in page.js.
 
 // --- The panel
 
@@ -45,7 +45,7 @@ function jump(index) {
   select_view(to);
 }
 
-/// The view that the page begins with.
+/// Restores the initial view of the page.
 function reset_view() {
   play(false);
   camera.begin(scene);
@@ -63,7 +63,7 @@ function key_seconds() {
   return Number.isNaN(seconds) ? 2 : Math.min(60, Math.max(0.1, seconds));
 }
 
-/// Begins to play the path, or ends it.
+/// Starts or stops playback of the path.
 function play(is_on) {
   playing = is_on ? {start: performance.now(), between: key_seconds()} : null;
   $("path_play").textContent = is_on ? "Stop" : "Play";
@@ -198,7 +198,7 @@ function listen_to_keys() {
   window.addEventListener("blur", () => held_keys.clear());
 }
 
-/// What moves by itself: held keys, and a path that is played.
+/// Continues movements: pressed keys, and playback of a path.
 function move_on(now, before) {
   const seconds = Math.min(0.1, (now - before) / 1000);
   for (const key of held_keys) {

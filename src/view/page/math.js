@@ -1,4 +1,4 @@
-// Vectors are arrays of 3, rotations are three column vectors [right, up, back] (OpenGL's camera axes in the world).
+// Vectors are arrays of 3. Rotations are three column vectors [right, up, back] (OpenGL's camera axes in the world).
 const add = (a, b) => [a[0] + b[0], a[1] + b[1], a[2] + b[2]];
 const sub = (a, b) => [a[0] - b[0], a[1] - b[1], a[2] - b[2]];
 const mul = (a, s) => [a[0] * s, a[1] * s, a[2] * s];
@@ -7,19 +7,19 @@ const cross = (a, b) => [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a
 const norm = (a) => Math.hypot(a[0], a[1], a[2]);
 const unit = (a) => mul(a, 1 / (norm(a) || 1));
 
-/// Turns v about a unit axis by an angle (rad).
+/// Rotates v about a unit axis by an angle (rad).
 function turned(v, axis, angle) {
   const c = Math.cos(angle), s = Math.sin(angle);
   return add(add(mul(v, c), mul(cross(axis, v), s)), mul(axis, dot(axis, v) * (1 - c)));
 }
 
-/// Orthonormal axes with the same back axis, against the sum of many rounding errors.
+/// Returns orthonormal axes with the same back axis, to remove accumulated rounding errors.
 function straightened(axes) {
   const back = unit(axes[2]), right = unit(cross(axes[1], back));
   return [right, cross(back, right), back];
 }
 
-/// The rotation of a camera at `from` that looks at `to`.
+/// Returns the rotation of a camera at `from` that looks at `to`.
 function looking(from, to, up) {
   const back = unit(sub(from, to));
   let right = cross(up, back);
@@ -29,7 +29,7 @@ function looking(from, to, up) {
   return [right, cross(back, right), back];
 }
 
-/// Unit quaternion [w, x, y, z] of a rotation, and back.
+/// Converts a rotation to a unit quaternion [w, x, y, z], and back.
 function quaternion(axes) {
   const m = (r, c) => axes[c][r], t = m(0, 0) + m(1, 1) + m(2, 2);
   let q;
@@ -54,7 +54,7 @@ function rotation([w, x, y, z]) {
   ];
 }
 
-/// Spherical interpolation of two rotations given as quaternions, the shorter way.
+/// Interpolates two rotations given as quaternions spherically, the shorter way.
 function slerp(a, b, t) {
   let d = a[0] * b[0] + a[1] * b[1] + a[2] * b[2] + a[3] * b[3];
   const to = d < 0 ? b.map((x) => -x) : b;

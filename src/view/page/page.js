@@ -41,7 +41,7 @@ function post(address, body) {
   return ask(address, {method: "POST", headers: {"Content-Type": "application/json"}, body: JSON.stringify(body)});
 }
 
-/// Screen readers read a changed text aloud, so the same one is not set again.
+/// Sets a text if it has changed, because screen readers read every new text aloud.
 function show_text(id, text) {
   if ($(id).textContent !== text) $(id).textContent = text;
 }
@@ -172,7 +172,7 @@ async function follow() {
         if (trouble) say("");
         trouble = "";
       } catch (error) {
-        const is_other = error.status === 401;  // the token of another program
+        const is_other = error.status === 401;  // the token belongs to another program
         trouble = error.status && !is_other ? "waiting" : "no connection";
         say(error.message);
         if (is_other) return show_state();

@@ -1,4 +1,4 @@
-// A camera path through keyframes: what is played, and the file that `b3dgs render --cameras` takes.
+// A camera path through keyframes, for playback and as a file for `b3dgs render --cameras`.
 class CameraPath {
   constructor() { this.keys = []; }
 
@@ -8,7 +8,8 @@ class CameraPath {
 
   drop() { this.keys.pop(); }
 
-  /// The camera at keyframe number `t`, between keyframes smoothly: Catmull-Rom positions, slerped rotations.
+  /// Returns the camera at keyframe number `t`. It is smooth between keyframes: Catmull-Rom positions, slerped
+  /// rotations.
   at(t) {
     const last = this.keys.length - 1;
     const i = Math.min(Math.max(0, Math.floor(t)), Math.max(0, last - 1)), u = Math.min(1, t - i);
@@ -22,7 +23,8 @@ class CameraPath {
 
   seconds(between) { return Math.max(0, this.keys.length - 1) * between; }
 
-  /// In the form of nerfstudio's camera paths, in world coordinates: origin + unit * those of the page.
+  /// Returns the path in the format of nerfstudio's camera paths, in world coordinates: origin + unit * page
+  /// coordinates.
   file(between, width, height, fps, origin, unit) {
     const seconds = this.seconds(between), n = Math.max(1, Math.round(seconds * fps) + 1);
     const frames = [];
