@@ -26,7 +26,7 @@ Camera native(CameraModel model, std::vector<double> params, int width, int heig
   return native_camera(camera_of(camera, "camera 1"), "camera 1");
 }
 
-/// A lens of every model that is no pinhole, of 80 x 60 px.
+/// Returns a lens of 80 x 60 px for every model that is not a pinhole.
 std::map<std::string, Camera> native_cameras() {
   std::map<std::string, Camera> cameras;
   const std::map<CameraModel, std::vector<double>> params{
@@ -51,7 +51,7 @@ std::map<std::string, Camera> native_cameras() {
 }
 
 TEST(CameraLens, CoversEveryModel) {
-  // SIMPLE_PINHOLE and PINHOLE have no lens.
+  // SIMPLE_PINHOLE and PINHOLE do not have a lens.
   EXPECT_EQ(native_cameras().size() + 2, supported_camera_models().size());
 }
 
@@ -177,7 +177,7 @@ TEST(CameraLens, RefusesPanoramasThatAreNotTwiceAsWideAsHigh) {
 
 class LensScene : public SceneFolder {
  protected:
-  /// One photograph of 40 x 30 px.
+  /// Writes one photograph of 40 x 30 px.
   void write(CameraModel model, std::vector<double> params) {
     ColmapModel colmap;
     ColmapCamera camera;
@@ -259,7 +259,7 @@ TEST_F(LensScene, WarnsWhereUndistortionFoldsOverOrLeavesLittle) {
     EXPECT_TRUE(has(lost, is_wrong) && !has(lost, folds)) << lost;
     EXPECT_TRUE(has(tangential, is_wrong)) << tangential;
   }
-  options_.lenses = "undistort";  // of a lens 200 degrees wide, and of a strong, but possible one
+  options_.lenses = "undistort";  // a lens 200 degrees wide, and a strong, but possible one
   EXPECT_EQ(warning(CameraModel::kSimpleFisheye, {14.3, 20, 15}), "");
   EXPECT_EQ(warning(CameraModel::kSimpleRadial, {40, 20, 15, 0.4}), "");
 }

@@ -1,4 +1,4 @@
-// Damaged models are refused with an error that names the file, the place and what was expected.
+// Damaged models are rejected with an error that names the file, the place and the expected value.
 #include <gtest/gtest.h>
 
 #include <cmath>
@@ -32,7 +32,7 @@ class DamagedModel : public testing::Test {
   testing::AssertionResult refuses(std::initializer_list<std::string> parts) {
     return fails_with<InputError>(parts, [this] { read_colmap_model(folder_.path()); });
   }
-  // The image is left out, the other one is not.
+  // Checks that this image is left out, but not the other one.
   testing::AssertionResult leaves_out(const std::string& name, std::initializer_list<std::string> parts) {
     const ColmapModel model = read_colmap_model(folder_.path());
     if (model.images.size() != 1 || model.left_out.size() != 1 || model.left_out[0].name != name) {
@@ -181,7 +181,7 @@ TEST_F(DamagedModel, LeavesOutAQuaternionOfLengthZero) {
 
 TEST_F(DamagedModel, LeavesOutPosesThatAreTooLarge) {
   ColmapModel model = sample_model();
-  model.images[1].quat = {1e200, 0, 0, 0};  // finite, but its square is not
+  model.images[1].quat = {1e200, 0, 0, 0};  // finite, but its square is infinite
   write(model);
   EXPECT_TRUE(leaves_out("a.png", {file("images.bin"), "image 0 (a.png)", "quaternion of length 1, found length inf"}));
   model = sample_model();
@@ -273,7 +273,7 @@ TEST_F(DamagedModel, LeavesOutPointsThatAreNotFinite) {
       model.points[1].position[0] = value;
       write(model, format);
       EXPECT_TRUE(refuses({"point 0", text, "reconstruct the scene again"})) << "all of them";
-      fs::remove(folder_ / "cameras.txt");  // else both formats are there
+      fs::remove(folder_ / "cameras.txt");  // otherwise both formats exist
     }
   }
 }
@@ -308,7 +308,7 @@ TEST_F(DamagedModel, RejectsTextImagesWithoutTheirLineOf2dPoints) {
   write(sample_model(), ColmapFormat::kText);
   replace("images.txt", "1 1 0 0 0 0 0 1 7 a.png\n2 1 0 0 0 0 0 1 7 b.png\n");
   EXPECT_TRUE(refuses({file("images.txt") + ":2:", "2D points of image 1", "b.png"}));
-  // Names that are numbers.
+  // Names can be numbers.
   replace("images.txt", "1 1 0 0 0 0 0 1 7 0000\n2 1 0 0 0 0 0 1 7 0001\n");
   EXPECT_TRUE(refuses({file("images.txt") + ":2:", "2D points of image 1", "found 10 numbers; add a second line"}));
   replace("images.txt", "1 1 0 0 0 0 0 1 7 0000\n1.5 2e1 -1 nan -nan(ind) 17\n2 1 0 0 0 0 0 1 7 0001\n\n");

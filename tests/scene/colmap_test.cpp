@@ -158,7 +158,7 @@ TEST(ColmapReader, ReadsTextWhereBinaryIsIncomplete) {
 }
 
 TEST(CameraModels, HaveColmapsNamesAndParameterCounts) {
-  // Models that cannot be read have 0 parameters here.
+  // Unsupported models have 0 parameters here.
   const std::vector<std::pair<const char*, int>> expected{{"SIMPLE_PINHOLE", 3},
                                                           {"PINHOLE", 4},
                                                           {"SIMPLE_RADIAL", 4},

@@ -31,7 +31,7 @@ std::string big_endian(std::uint32_t value) {
           static_cast<char>(value)};
 }
 
-// A PNG chunk with its checksum (CRC-32, bit by bit).
+// Returns a PNG chunk with its checksum (CRC-32, bit by bit).
 std::string png_chunk(const std::string& type, const std::string& data) {
   std::uint32_t crc = 0xffffffffu;
   for (const char c : type + data) {
@@ -41,7 +41,7 @@ std::string png_chunk(const std::string& type, const std::string& data) {
   return big_endian(static_cast<std::uint32_t>(data.size())) + type + data + big_endian(~crc);
 }
 
-// A PNG of one row with the given colour type and bytes, not compressed.
+// Returns an uncompressed PNG of one row with the given colour type and bytes.
 std::string one_row_png(int width, int bits, int color_type, const std::string& row) {
   const std::string raw = std::string(1, '\0') + row;  // filter 0
   std::uint32_t a = 1, b = 0;
@@ -59,9 +59,9 @@ std::string one_row_png(int width, int bits, int color_type, const std::string& 
   return "\x89PNG\r\n\x1a\n" + png_chunk("IHDR", header) + png_chunk("IDAT", deflated) + png_chunk("IEND", "");
 }
 
-// A TIFF that is not compressed; `extra` are the kinds of its last samples (ExtraSamples), 1 premultiplied and 2
-// straight alpha. Samples of 16 bits are little-endian. With `is_separate`, the samples are those of one plane after
-// the other.
+// Returns an uncompressed TIFF. `extra` are the kinds of its last samples (ExtraSamples), 1 premultiplied and 2
+// straight alpha. Samples of 16 bits are little-endian. With `is_separate`, the planes of the samples follow each
+// other.
 std::string tiff_of(int width, int height, int bits, int n_samples, const std::vector<std::uint32_t>& extra,
                     const std::string& samples, bool is_separate = false) {
   const auto number = [](std::uint32_t value, int bytes) {
@@ -72,7 +72,7 @@ std::string tiff_of(int width, int height, int bits, int n_samples, const std::v
   const auto n = static_cast<std::uint32_t>(n_samples), n_planes = is_separate ? n : 1;
   const auto plane_bytes = static_cast<std::uint32_t>(samples.size()) / n_planes;
   const std::uint32_t n_entries = 10,
-                      lists = 8 + 2 + 12 * n_entries + 4;  // where values that need more than 4 bytes are
+                      lists = 8 + 2 + 12 * n_entries + 4;  // position of values that need more than 4 bytes
   std::string entries, values;
   const auto add = [&](std::uint32_t tag, int bytes_each, const std::vector<std::uint32_t>& numbers) {
     std::string list;
@@ -115,7 +115,7 @@ std::string with_segment(const std::string& jpeg, char marker, const std::string
          jpeg.substr(2);
 }
 
-// EXIF that asks viewers to rotate the image by 90 degrees.
+// Adds EXIF data that asks viewers to rotate the image by 90 degrees.
 std::string with_orientation(const std::string& jpeg) {
   const std::string tiff = std::string("II*\0\x08\0\0\0", 8) + std::string("\x01\0", 2) +
                            std::string("\x12\x01\x03\0\x01\0\0\0\x06\0\0\0", 12) + std::string(4, '\0');
@@ -322,10 +322,10 @@ TEST_F(ImageFile, SizeIsReadFromTheHeader) {
   EXPECT_EQ(read_image_size(folder_ / "a.png").width, 13);
   EXPECT_EQ(read_image_size(folder_ / "a.png").height, 7);
   const std::string jpeg = jpeg_of(noise(33, 17, 3));
-  std::string padded = jpeg;  // the size comes far back in the file
+  std::string padded = jpeg;  // the size is far back in the file
   for (int i = 0; i < 4; ++i) padded = with_segment(padded, '\xe2', std::string(60000, '\xff'));
   for (const std::string& bytes :
-       {jpeg, padded, jpeg.substr(0, jpeg.size() - 20)}) {  // truncated or not: only the header counts
+       {jpeg, padded, jpeg.substr(0, jpeg.size() - 20)}) {  // truncated or not: only the header matters
     const auto path = store("b.jpg", bytes);
     EXPECT_EQ(read_image_size(path).width, 33);
     EXPECT_EQ(read_image_size(path).height, 17);
@@ -352,7 +352,7 @@ TEST_F(ImageFile, MemoryThatIsNotDecodedIntoIsNoImage) {
   EXPECT_TRUE(fails_with<InputError>({page.string(), "cannot be decoded"}, [&] {
     read_image_into(page, false, {1, 1}, rgb);
   }));
-  // Pixels that begin with what the decoder uses as a mark; OpenCV's order is blue, green, red.
+  // The pixels begin with the decoder's marker value. OpenCV's order is blue, green, red.
   for (const char mark : {'\x5a', '\xa5'}) {
     read_image_into(store("c.png", one_row_png(1, 8, 2, std::string("\x01\x02") + mark)), false, {1, 1}, rgb);
     EXPECT_EQ(rgb[0], 1);

@@ -79,7 +79,7 @@ TEST(Distortion, FovByHand) {
   EXPECT_NEAR(x, 0.3 * radius / 0.5, 1e-15);
   EXPECT_NEAR(y, 0.4 * radius / 0.5, 1e-15);
   EXPECT_TRUE(camera(CameraModel::kFov, {10, 11, 5, 6, 0}).is_pinhole());
-  // Near omega = 0 and near the axis without a jump.
+  // There is no jump near omega = 0 and near the axis.
   EXPECT_NEAR(distort(lens(CameraModel::kFov, {10, 11, 5, 6, 1e-7}), 0.3, 0.4)[0], 0.3, 1e-12);
   EXPECT_NEAR(distort(lens(CameraModel::kFov, {10, 11, 5, 6, 0.9}), 1e-13, 0)[0], 1e-13 * 2 * std::tan(0.45) / 0.9,
               1e-25);
@@ -95,7 +95,7 @@ TEST(Distortion, DivisionByHand) {
     EXPECT_EQ(distort(lens(CameraModel::kDivision, {10, 11, 5, 6, k}), 0.3, 0.4)[0], x);
     EXPECT_EQ(s > 0.5, k > 0) << "as of radial distortion with the same k";
   }
-  // With k > 0, nothing is seen beyond r = 1 / sqrt(4 k).
+  // With k > 0, nothing is visible beyond r = 1 / sqrt(4 k).
   EXPECT_NEAR(monotonic_radius(lens(CameraModel::kSimpleDivision, {10, 5, 6, 0.25}), 2), 1, 1e-3);
 }
 
@@ -113,11 +113,11 @@ TEST(Distortion, FisheyesWithoutCoefficientsAreEquidistant) {
   EXPECT_FALSE(camera(CameraModel::kFisheye, {10, 11, 5, 6}).is_pinhole());
 }
 
-// Holds for every row of the table of camera models, also for new ones.
+// Holds for every entry of the table of camera models, also for new ones.
 TEST(Distortion, OfEverySupportedModelIsConsistent) {
   ASSERT_GE(supported_camera_models().size(), 9u);
   for (const CameraModel model : supported_camera_models()) {
-    if (model == CameraModel::kEquirectangular) continue;  // has no pinhole
+    if (model == CameraModel::kEquirectangular) continue;  // is not a pinhole
     SCOPED_TRACE(camera_model_name(model));
     std::vector<double> params(static_cast<std::size_t>(camera_model_param_count(model)), 0);
     const bool has_two_focal_lengths = std::string(camera_model_params(model)).rfind("fx", 0) == 0;

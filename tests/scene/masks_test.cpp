@@ -1,4 +1,4 @@
-// Masks of photographs: how they are found, and what becomes of their pixels.
+// Masks of photographs: how they are found, and how they affect pixels.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -20,7 +20,7 @@ using test::flat;
 using test::kHeight;
 using test::kWidth;
 
-// White, with black columns [from, to) at full width.
+// Returns a white mask with black columns [from, to) at full width.
 Image8 with_black_columns(int from, int to, int width = kWidth, int height = kHeight) {
   Image8 mask = flat(width, height, 1, 255);
   for (int y = 0; y < height; ++y) {
@@ -62,7 +62,7 @@ TEST_F(Masks, AreFoundByTheNamesOfThePhotographs) {
   write_image(folder_ / "masks/left/d.png", with_black_columns(0, 20));
   const Scene scene = load();
   EXPECT_TRUE(says(scene, "masks       4 of 5 photographs, black is left out"));
-  const std::vector<int> first_valid{5, 10, 15, 0, 20};  // by name
+  const std::vector<int> first_valid{5, 10, 15, 0, 20};  // in order of names
   for (std::size_t i = 0; i < 5; ++i) {
     const View& view = scene.train[i];
     if (first_valid[i] == 0) {
@@ -116,7 +116,7 @@ TEST_F(Masks, AreUndistortedWithTheirPhotographs) {
   write_image(folder_ / "masks/a.png", with_black_columns(0, 20));
   options_.empty_background = true;
   const View view = load().train[0];
-  // The photograph's centre stays; what undistortion leaves invalid is neither valid nor empty.
+  // The photograph's centre does not move. Pixels that undistortion makes invalid are neither valid nor empty.
   for (int y = 0; y < kHeight; ++y) {
     for (int x = 0; x < kWidth; ++x) {
       const bool is_shown = value_at(plain.train[0].valid, x, y) == 255;

@@ -34,7 +34,7 @@ TEST(OpenGlPose, CameraLooksAlongMinusZWithYUp) {
   OpenGlMatrix matrix = kIdentity;
   matrix[3] = 10, matrix[7] = 20, matrix[11] = 30;  // the camera's centre
   const Pose pose = pose_from_opengl(matrix);
-  // A point right of, above and in front of the camera: +x, -y, +z in the frame of this program.
+  // A point to the right of, above and in front of the camera has +x, -y, +z in the frame of this program.
   const std::array<double, 3> point = to_camera(pose, {10 + 1, 20 + 2, 30 - 3});
   EXPECT_NEAR(point[0], 1, 1e-14);
   EXPECT_NEAR(point[1], -2, 1e-14);

@@ -9,7 +9,8 @@
 
 namespace b3dgs::test {
 
-/// A smooth image with a bright corner, whose EXIF data has the orientation and a camera's name; with a colour profile.
+/// Returns a smooth image with a bright corner, with a colour profile and EXIF data with the orientation and a camera's
+/// name.
 inline std::vector<std::uint8_t> jpeg_with_orientation(int width, int height, int orientation, bool is_little_endian) {
   cv::Mat image(height, width, CV_8UC3);
   for (int y = 0; y < height; ++y) {

@@ -1,4 +1,4 @@
-// A temporary folder with a scene of small photographs, for tests of how scenes are loaded.
+// A temporary folder with a scene of small photographs, for tests of loading scenes.
 #pragma once
 
 #include <gtest/gtest.h>
@@ -14,9 +14,9 @@
 
 namespace b3dgs::test {
 
-constexpr int kWidth = 40, kHeight = 30;  // of a photograph
+constexpr int kWidth = 40, kHeight = 30;  // size of a photograph
 
-/// An image of one value.
+/// Returns an image of one value.
 inline Image8 flat(int width, int height, int channels, int value) {
   Image8 image(width, height, channels);
   std::fill(image.pixels.begin(), image.pixels.end(), static_cast<std::uint8_t>(value));

@@ -34,8 +34,8 @@ std::string numbered_name(int i) {
   return name;
 }
 
-// n images of a 40 x 30 pinhole camera on a line along x, in the file in reverse order. The grey value of each is its
-// ID.
+// Returns n images of a 40 x 30 pinhole camera on a line along x, in reverse order in the file. The grey value of each
+// is its ID.
 ColmapModel line_model(int n) {
   ColmapModel model;
   model.cameras[1] = {1, CameraModel::kPinhole, kWidth, kHeight, {50, 60, 21, 14}};
@@ -221,7 +221,7 @@ TEST_F(LoadScene, LimitsTheExtentIfACameraIsFarAndNamesIt) {
 
 TEST_F(LoadScene, RejectsToHoldOutTheOnlyImage) {
   write_scene(1);
-  EXPECT_EQ(load().extent, 1);  // one camera: no distances
+  EXPECT_EQ(load().extent, 1);  // one camera has no distances
   options_.eval = true;
   EXPECT_TRUE(refuses({"--eval", "leaves none"}));
 }
@@ -599,7 +599,7 @@ TEST_F(LoadScene, TurnsPhotographsWhoseSidesAreSwappedAsExifSays) {
       EXPECT_EQ(view.camera.width, 24 / divisor);
       EXPECT_EQ(view.camera.fx, 50.0 / divisor);
       EXPECT_EQ(view.camera.cy, 17.0 / divisor);
-      // As OpenCV turns it, which is as viewers show it.
+      // OpenCV turns it, like viewers.
       const cv::Mat expected = cv::imread(view.file, cv::IMREAD_COLOR);
       ASSERT_EQ(expected.size(), cv::Size(24, 36));
       if (divisor > 1) continue;
@@ -607,7 +607,7 @@ TEST_F(LoadScene, TurnsPhotographsWhoseSidesAreSwappedAsExifSays) {
       for (int y = 0; y < 36; ++y) {
         for (int x = 0; x < 24; ++x) ASSERT_EQ(image.at(x, y)[0], expected.at<cv::Vec3b>(y, x)[2]) << orientation;
       }
-      // The corner of the mask goes where that of the photograph goes, which is bright.
+      // The corner of the mask moves like the bright corner of the photograph.
       for (const int y : {0, 35}) {
         for (const int x : {0, 23}) {
           EXPECT_EQ(*view.valid->at(x, y) == 0, image.at(x, y)[1] > 150) << orientation << " " << x << " " << y;
@@ -624,7 +624,7 @@ TEST_F(LoadScene, TurnsPhotographsWhoseSidesAreSwappedAsExifSays) {
         << scene.warnings[0];
     EXPECT_NE(scene.warnings[0].find("(4 such photographs); turn"), std::string::npos) << scene.warnings[0];
   }
-  // The camera's sides say that the photographs are used as stored.
+  // The camera's sides show that the photographs are used as stored.
   model.cameras[1] = {1, CameraModel::kPinhole, 36, 24, {50, 60, 17, 13}};
   write(model);
   options_.resolution = 1;

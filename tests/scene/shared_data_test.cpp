@@ -1,4 +1,4 @@
-// Real scenes, skipped where they are not available: each loads, or is refused, as their README says.
+// Real scenes, skipped if they are not available. Each loads, or is rejected, as described in their README.
 #include <gtest/gtest.h>
 
 #include <cmath>
@@ -19,7 +19,7 @@ using test::fails_with;
 
 struct OddScene {
   const char* folder;
-  std::size_t n_views;  // 0: refused
+  std::size_t n_views;  // 0: rejected
   std::int64_t n_points;
   std::size_t n_sizes;  // different sizes among the views
   bool is_distorted;
@@ -86,7 +86,7 @@ INSTANTIATE_TEST_SUITE_P(
       return name;
     });
 
-// fox is fox_distorted after COLMAP's image_undistorter: the two pinhole cameras differ only in scale and crop.
+// fox is fox_distorted after COLMAP's image_undistorter. The two pinhole cameras differ only in scale and crop.
 TEST(RealScenes, UndistortionAgreesWithColmaps) {
   if (!fs::exists(options_for("fox").source_path)) GTEST_SKIP() << "real scenes not found";
   const Scene ours = load_scene(options_for("fox_distorted")), theirs = load_scene(options_for("fox"));
@@ -117,7 +117,8 @@ TEST(RealScenes, UndistortionAgreesWithColmaps) {
       }
     }
   }
-  // All pixels but a border are compared. What remains is JPEG noise (quality 74 here) and interpolating twice.
+  // All pixels except a border are compared. The remaining difference is JPEG noise (quality 74 here) and double
+  // interpolation.
   EXPECT_GT(n, 5u * 530 * 946 * 3 * 95 / 100);
   const double psnr = 10 * std::log10(255.0 * 255.0 * static_cast<double>(n) / squared);
   RecordProperty("psnr", std::to_string(psnr));

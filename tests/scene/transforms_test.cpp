@@ -32,13 +32,13 @@ std::string image_name(int i) {
 
 class Transforms : public test::SceneFolder {
  protected:
-  // A camera at (i, 0, 0) that looks along -z; the grey value of its photograph is 10 + i.
+  // Returns a camera at (i, 0, 0) that looks along -z. The grey value of its photograph is 10 + i.
   Json frame(int i, const std::string& file_path) {
     return {{"file_path", file_path}, {"transform_matrix", {{1, 0, 0, i}, {0, 1, 0, 0}, {0, 0, 1, 0}, {0, 0, 0, 1}}}};
   }
   void write_photograph(const fs::path& path, int i) { write_image(folder_ / path, flat(kWidth, kHeight, 3, 10 + i)); }
 
-  // n frames images/00.png, ... with intrinsics for the whole file.
+  // Returns n frames images/00.png, ... with intrinsics for the whole file.
   Json line(int n) {
     Json json{{"fl_x", 50.0}, {"fl_y", 60.0}, {"cx", 21.0}, {"cy", 14.0}, {"w", kWidth}, {"h", double{kHeight}}};
     json["frames"] = Json::array();
@@ -127,7 +127,7 @@ TEST_F(Transforms, GivesTheCamerasOfTheSameColmapModel) {
   }
 }
 
-// As in NeRF's synthetic scenes: no extensions, no sizes, RGBA, a file for each part.
+// The files resemble NeRF's synthetic scenes: no extensions, no sizes, RGBA, a file for each part.
 TEST_F(Transforms, ReadsTheFormOfSyntheticNerfScenes) {
   const auto part = [&](const std::string& name, int n) {
     Json json{{"camera_angle_x", 0.6911112070083618}, {"frames", Json::array()}};
@@ -276,7 +276,7 @@ TEST_F(Transforms, ReadsPointsOrFindsSomeInThePhotographs) {
   const Scene scene = load();
   EXPECT_EQ(scene.points.positions, points.positions);
   EXPECT_EQ(scene.points.colors, points.colors);
-  EXPECT_NEAR(scene.train[3].camera.center()[0], 3, 1e-15);  // applied_transform is left alone
+  EXPECT_NEAR(scene.train[3].camera.center()[0], 3, 1e-15);  // applied_transform is ignored
   EXPECT_TRUE(says(scene, "2: sparse_pc.ply"));
 }
 
@@ -330,7 +330,7 @@ TEST_F(Transforms, IntrinsicsInPixelsAreThoseOfThePhotographThatIsNamed) {
   reduced("other", ".jpg");
   for (const char* folder : {"images_2", "small", "other"}) expect_half(folder);
 
-  // Named without its extension, in a folder of another name.
+  // The photograph is named without its extension, in a folder of another name.
   fs::rename(folder_ / "images", folder_ / "rgb");
   for (const char* name : {"00", "01"})
     fs::rename(folder_ / "rgb" / (name + std::string(".png")), folder_ / "rgb" / (name + std::string(".PNG")));
@@ -339,7 +339,7 @@ TEST_F(Transforms, IntrinsicsInPixelsAreThoseOfThePhotographThatIsNamed) {
   write(json);
   expect_half("small");
 
-  // Without the original photographs, the principal point tells by how much they were reduced.
+  // Without the original photographs, the principal point shows by how much they were reduced.
   remove_tree(folder_ / "rgb");
   expect_half("images_2");
   json.erase("cx");
@@ -461,7 +461,7 @@ TEST_F(Transforms, PathsLeadNoFurtherThanTheFolderThatTheSceneIsIn) {
                                   std::string("images/../../../private"), std::string("../../all/../private.png")}) {
     EXPECT_TRUE(refuses_path(with("file_path", path), {"file_path", "private.png", found, "link it there"})) << path;
   }
-  for (const char* path : {"../../gone.png", "/gone/09.jpg"}) {  // missing, wherever it was
+  for (const char* path : {"../../gone.png", "/gone/09.jpg"}) {  // missing, regardless of its location
     write_bytes(scene / "transforms.json", with("file_path", path).dump());
     EXPECT_EQ(load().train.size(), json["frames"].size() - 1) << path;
   }
@@ -470,18 +470,18 @@ TEST_F(Transforms, PathsLeadNoFurtherThanTheFolderThatTheSceneIsIn) {
   EXPECT_TRUE(refuses_path(json, {"transforms.json: ply_file_path", found}));
   json.erase("ply_file_path");
 
-  // A link of the user's is followed; and the name alone may be found in the image folder.
+  // A link made by the user is followed. The name alone may also be found in the image folder.
   fs::create_symlink(folder_ / "private.png", scene / "linked.png");
   write_bytes(scene / "transforms.json", with("file_path", "linked.png").dump());
   EXPECT_EQ(load().train.size(), 2u);
   write_bytes(scene / "transforms.json", with("file_path", "../../images/01.png").dump());
   EXPECT_EQ(load().train.size(), 2u);
-  // Of another machine.
+  // The path is from another machine.
   fs::rename(scene / "images/01.png", scene / "images/02.png");
   write_bytes(scene / "transforms.json", with("file_path", "/gone/02.jpg").dump());
   EXPECT_EQ(load().train.size(), 2u);
   fs::rename(scene / "images/02.png", scene / "images/01.png");
-  // The scene folder by another name.
+  // The scene folder has another name.
   fs::create_directory_symlink(scene, folder_ / "link");
   options_.source_path = (folder_ / "link").string();
   fs::rename(scene / "images/01.png", scene / "other.png");

@@ -24,7 +24,7 @@ struct Point2 {
   double x, y;
 };
 
-// Reference implementations: the formulas of the models, as functions of the ray.
+// Reference implementations of the models' formulas, as functions of the ray.
 Point2 opencv_pixel(double x, double y) {
   const double r2 = x * x + y * y, radial = 1 - 0.12 * r2 + 0.03 * r2 * r2;
   return {150 * (x * radial + 2 * 0.004 * x * y - 0.003 * (r2 + 2 * x * x)) + 104.5,
@@ -36,7 +36,7 @@ Point2 fisheye_pixel(double x, double y) {
   return {100 * scale * x + 96.25, 110 * scale * y + 83};
 }
 
-// A soft dot whose centre of mass is (x, y), in coordinates where the upper left pixel centre is (0.5, 0.5).
+// Paints a soft dot whose centre of mass is (x, y), in coordinates where the upper left pixel centre is (0.5, 0.5).
 void paint_dot(Image8& image, Point2 center) {
   for (int row = 0; row < image.height; ++row) {
     for (int column = 0; column < image.width; ++column) {
@@ -77,7 +77,7 @@ void expect_dots_where_the_pinhole_sees_them(CameraModel model, std::vector<doub
       Image8 distorted(kWidth, kHeight, 3);
       paint_dot(distorted, project(x, y));
       const Point2 found = find_dot(undistorter.apply(distorted), pinhole);
-      // The map stretches one side of the dot more than the other, which moves its centre of mass by some 0.01 px.
+      // The map stretches one side of the dot more than the other, which moves its centre of mass by about 0.01 px.
       EXPECT_NEAR(found.x, pinhole.x, 0.06) << x << ", " << y;
       EXPECT_NEAR(found.y, pinhole.y, 0.06) << x << ", " << y;
       ++n_dots;

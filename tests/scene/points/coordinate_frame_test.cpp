@@ -1,4 +1,4 @@
-// The frame of a scene: neither its unit of length nor its place in the world changes the cameras' pictures.
+// The frame of a scene. Neither its unit of length nor its position in the world changes the cameras' pictures.
 #include "scene/cameras/coordinate_frame.h"
 
 #include <gtest/gtest.h>
@@ -39,7 +39,7 @@ Camera camera_at(const Vec& center, double angle) {
   return camera;
 }
 
-/// Coordinates are x' = scale * x + shift.
+/// Transforms coordinates: x' = scale * x + shift.
 Ring ring(double scale = 1, const Vec& shift = {}) {
   Ring result;
   for (int i = 0; i < 8; ++i) {
@@ -107,7 +107,7 @@ TEST(RelativeDistances, AreSmallIfMostStandInOnePlace) {  // a tripod, or a vehi
       << "which of the two?";
 }
 
-/// 25 close-ups at distance 1 from the points in the middle, and `n_far` cameras that look there from `radius`.
+/// Returns 25 close-ups at distance 1 from the points in the middle, and `n_far` cameras that look there from `radius`.
 Ring close_ups_and(int n_far, double radius) {
   Ring result = ring(0.25);
   result.cameras.clear();
@@ -207,10 +207,10 @@ TEST(SceneFrame, ACameraSeesThePointsWhereItSawThem) {
 TEST(SceneFrame, WithoutPointsWhatTheCamerasLookAtCounts) {
   const Ring scene = ring(2, {100, 0, 0});
   EXPECT_NEAR(choose_frame(scene.cameras, {}).unit * kTypicalDepth, 8, 1e-6);
-  // Side by side, looking ahead: the length of their path.
+  // Cameras side by side that look ahead: the length of their path.
   const std::vector<Camera> row{camera_at({0, 0, 0}, 0), camera_at({0, 0, 3}, 0), camera_at({0, 0, 6}, 0)};
   EXPECT_NEAR(choose_frame(row, {}).unit * kTypicalDepth, 3, 1e-9);
-  // Looking outwards, away from where the axes meet.
+  // Cameras that look outwards, away from the point where the axes meet.
   std::vector<Camera> outwards;
   for (int i = 0; i < 4; ++i) {
     const double angle = 1.5707963267948966 * i;

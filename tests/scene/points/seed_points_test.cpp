@@ -1,4 +1,4 @@
-// Points that are found in photographs of a wall with a picture on it, and of an object in front of nothing.
+// Points found in photographs of a wall with a picture on it, and of an object in front of an empty background.
 #include "scene/points/point_cloud.h"
 
 #include <gtest/gtest.h>
@@ -19,7 +19,7 @@ namespace {
 
 constexpr double kWall = kTypicalDepth;  // z of the wall; cameras are near z = 0 and look along z
 
-/// A smooth random pattern on the wall, 0 to 255; every colour has its own.
+/// A smooth random pattern on the wall, 0 to 255, different for each colour.
 double brightness(double x, double y, std::uint32_t color) {
   const auto value = [&](int column, int row) {
     const auto key = static_cast<std::uint64_t>((column + 1000) * 4096 + row + 1000);
@@ -43,8 +43,8 @@ Camera camera_at(double x, double y) {
   return camera;
 }
 
-/// `is_plain`: without the picture. `object`: half the side of a square around the middle that is all there is; 0: a
-/// wall without end.
+/// Returns views of a wall. `is_plain`: without the picture. `object`: half the side of a square around the middle,
+/// outside of which the scene is empty; 0: an infinite wall.
 std::vector<SeedView> views_of_wall(bool is_plain = false, double object = 0) {
   std::vector<SeedView> views;
   for (int i = 0; i < 12; ++i) {
@@ -79,7 +79,7 @@ double share_near_wall(const PointCloud& points, double tolerance) {
   return n / static_cast<double>(points.size());
 }
 
-/// With a point every 0.1 on the wall where x < `end`.
+/// Returns a scene with a point every 0.1 on the wall where x < `end`.
 Scene scene_of_wall(float end) {
   Scene scene;
   for (SeedView& seed : views_of_wall()) {
@@ -118,10 +118,10 @@ TEST(PointsOfPhotographs, AreNotNeededWhereTheScenesOwnAreEverywhere) {
 }
 
 TEST(PointsOfPhotographs, AreNotLookedForWhereMasksLeaveEverythingOut) {
-  for (const bool is_empty : {false, true}) {  // nothing is there, or it does not count
+  for (const bool is_empty : {false, true}) {  // empty or masked pixels
     Scene scene = scene_of_wall(0);
     for (View& view : scene.train) {
-      Image8 left(view.camera.width, view.camera.height, 1), right = left;  // of the wall's middle
+      Image8 left(view.camera.width, view.camera.height, 1), right = left;  // halves of the wall's middle
       for (int row = 0; row < left.height; ++row) {
         for (int column = 0; column < left.width; ++column) {
           const double x = view.camera.center()[0] + kWall * (column + 0.5 - view.camera.cx) / view.camera.fx;
