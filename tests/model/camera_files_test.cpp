@@ -1,4 +1,4 @@
-// Camera files of every kind give the same cameras; bad files are named with the frame.
+// All kinds of camera files give the same cameras. Errors in bad files name the frame.
 #include "model/cameras/cameras_json.h"
 
 #include <gtest/gtest.h>
@@ -202,7 +202,7 @@ TEST_F(CameraFiles, KeepLenses) {
   EXPECT_TRUE(std::equal(lens.k, lens.k + kLensCoefficients, expected.k));
   EXPECT_EQ(lens.max_angle, expected.max_angle);
 
-  // A panorama that was reduced need not be twice as wide as high.
+  // A reduced panorama need not be twice as wide as high.
   views[1].camera = panorama_camera({156, 78}).scaled_to(156, 77);
   const NamedCamera panorama = cameras_from_json(cameras_to_json({}, views), "cameras.json")[1];
   EXPECT_EQ(panorama.camera.lens.kind, LensKind::kEquirectangular);

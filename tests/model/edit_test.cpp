@@ -46,7 +46,7 @@ Mat3<double> matrix_of(const UnitQuat& rotation) {
   return matrix;
 }
 
-/// View-dependent part of the colour of Gaussian `row`, red.
+/// Returns the view-dependent part of the red colour of Gaussian `row`.
 double color_at(const SplatCloud& cloud, std::size_t row, Vec direction) {
   std::array<double, 16> basis{};
   sh_basis(cloud.sh_degree, direction, basis.data());
@@ -56,7 +56,7 @@ double color_at(const SplatCloud& cloud, std::size_t row, Vec direction) {
   return color;
 }
 
-/// R S S R^T of Gaussian `row`.
+/// Returns R S S R^T of Gaussian `row`.
 Mat3<double> covariance_of(const SplatCloud& cloud, std::size_t row) {
   const float* const q = &cloud.quats[4 * row];
   const Mat3<double> r = matrix_of({q[0], q[1], q[2], q[3]});

@@ -1,4 +1,4 @@
-// Results of evaluations that end at the same time.
+// Results of evaluations that finish at the same time.
 #include <gtest/gtest.h>
 
 #include <nlohmann/json.hpp>

@@ -14,7 +14,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-/// Two views with names that differ in one byte, which is not UTF-8.
+/// Returns two views with names that differ in one byte, which is not UTF-8.
 Scene scene_of_latin_1(const fs::path& folder) {
   Scene scene;
   for (const std::string name : {"caf\xe9.png", "caf\xe8.png"}) {

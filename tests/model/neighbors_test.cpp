@@ -41,7 +41,7 @@ void expect_as_brute_force(const std::vector<float>& positions) {
     EXPECT_NEAR(found[i], expected[i], 1e-6 * expected[i]) << "point " << i;
 }
 
-// Similar to LiDAR: points on a ground plane and walls whose spacing grows a hundredfold, and duplicates.
+// Returns points similar to LiDAR: a ground plane and walls with a spacing that grows a hundredfold, and duplicates.
 std::vector<float> uneven_cloud(int n) {
   std::mt19937 random(3);
   std::uniform_real_distribution<float> uniform(0, 1);

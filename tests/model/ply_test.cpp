@@ -21,7 +21,7 @@ using test::read_bytes;
 using test::TempDir;
 using test::write_bytes;
 
-// Every value is different, so that misplaced ones are found.
+// Every value is different, so that misplaced ones are detected.
 SplatCloud numbered_cloud(int n, int degree) {
   SplatCloud cloud;
   cloud.sh_degree = degree;
@@ -348,7 +348,7 @@ TEST_F(SplatPly, GaussiansWithoutAPartAreNotTakenForPoints) {
   }
 }
 
-/// Two Gaussians as another program writes them: the columns of kDegree0 and more.
+/// Returns two Gaussians as written by another program: the columns of kDegree0 and more.
 std::string of_other_program(const std::vector<std::string>& more, const std::vector<float>& values,
                              const std::string& comment = "") {
   std::vector<std::string> names = kDegree0;

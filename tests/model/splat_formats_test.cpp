@@ -22,7 +22,7 @@ SplatCloud two_gaussians() {
   return cloud;
 }
 
-// Formats may be lossy, so only positions are compared, and not exactly.
+// Formats may be lossy, so only positions are compared, with a tolerance.
 TEST(SplatFormats, EachReadsWhatItWrites) {
   const test::TempDir folder;
   const SplatCloud cloud = two_gaussians();

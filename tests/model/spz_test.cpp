@@ -35,7 +35,7 @@ double sigmoid(double x) {
   return 1 / (1 + std::exp(-x));
 }
 
-/// A value between -1 and 1 that depends on nothing but `i`.
+/// Returns a value between -1 and 1 that depends only on `i`.
 float noise(std::size_t i) {
   const double x = std::sin(12.9898 * static_cast<double>(i) + 0.5) * 43758.5453;
   return static_cast<float>(2 * (x - std::floor(x)) - 1);
@@ -58,7 +58,7 @@ SplatCloud random_cloud(std::size_t n, int sh_degree) {
   return cloud;
 }
 
-/// Angle between the rotations of two quaternions, rad.
+/// Returns the angle between the rotations of two quaternions, rad.
 double angle_between(const float* a, const float* b) {
   double dot = 0, aa = 0, bb = 0;
   for (int i = 0; i < 4; ++i) {
@@ -173,7 +173,7 @@ TEST_F(Spz, ChoosesFractionalBitsThatFit) {
   cloud.means[4] = 1e7f;
   EXPECT_TRUE(fails_with<InputError>({"1e+07", "8.38861e+06", "--crop"}, [&] { write_spz(folder_ / "c.spz", cloud); }));
   EXPECT_FALSE(fs::exists(folder_ / "c.spz"));
-  // A scene in which a metre is 1/1000.
+  // A metre is 1/1000 in this scene.
   cloud = random_cloud(10, 0);
   for (float& value : cloud.means) value *= 1e-3f;
   for (float& value : cloud.log_scales) value -= std::log(1000.0f);
@@ -182,7 +182,7 @@ TEST_F(Spz, ChoosesFractionalBitsThatFit) {
   EXPECT_NEAR(write_and_read(cloud).means[4], cloud.means[4], std::ldexp(0.5, -bits));
 }
 
-// Bytes as the format's description has them, with x right, y up, z back.
+// Bytes as described in the format, with x right, y up, z back.
 TEST_F(Spz, ReadsBytesOfOtherPrograms) {
   std::string content = test::spz_header(3, 1, 1, 8, 1);
   const auto add = [&](std::initializer_list<int> bytes) {
