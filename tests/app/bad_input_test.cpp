@@ -23,7 +23,7 @@ using test::read_bytes;
 using test::run_b3dgs;
 using Words = std::vector<std::string>;
 
-/// A scene of 3 views and 300 points, written without the program.
+/// Writes a scene of 3 views and 300 points without the program.
 void write_scene(const fs::path& folder) {
   ColmapModel model;
   model.cameras[1] = {1, CameraModel::kPinhole, 32, 24, {30, 30, 16, 12}};
@@ -66,7 +66,7 @@ constexpr std::size_t kFirstParameter = 32;
 struct BadScene {
   const char* name;
   std::function<void(const fs::path& scene)> damage;
-  std::vector<std::string> parts;  // of the error message
+  std::vector<std::string> parts;  // parts of the error message
 };
 
 const std::vector<BadScene>& bad_scenes() {
@@ -85,7 +85,7 @@ const std::vector<BadScene>& bad_scenes() {
       {"MorePointsThanTheFileHolds",
        [](const fs::path& s) { overwrite(s / "sparse/0/points3D.bin", 0, std::uint64_t{77777}); },
        {"points3D.bin", "77777"}},
-      {"CameraNotANumber",  // of all images
+      {"CameraNotANumber",  // in all images
        [](const fs::path& s) {
          overwrite(s / "sparse/0/cameras.bin", kFirstParameter, std::numeric_limits<double>::quiet_NaN());
        },
@@ -291,7 +291,7 @@ TEST_F(BadInput, CommandLines) {
   expect_refused(run_b3dgs({"info", (folder_.path() / "none").string()}), {"none"});
   expect_refused(run_b3dgs({"render", "--ply", "x.ply"}), {"-s"});
   expect_refused(train({"--resume", "auto", "--config", "none.json"}), {"none.json"});
-  // Options that would be ignored.
+  // These options would have no effect.
   expect_refused(run_b3dgs({"render", "-m", "model", "--frames", "5"}), {"--frames", "--path interpolated"});
   expect_refused(run_b3dgs({"render", "--ply", "x.ply", "-s", "scene", "--iteration", "5"}), {"--iteration"});
   expect_refused(run_b3dgs({"synth", "orbit", "new", "--skew", "2"}), {"--skew", "street"});

@@ -38,7 +38,7 @@ class BenchStep : public ::testing::Test {
 };
 
 TEST_F(BenchStep, TimesEveryStageAndWritesNoModel) {
-  // Preset inria, since only its schedule has "densify" here.
+  // Preset inria, because only its schedule has "densify" here.
   const nlohmann::json report =
       bench({path("scene"), "--kernel", "combined", "--culling", "square", "--preset", "inria"});
   std::vector<std::string> names;

@@ -92,7 +92,8 @@ TEST(BenchReport, ColumnsThatWereNotMeasuredAreAbsent) {
 
 constexpr int kWidth = 480, kHeight = 270;
 
-/// Distances of visible points from the image centre, max(|x|, |y|) in units of half the image size, ascending.
+/// Returns the distances of visible points from the image centre, max(|x|, |y|) in units of half the image size,
+/// ascending.
 std::vector<double> distances(const std::vector<float>& positions, double focal) {
   std::vector<double> visible;
   for (std::size_t i = 0; i < positions.size(); i += 3) {
@@ -162,7 +163,7 @@ TEST(SpreadScene, SkewChangesOnlyPositionsTowardsTheCentre) {
 
 TEST(SpreadScene, IsTheSceneOfThePublishedBenchmarks) {
   // docs/lab/kernels.md has measurements of `spread`. All values come from one sequence of random numbers, so an
-  // additional or missing draw changes the last Gaussian.
+  // additional or missing number changes the last Gaussian.
   const SplatCloud even = make_spread_scene({1000, 0, 1}, {}).cloud, skewed = make_spread_scene({1000, 1, 1}, {}).cloud;
   const auto expect_last = [](const std::vector<float>& values, const std::vector<float>& expected) {
     const std::vector<float> last(values.end() - static_cast<std::ptrdiff_t>(expected.size()), values.end());
@@ -181,7 +182,7 @@ TEST(SpreadScene, IsTheSceneOfThePublishedBenchmarks) {
 struct FlatScene {
   PointCloud points;           // px, at depth 0
   std::vector<double> sigmas;  // px
-  /// Gaussians by distance from the image centre, in ten groups of equal size.
+  /// Indices of Gaussians by distance from the image centre, in ten groups of equal size.
   std::array<std::vector<std::size_t>, 10> tenths;
   /// Largest distance in each group, in units of half the image size.
   std::array<double, 10> ends;
@@ -232,7 +233,7 @@ TEST(SpreadScene, SizesOfAFirstIterationFollowFromTheDensityOnTheScreen) {
     }
     const double smallest = *std::min_element(flat.sigmas.begin(), flat.sigmas.end());
     const double largest = *std::max_element(flat.sigmas.begin(), flat.sigmas.end());
-    // From the edge to the core of 1/20 the density grows by 20^(2 skew).
+    // From the edge to the core of 1/20, the density grows by 20^(2 skew).
     EXPECT_NEAR(largest / smallest, std::pow(20, skew), 0.01 * std::pow(20, skew));
   }
 }
@@ -269,7 +270,7 @@ class BenchProgram : public ::testing::Test {
     const Outcome outcome = run_b3dgs(words);
     EXPECT_EQ(outcome.exit_code, 0) << outcome.err;
     const json report = json::parse(test::read_bytes(path("report.json")));
-    std::filesystem::remove(path("report.json"));  // no benchmark replaces it
+    std::filesystem::remove(path("report.json"));  // benchmarks do not overwrite it
     return report;
   }
 
@@ -321,7 +322,7 @@ TEST_F(BenchProgram, AnInterruptedSweepKeepsItsResults) {
   std::vector<std::string> words{"bench", "sweep",    "--points", "300",      "--width", "96",     "--height",
                                  "64",    "--repeat", "1000",     "--device", "cpu",     "--json", path("report.json"),
                                  "--skew"};
-  // Far more than are timed before the signal arrives, however long that takes on a busy machine.
+  // There are far more than can be timed before the signal arrives, even on a busy machine.
   for (int i = 0; i < 100; ++i) words.push_back(std::to_string(0.01 * i));
   const Outcome ended = run_b3dgs(words, options);
   EXPECT_EQ(ended.exit_code, 130);

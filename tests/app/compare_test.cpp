@@ -298,7 +298,7 @@ TEST_F(Compare, IsKeptUntilItsSuccessorIsComplete) {
   const std::string result_before = read_bytes(output() / "compare.json");
   test::RunOptions options;
   options.signal = SIGTERM;
-  options.signal_when = [&] { return fs::exists(output() / "sub-tile/seed_0/train.jsonl"); };  // new
+  options.signal_when = [&] { return fs::exists(output() / "sub-tile/seed_0/train.jsonl"); };  // a new file
   const Outcome stopped = compare({"--iterations", "50000", "--overwrite", "--quiet"}, "out", options);
   ASSERT_EQ(stopped.exit_code, 143) << stopped.out << stopped.err;
   EXPECT_TRUE(test::same(read_bytes(of_naive / ply), before));
@@ -313,7 +313,7 @@ TEST_F(Compare, OverwriteMovesNothingIfAFolderCannotBeMade) {
   const fs::path ply = output() / "naive/seed_0/point_cloud/iteration_5/point_cloud.ply";
   fs::create_directories(ply.parent_path());
   std::ofstream(ply) << "mine";
-  fs::create_symlink("sub-tile", output() / "sub-tile");  // to itself, where a folder is needed
+  fs::create_symlink("sub-tile", output() / "sub-tile");  // a link to itself with the name of a required folder
   EXPECT_EQ(compare({"--iterations", "5", "--overwrite", "--quiet"}).exit_code, 2);
   EXPECT_EQ(read_bytes(ply), "mine");
   EXPECT_FALSE(fs::exists(output() / "compare.json"));
@@ -376,7 +376,7 @@ TEST_F(Compare, ResumeRejectsOptionsThatItWouldIgnoreAndOtherDefaults) {
   rejected({"--config", file.string()}, "the comparison has the seeds 0");
   EXPECT_EQ(result()["plan"]["config"]["seed"], 0);
 
-  // A comparison of a version with other defaults is shown, but not resumed.
+  // A comparison of a version with other defaults is shown, but cannot be resumed.
   json with_removed_option = result(), without_lenses = result();
   with_removed_option["plan"]["config"]["pixels_per_gaussian"] = 45;
   without_lenses["plan"]["config"].erase("lenses");

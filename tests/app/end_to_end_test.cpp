@@ -43,7 +43,7 @@ class EndToEnd : public ::testing::Test {
     return run_b3dgs(words, options);
   }
 
-  /// A training that is stopped by a signal once it has written a checkpoint.
+  /// Runs a training and sends it a signal after it has written a checkpoint.
   Outcome train_and_signal(int signal, int n_signals = 1) const {
     test::RunOptions options;
     options.signal = signal;
@@ -185,7 +185,7 @@ TEST_F(EndToEnd, EvaluatesWithExposures) {
 }
 
 TEST_F(EndToEnd, TheReportShowsTheModelThatIsSaved) {
-  // The opacity reset after the last iteration affects the checkpoint only, for a training that is resumed.
+  // The opacity reset after the last iteration affects only the checkpoint, for a resumed training.
   const Outcome trained =
       train({"--preset", "inria", "--eval", "--iterations", "60", "--opacity_reset_interval", "60"});
   ASSERT_EQ(trained.exit_code, 0) << trained.err;
@@ -230,16 +230,16 @@ TEST_F(EndToEnd, ASignalLeavesACheckpointToResume) {
 }
 
 TEST_F(EndToEnd, SignalsInQuickSuccessionAreOneRequest) {
-  // timeout(1) signals the program and its process group. The exit code would be the same if the second signal killed
-  // the program, but not the output.
+  // timeout(1) signals the program and its process group. If the second signal killed the program, the exit code would
+  // be the same, but not the output.
   const Outcome stopped = train_and_signal(SIGTERM, 4);
   EXPECT_EQ(stopped.exit_code, 143) << stopped.err;
   EXPECT_NE(stopped.out.find("--resume"), std::string::npos) << stopped.out;
 }
 
 TEST_F(EndToEnd, TenIterationsAndTenMoreEqualTwenty) {
-  // Density control at 4, 8, 12, 16 and the opacity reset at 12 are on both sides of the interruption. On a CPU the two
-  // candidates compute the same bits, so it does not matter which one is faster.
+  // Density control at 4, 8, 12, 16 and the opacity reset at 12 are on both sides of the interruption. On a CPU both
+  // candidates compute the same bits, so it does not matter which is faster.
   const Words schedule{"--preset",
                        "inria",
                        "--densify_from_iter",
@@ -319,7 +319,7 @@ TEST_F(EndToEnd, TheDefaultModelFolderIsNamedAfterTheScene) {
   const Outcome outcome = run_b3dgs({"train", "-s", "scene/", "--iterations", "2"}, here);
   EXPECT_EQ(outcome.exit_code, 0) << outcome.err;
   EXPECT_TRUE(fs::exists(folder_.path() / "output" / "scene" / "point_cloud"));
-  // The scene was given relative to the working folder of the training; the model stores its absolute path.
+  // The training was given the scene relative to its working folder. The model stores the absolute path.
   EXPECT_EQ(run_b3dgs({"eval", "-m", (folder_.path() / "output" / "scene").string()}).exit_code, 0);
 }
 

@@ -46,7 +46,7 @@ TEST(Eta, IsNeitherNegativeNorInfinite) {
   eta.add(4, 5);  // no time has passed
   EXPECT_EQ(eta.seconds_left(), 0);
   EXPECT_EQ(eta.iterations_per_second(), 0) << "not known";
-  eta.add(5, 4);  // a clock that went back
+  eta.add(5, 4);  // the clock went back
   EXPECT_EQ(eta.seconds_left(), 0);
   eta.add(12, 11);  // beyond the end
   EXPECT_EQ(eta.seconds_left(), 0);

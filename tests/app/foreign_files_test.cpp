@@ -1,4 +1,4 @@
-// Runs the program: files that it has not written are never lost, whatever is called in which order.
+// Runs the program. Files that it has not written are never lost, regardless of the order of commands.
 #include <gtest/gtest.h>
 
 #include <csignal>
@@ -47,7 +47,7 @@ class ForeignFiles : public ::testing::Test {
     return run(words);
   }
 
-  /// Writes a file of the user's, unless there is one already.
+  /// Writes a file as the user, unless it exists.
   void put(const fs::path& file) {
     if (fs::exists(file) && contents_.count(read_bytes(file)) > 0) return;
     const std::string content = "of the user: " + file.string() + " " + std::to_string(contents_.size());
@@ -55,7 +55,7 @@ class ForeignFiles : public ::testing::Test {
     write_bytes(file, content);
   }
 
-  /// Each of the user's contents is still in some file, whatever its name.
+  /// Checks that all contents of the user are still in some file, whatever its name.
   void expect_nothing_is_lost(const std::string& after) const {
     std::set<std::string> found;
     for (const fs::directory_entry& entry : fs::recursive_directory_iterator(temp_.path())) {
@@ -64,8 +64,8 @@ class ForeignFiles : public ::testing::Test {
     for (const std::string& content : contents_) EXPECT_EQ(found.count(content), 1u) << content << " after " << after;
   }
 
-  /// A file of the user's at each place where the program writes, or might look. `with_inputs`: also where a command
-  /// that does not begin anew would read it, and fail.
+  /// Puts a file of the user at each path where the program writes, or might look. `with_inputs`: also where a command
+  /// that does not start anew would read it, and fail.
   void put_everywhere(bool with_inputs) {
     const fs::path root = model();
     for (const char* name : {"cfg_args", "input.ply", "photographs.json", "report.html", "results.json",
@@ -125,7 +125,7 @@ TEST_F(ForeignFiles, OfAModelThatIsReplacedStay) {
   put(iteration / "web.spz");
   put(iteration / "point_cloud_orbit/00000.png");
   put(root / "report/notes.txt");
-  put(root / "checkpoints/iteration_4.b3dgs");  // edited, or from elsewhere: it must not be resumed
+  put(root / "checkpoints/iteration_4.b3dgs");  // edited, or from elsewhere, so it must not be resumed
   write_bytes(root / "test/ours_4/views.json", "[]");
   const Outcome replaced = train({"--overwrite", "--iterations", "3"});
   expect_nothing_is_lost("--overwrite");
@@ -143,7 +143,7 @@ TEST_F(ForeignFiles, AModelIsKeptUntilItsSuccessorIsComplete) {
   train();
   const std::string ply = read_bytes(ModelFolder(model()).ply(4));
   const fs::path kept = fs::path(model()) / "replaced/point_cloud/iteration_4/point_cloud.ply";
-  for (int i = 0; i < 3; ++i) {  // stopped three times: the complete model stays, not the one that was begun
+  for (int i = 0; i < 3; ++i) {  // stopped three times: the complete model stays, not the unfinished one
     fs::remove(fs::path(model()) / "train.jsonl");
     test::RunOptions killed;
     killed.signal = i == 0 ? SIGKILL : SIGINT;  // the second leaves a PLY of an unfinished training
@@ -161,7 +161,7 @@ TEST_F(ForeignFiles, AModelIsKeptIfItsMoveWasInterrupted) {
   train();
   const fs::path root = model();
   {
-    OwnFiles own(root);  // what a process that is killed while it moves leaves
+    OwnFiles own(root);  // files left by a process that is killed while it moves them
     fs::create_directories(root / "replaced.moving/checkpoints");
     own.move(ModelFolder(model()).checkpoint(4), root / "replaced.moving/checkpoints/iteration_4.b3dgs");
   }

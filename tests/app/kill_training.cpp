@@ -1,4 +1,4 @@
-// Kills trainings at random moments, resumes them, and compares the result with an uninterrupted training: the last PLY
+// Kills trainings at random moments, resumes them, and compares the result with an uninterrupted training. The last PLY
 // must be identical byte by byte, and the model folder must be usable after every kill.
 //
 //   kill_training FOLDER [--kills N] [--seed S] [--device cpu|cuda] [--keep]
@@ -143,7 +143,7 @@ Words training(const Options& options, const fs::path& model, bool resumes) {
   return words;
 }
 
-/// Checks what must hold at any moment.
+/// Checks invariants that hold at any moment.
 void check_folder(const ModelFolder& folder) {
   for (const int iteration : folder.checkpoint_iterations()) verify_checkpoint_file(folder.checkpoint(iteration));
   for (const int iteration : folder.ply_iterations()) read_splat_ply(folder.ply(iteration));
@@ -155,13 +155,13 @@ void check_folder(const ModelFolder& folder) {
   }
 }
 
-/// Checks what must hold at the end.
+/// Checks invariants that hold at the end.
 void check_end(const ModelFolder& folder, const std::string& expected) {
   if (test::read_bytes(folder.ply(40)) != expected)
     fail("differs from the PLY of the uninterrupted training: " + folder.ply(40).string());
   for (const fs::directory_entry& entry : fs::recursive_directory_iterator(folder.root())) {
     const std::string name = entry.path().filename().string();
-    if (name == ".b3dgs-files") continue;  // the record of what the training has written (own_files.h)
+    if (name == ".b3dgs-files") continue;  // the list of files that the training has written (own_files.h)
     if (name.compare(0, 6, ".b3dgs") == 0) fail("temporary file was not removed: " + entry.path().string());
   }
   int last = 0;
@@ -222,7 +222,7 @@ int run(const Options& options) {
       } else {
         expect_success(status, log);
         is_done = true;
-        // The speed of the machine may have changed; the kills must fall into the training.
+        // The speed of the machine may have changed, but the kills must occur during the training.
         if (is_first) whole_s = std::chrono::duration<double>(Clock::now() - attempt_begin).count();
       }
     }

@@ -1,4 +1,4 @@
-// The launcher b3dgs, which works without the programs that it starts; and scripts that run it.
+// The launcher b3dgs, which works without the programs that it starts, and scripts that run it.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -154,7 +154,7 @@ TEST(ComparePresets, TakesTimesFromTrainingsThatRanAlone) {
   EXPECT_NE(out.find("| fox | b | 20 | 1 | 9.00, 2 at once | 1,000 |"), std::string::npos) << out;
 }
 
-/// In place of b3dgs train: writes what the script reads, with the seed as count; fails with the option --fail.
+/// Replaces b3dgs train. Writes the files that the script reads, with the seed as count. Fails with the option --fail.
 constexpr char kStandIn[] = R"(#!/usr/bin/env bash
 set -eu
 while (($# > 0)); do

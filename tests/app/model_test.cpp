@@ -204,7 +204,7 @@ TEST_F(TrainedModel, IsRenderedAndEvaluatedWithRefinedPoses) {
     for (std::size_t axis = 0; axis < 3; ++axis) EXPECT_NEAR(position(model)[axis], refined[axis], 1e-9);
     EXPECT_EQ(results_variant(model, options_), "r2");
   }
-  make_scene("other", "2");  // with the same names of photographs, but other poses
+  make_scene("other", "2");  // with the same photograph names, but other poses
   options_.source_path = path("other");
   const auto of_other = position(load_model(options_, status_));
   fs::remove(folder_ / "model/poses.json");
@@ -251,7 +251,7 @@ TEST_F(TrainedModel, TestViewsAreThoseThatTheTrainingHeldOut) {
   using Names = std::vector<std::string>;
   ASSERT_EQ(names(), (Names{"00000.png", "00008.png"}));
   const fs::path images = folder_ / "scene/images";
-  fs::rename(images / "00003.png", folder_ / "aside.png");  // every 8th of those that are left: 00000 alone
+  fs::rename(images / "00003.png", folder_ / "aside.png");  // every 8th of the remaining ones: only 00000
   EXPECT_EQ(names(), (Names{"00000.png", "00008.png"}));
   EXPECT_NE(messages_.str().find("not found, but used by the training: 1 view (00003.png)"), std::string::npos)
       << messages_.str();
@@ -263,7 +263,7 @@ TEST_F(TrainedModel, TestViewsAreThoseThatTheTrainingHeldOut) {
                        "--device", "cpu", "--quiet"})
                 .exit_code,
             0);
-  fs::rename(folder_ / "aside.png", images / "00003.png");  // comes back: neither trained on nor held out
+  fs::rename(folder_ / "aside.png", images / "00003.png");  // restored, but neither trained on nor held out
   EXPECT_EQ(names(), Names{"00000.png"});
   EXPECT_NE(messages_.str().find("left out, since the training did not have them: 1 view (00003.png)"),
             std::string::npos)

@@ -1,4 +1,4 @@
-// Photographs with names that are not UTF-8: the program's results are those of photographs with plain names.
+// Photographs with names that are not UTF-8. The program's results are the same as with plain names.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -18,7 +18,7 @@ using test::Outcome;
 using test::read_bytes;
 using test::run_b3dgs;
 
-/// "0000" and a digit, or a byte in its place that is not UTF-8. Both sort alike.
+/// Returns "0000" and a digit, or instead of the digit a byte that is not UTF-8. Both sort alike.
 std::string photograph(std::size_t i, bool is_plain) {
   const int first = is_plain || i == 0 ? '0' : 0xe8;
   return std::string("0000") + static_cast<char>(first + static_cast<int>(i)) + ".png";
@@ -47,7 +47,7 @@ class NamesThatAreNotUtf8 : public ::testing::Test {
   }
   std::string path(const std::string& name) const { return (folder_ / name).string(); }
 
-  /// What eval prints, with plain names, or its warnings and errors if there are any.
+  /// Returns the output of eval, with plain names, or its warnings and errors if there are any.
   std::string evaluate(const std::string& name, const std::string& split) const {
     const Outcome outcome = run_b3dgs({"eval", path(name + "_model"), "--split", split, "--device", "cpu", "--quiet"});
     if (outcome.exit_code != 0 || !outcome.err.empty()) return name + ": " + outcome.err;

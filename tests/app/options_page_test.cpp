@@ -14,7 +14,7 @@ using test::Outcome;
 using test::run_b3dgs;
 using Words = std::vector<std::string>;
 
-/// The first line in which two texts differ.
+/// Returns the first line in which two texts differ.
 std::string first_difference(const std::string& found, const std::string& expected) {
   std::istringstream a(found), b(expected);
   std::string line_a, line_b;

@@ -1,4 +1,4 @@
-// Runs the program: what can be resumed where, and what cannot.
+// Runs the program. Tests which checkpoints can be resumed in which folders.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -59,7 +59,7 @@ TEST_F(Resume, OfOneModelDoesNotReplaceAnotherUnlessAsked) {
   EXPECT_TRUE(test::same(read_bytes(b.ply(5)), ply));
   EXPECT_EQ(read_bytes(b.log()), log);
 
-  // In that model's folder, the checkpoint would be removed with the model.
+  // If this folder were used, the checkpoint would be removed with the model.
   const fs::path guest = b.checkpoint(3);
   fs::copy_file(a.checkpoint(3), guest);
   expect_refused(train({"--resume", guest, "-m", b.root(), "--overwrite"}), {guest, "move it elsewhere"});
@@ -188,7 +188,7 @@ TEST_F(Resume, AutoNeedsNoSceneAndDetectsDamagedCheckpoints) {
   expect_success(train({"--config", a.root() / "config.json", "--overwrite", "--iterations", "5"}));
   EXPECT_EQ(a.checkpoint_iterations(), (std::vector<int>{5}));
 
-  // As if killed before the first checkpoint.
+  // The training seems to have been killed before the first checkpoint.
   fs::remove(a.checkpoint(5));
   EXPECT_TRUE(remove_tree(a.root() / "point_cloud"));
   expect_success(train({"-m", a.root(), "--resume", "auto"}));
@@ -227,7 +227,7 @@ TEST_F(Resume, FilesThatAreNotOfATrainingAreKept) {
     write_file(a.root() / name, "mine");
   }
   expect_success(train({"-s", scene(), "-m", a.root(), "--iterations", "2", "--overwrite"}));
-  // Files that would be read with the new model are moved aside.
+  // Files that would be mistaken for a part of the new model are moved aside.
   for (const char* name : {"poses.json.previous", "exposure.json.previous", "report/notes.txt"}) {
     EXPECT_EQ(read_bytes(a.root() / name), "mine") << name;
   }

@@ -1,4 +1,4 @@
-// scripts/setup_gpu.sh on machines that lack something, and installation of the program.
+// scripts/setup_gpu.sh on machines with missing parts, and installation of the program.
 #include <gtest/gtest.h>
 
 #include <cstdlib>
@@ -12,7 +12,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-/// Simulates a machine by scripts that print what nvidia-smi and nvcc would print.
+/// Simulates a machine with scripts that print the output of nvidia-smi and nvcc.
 class SetupGpu : public testing::Test {
  protected:
   void add_program(const std::string& name, const std::string& answer) {

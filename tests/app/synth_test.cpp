@@ -1,4 +1,4 @@
-// Synthetic scenes: their distributions, their files, and that COLMAP can read them.
+// Synthetic scenes: their distributions, their files, and reading by COLMAP.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -39,13 +39,13 @@ void write(const SynthConfig& config) {
   write_synth_scene(config, make_scene(config));
 }
 
-/// Relative path and content of every file except synth.json, which contains the output folder, and the record of
-/// files.
+/// Returns the relative path and content of every file except synth.json, which contains the output folder, and the
+/// list of own files.
 std::vector<std::pair<std::string, std::string>> contents(const fs::path& folder) {
   std::vector<std::pair<std::string, std::string>> files;
   for (const fs::directory_entry& entry : fs::recursive_directory_iterator(folder)) {
     if (!entry.is_regular_file() || entry.path().filename() == "synth.json" ||
-        entry.path().filename() == ".b3dgs-files") {  // it has times
+        entry.path().filename() == ".b3dgs-files") {  // contains times
       continue;
     }
     files.emplace_back(fs::relative(entry.path(), folder).string(), read_bytes(entry.path()));
@@ -227,7 +227,7 @@ TEST(SynthFolder, OtherFilesInItStayWhenASceneIsReplaced) {
                                      folder / "sparse" / "0" / "notes.txt", folder / "sparse" / "1" / "cameras.bin",
                                      folder / "masks" / "00000.png"};
   for (const fs::path& other : others) test::write_bytes(other, "mine");
-  // In the place of files of the next scene: one that was changed, and one that was added.
+  // Files at paths of the next scene: one that was changed, and one that was added.
   const std::vector<fs::path> in_the_way{folder / "images" / "00001.png", folder / "sparse" / "0" / "images.txt"};
   for (const fs::path& other : in_the_way) test::write_bytes(other, "mine");
   config.views = 4;
@@ -259,7 +259,7 @@ TEST(SynthFolder, AfterAFailureTheSceneIsGoneAndFilesOfOthersStay) {
   EXPECT_EQ(read_bytes(folder / "images" / "IMG_0001.png"), "mine");
   EXPECT_FALSE(fs::exists(folder / "images" / "00000.png"));
   EXPECT_FALSE(fs::exists(folder / "sparse"));
-  write(config);  // the folder still counts as a synthetic scene
+  write(config);  // the folder is still a synthetic scene
   EXPECT_EQ(read_bytes(folder / "images" / "IMG_0001.png"), "mine");
 }
 
@@ -289,14 +289,14 @@ TEST(Street, PointsAreThoseOfTheMeasuredFigures) {
   }
 }
 
-/// The Gaussians that training starts from, but with the opacity of a surface.
+/// Returns the Gaussians that training starts from, but with the opacity of a surface.
 SplatCloud solid_points(const SynthScene& scene) {
   SplatCloud cloud = splats_from_points(scene.points, 0);
   std::fill(cloud.logit_opacities.begin(), cloud.logit_opacities.end(), logit(0.8));
   return cloud;
 }
 
-/// PSNR between renders of two models, dB.
+/// Returns the PSNR between renders of two models, dB.
 double psnr_of(const SplatCloud& a, const SplatCloud& b, const Camera& camera) {
   const Image8 first = render_truth(a, camera), second = render_truth(b, camera);
   double sum = 0;
@@ -391,7 +391,7 @@ TEST(Orbit, GaussiansLieFlatOnTheirSurfaces) {
   for (std::size_t i = 0; i < static_cast<std::size_t>(scene.truth.size()); ++i) {
     if (std::abs(scene.truth.means[3 * i + 2]) > 1e-6) continue;  // the ground is at z = 0
     ++n_ground;
-    // The third axis is the thin one and points up: the rotation leaves z where it is, up to sign.
+    // The third axis is the thin one and points up. The rotation keeps z, up to sign.
     const float* q = &scene.truth.quats[4 * i];
     const double up = 1 - 2.0 * (q[1] * q[1] + q[2] * q[2]);
     EXPECT_NEAR(up, 1, 1e-5);
@@ -416,7 +416,7 @@ TEST(Orbit, PointsAreNearGaussiansAndHalfAsMany) {
       }
       nearest = std::min(nearest, squared);
     }
-    EXPECT_LT(std::sqrt(nearest), 0.06);  // noise of 0.01 a coordinate
+    EXPECT_LT(std::sqrt(nearest), 0.06);  // noise of 0.01 per coordinate
   }
 }
 

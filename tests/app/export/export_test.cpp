@@ -1,5 +1,5 @@
-// b3dgs export: what it writes, leaves out, measures and refuses. Formats of splat-transform with a program in its
-// place; the real one is tested where it is installed (scripts/check_exports.sh).
+// b3dgs export: written files, removed Gaussians, measurements and errors. A stub replaces splat-transform. The real
+// program is tested if it is installed (scripts/check_exports.sh).
 #include <gtest/gtest.h>
 
 #include <cmath>
@@ -27,7 +27,7 @@ using test::fails_with;
 using test::Outcome;
 using test::run_b3dgs;
 
-/// PATH of the programs that a test starts.
+/// Sets PATH for the programs that a test starts.
 class ScopedPath {
  public:
   explicit ScopedPath(const std::string& path) : before_(std::getenv("PATH")) { setenv("PATH", path.c_str(), 1); }
@@ -160,7 +160,7 @@ TEST_F(Export, LeavesOutWhatTheOptionsSay) {
 }
 
 TEST_F(Export, KeepsTheGaussiansThatMatterToTheViews) {
-  // Some are made transparent, and as many are moved to where no camera sees them.
+  // Some Gaussians are made transparent, and as many are moved out of view of all cameras.
   constexpr std::size_t kEach = 30;
   SplatCloud cloud = read_splat_ply(ply());
   ASSERT_GT(cloud.size(), 3 * std::int64_t{kEach});
@@ -187,7 +187,7 @@ TEST_F(Export, TurnsTheModelUpright) {
   const Outcome outcome = run_export({path("model"), path("up.ply"), "--up", "-y"});
   ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
   EXPECT_TRUE(test::contains(outcome.out, "0.00 dB lost")) << "measured before rotating: " << outcome.out;
-  // Cameras of this scene are on a ring about the axis z, which points up.
+  // Cameras of this scene are on a ring about the z axis, which points up.
   SplatCloud expected = read_splat_ply(ply());
   rotate_splats(rotation_between({0, 0, 1}, {0, -1, 0}), expected);
   const SplatCloud after = read_splat_ply(path("up.ply"));
@@ -295,7 +295,7 @@ TEST_F(Export, RemovesItsFilesWhenItIsStopped) {
   EXPECT_TRUE(fs::is_empty(out));
 }
 
-// The real program, from PATH: scripts/check_exports.sh installs it and runs these tests.
+// The real program, from PATH. scripts/check_exports.sh installs it and runs these tests.
 class SplatTransform : public Export {
  protected:
   void SetUp() override {

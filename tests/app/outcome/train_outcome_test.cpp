@@ -1,4 +1,4 @@
-// Runs the program: how a training ends if it is stopped, if nobody reads its output, or if its report cannot be
+// Runs the program. Tests how a training ends if it is stopped, if nobody reads its output, or if its report cannot be
 // written.
 #include <gtest/gtest.h>
 #include <sys/wait.h>
@@ -44,7 +44,7 @@ class TrainOutcome : public ::testing::Test {
         run_b3dgs({"train", scene(), "-m", model.root().string(), "--iterations", "100000"}, options);
     EXPECT_EQ(stopped.exit_code, 128 + SIGTERM) << stopped.err;
   }
-  /// `b3dgs WORDS... REDIRECTION`
+  /// Runs `b3dgs WORDS... REDIRECTION`.
   static Outcome run_in_shell(const Words& words, const std::string& redirection) {
     test::RunOptions options;
     options.program = "/bin/bash";
@@ -103,7 +103,7 @@ TEST_F(TrainOutcome, WhenInterruptedCanBeShown) {
 
 TEST_F(TrainOutcome, WhenKilledSaysHowToContinue) {
   interrupt();
-  remove_tree(model.root() / "point_cloud");  // as if it had been killed
+  remove_tree(model.root() / "point_cloud");  // as if the training had been killed
   ASSERT_EQ(model.checkpoint_iterations().size(), 1u);
   const int iteration = model.checkpoint_iterations().front();
   const std::string checkpoint = model.checkpoint(iteration).string(), n = std::to_string(iteration);
@@ -122,7 +122,7 @@ TEST_F(TrainOutcome, WhenKilledSaysHowToContinue) {
 
 TEST_F(TrainOutcome, WhenStoppedWhilePhotographsLoadLeavesNothing) {
   std::fflush(nullptr);
-  const pid_t child = ::fork();  // a request to stop cannot be taken back
+  const pid_t child = ::fork();  // a stop request cannot be undone
   if (child == 0) {
     int code = 1;
     request_stop();

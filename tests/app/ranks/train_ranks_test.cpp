@@ -1,4 +1,4 @@
-// b3dgs train on several ranks: options, launchers, and which of the ranks speaks.
+// b3dgs train on several ranks: options, launchers, and which of the ranks prints.
 #include "app/ranks/rank_setup.h"
 
 #include <gtest/gtest.h>
@@ -59,7 +59,7 @@ class TrainRanks : public testing::Test {
     EXPECT_EQ(made.exit_code, 0) << made.err;
   }
 
-  /// Trains two ranks as a launcher would, each with more words, and returns what they print, with their exit codes.
+  /// Trains two ranks like a launcher, each with more words, and returns their output, with their exit codes.
   std::vector<std::string> launch(const std::string& words_of_first, const std::string& words_of_second) const {
     int port = 0;
     {
@@ -88,7 +88,7 @@ class TrainRanks : public testing::Test {
     return run_b3dgs(words);
   }
 
-  /// One line of error, and nothing was started or written.
+  /// Expects one line of error, and that nothing was started or written.
   void expect_refused(const Words& words, const std::string& error) const {
     const Outcome outcome = train(words);
     EXPECT_EQ(outcome.exit_code, 2) << outcome.err;

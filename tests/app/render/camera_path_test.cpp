@@ -7,7 +7,7 @@
 namespace b3dgs {
 namespace {
 
-/// A camera at `center`, rotated by `angle` (rad) about its y axis.
+/// Returns a camera at `center`, rotated by `angle` (rad) about its y axis.
 Camera camera_at(const std::array<double, 3>& center, double angle) {
   Camera camera;
   camera.width = 100;

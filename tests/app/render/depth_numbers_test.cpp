@@ -1,4 +1,4 @@
-// b3dgs render --depth_format png16 and exr: the files hold the rendered depth.
+// b3dgs render --depth_format png16 and exr: the files contain the rendered depth.
 #include "app/colors/depth_images.h"
 
 #include <gtest/gtest.h>
@@ -30,7 +30,7 @@ TEST(RenderedDepth, IsTheSameInFilesOfNumbers) {
   };
   const std::string truth = (folder / "scene/truth.ply").string(), flight = (folder / "flight.json").string();
   run({"synth", "orbit", (folder / "scene").string(), "--points", "800", "--views", "3", "--quiet"});
-  // From above, where the scene fills a part of the image.
+  // The view is from above, where the scene covers a part of the image.
   test::write_bytes(flight, R"({"render_width": 64, "render_height": 48, "camera_path": [
       {"camera_to_world": [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 5, 0, 0, 0, 1], "fov": 50},
       {"camera_to_world": [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 9, 0, 0, 0, 1], "fov": 50}]})");
@@ -55,7 +55,7 @@ TEST(RenderedDepth, IsTheSameInFilesOfNumbers) {
     const cv::Mat exr = cv::imread((folder / "exr/depth" / (name + ".exr")).string(), cv::IMREAD_UNCHANGED);
     ASSERT_EQ(exr.type(), CV_32FC1);
     ASSERT_EQ(exr.rows, 48);
-    const Depth16 png = read_depth_map(folder / "png16/depth" / (name + ".png"));  // as train --depths reads it
+    const Depth16 png = read_depth_map(folder / "png16/depth" / (name + ".png"));  // the reader of train --depths
     ASSERT_EQ(png.width, 64);
     for (int at = 0; at < 64 * 48; ++at) {
       const float depth = expected[static_cast<std::size_t>(at)];

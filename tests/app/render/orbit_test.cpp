@@ -1,4 +1,4 @@
-// Circles around the focus of the cameras or the middle of the Gaussians.
+// Circles around the focus of the cameras or the centre of the Gaussians.
 #include "app/render/camera_path.h"
 
 #include <gtest/gtest.h>
@@ -13,7 +13,7 @@ namespace {
 
 const cv::Vec3d kFocus{3, -2, 5};
 const cv::Vec3d kUp{0.6, 0, 0.8};
-const cv::Vec3d kAcross{0.8, 0, -0.6};  // perpendicular to kUp, as is y
+const cv::Vec3d kAcross{0.8, 0, -0.6};  // perpendicular to kUp, like y
 
 double length(const cv::Vec3d& v) {
   return cv::norm(v);
@@ -37,7 +37,7 @@ Camera some_lens() {
   return lens;
 }
 
-/// Cameras at these angles of an ellipse about kUp, looking at kFocus.
+/// Returns cameras at these angles of an ellipse about kUp, looking at kFocus.
 std::vector<Camera> cameras_at(const std::vector<double>& angles, double first_radius, double second_radius,
                                double height) {
   std::vector<Camera> cameras;
@@ -144,7 +144,7 @@ TEST(Focus, IsWhereTheAxesMeet) {
 TEST(Focus, OfParallelAxesIsNearTheGaussians) {
   std::vector<Camera> cameras = cameras_at({0}, 3, 3, 0);
   cameras.push_back(cameras[0]);
-  const cv::Vec3d side = {0, 1, 0};  // the second camera stands beside the first one, 0.2 further
+  const cv::Vec3d side = {0, 1, 0};  // the second camera stands beside the first one, 0.2 farther away
   const Camera& first = cameras[0];
   for (std::size_t i = 0; i < 3; ++i) {
     cameras[1].cam_from_world.translation[i] -= 0.2 * first.cam_from_world.rotation[3 * i + 1] * side[1];
@@ -155,7 +155,7 @@ TEST(Focus, OfParallelAxesIsNearTheGaussians) {
 
 TEST(Focus, IsThatOfTheGaussiansIfCamerasLookOutward) {
   std::vector<Camera> cameras = cameras_at({0, 1, 2, 3, 4, 5}, 3, 3, 0);
-  for (Camera& camera : cameras) {  // turned by 180 degrees about their own y axis, the centre stays
+  for (Camera& camera : cameras) {  // turned by 180 degrees about their own y axis, with the same centre
     for (const std::size_t row : {0, 2}) {
       for (std::size_t i = 0; i < 3; ++i) camera.cam_from_world.rotation[3 * row + i] *= -1;
       camera.cam_from_world.translation[row] *= -1;
@@ -194,7 +194,7 @@ TEST(FitToSize, KeepsTheVerticalAngleOfView) {
   EXPECT_NEAR(fitted.cx, 150 + 2 * (55 - 60), 1e-12);
   EXPECT_NEAR(fitted.cy, 80 + 2 * (42 - 40), 1e-12);
   EXPECT_EQ(fit_to_size(lens, {120, 80}).cx, 55);
-  // A camera held upright is turned: what its height showed, the width shows.
+  // The field of view along the height of an upright camera becomes that along the width.
   const Camera turned = fit_longer_side({60, 80, 100, 100, 30, 42, {}, {}}, {1920, 1080});
   EXPECT_EQ(turned.width, 1920);
   EXPECT_EQ(turned.height, 1080);

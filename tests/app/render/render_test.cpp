@@ -1,4 +1,4 @@
-// b3dgs render with cameras of files and on paths around the scene.
+// b3dgs render with cameras from files and on paths around the scene.
 #include <gtest/gtest.h>
 
 #include <cmath>
@@ -74,7 +74,7 @@ int largest_difference(const fs::path& a, const fs::path& b) {
   return largest;
 }
 
-/// Share of pixels that are more than half covered.
+/// Returns the share of pixels that are more than half covered.
 double covered_share(const fs::path& alpha) {
   const Image8 image = read_image(alpha, false);
   const auto n =
@@ -117,7 +117,7 @@ TEST_F(Render, NoImageOfAnEarlierCallStays) {
   render_to("out", {"--path", "turntable", "--frames", "3"});
   test::write_bytes(folder_ / "out/renders/mine.png", "mine");
   render_to("out", {"--path", "turntable", "--frames", "2", "--no_depth", "--no_alpha"});
-  EXPECT_EQ(count_images("out/renders"), 3);  // two, and that of the user
+  EXPECT_EQ(count_images("out/renders"), 3);  // two, and one of the user
   EXPECT_EQ(test::read_bytes(folder_ / "out/renders/mine.png"), "mine");
   EXPECT_FALSE(fs::exists(folder_ / "out/depth"));
 }
@@ -136,7 +136,7 @@ TEST_F(Render, TheImageSizeCanBeChosen) {
   render_to("own", cameras);
   const Image8 own = read_image(folder_ / "own/renders/00000.png", false);
   const Image8 wide = read_image(folder_ / "both/renders/00000.png", false);
-  for (int row = 0; row < 48; ++row) {  // the middle of the wider image is the narrower one
+  for (int row = 0; row < 48; ++row) {  // the middle of the wider image equals the narrower one
     for (int i = 0; i < 3 * 64; ++i) {
       ASSERT_NEAR(wide.pixels[static_cast<std::size_t>(3 * (row * 96 + 16) + i)],
                   own.pixels[static_cast<std::size_t>(3 * row * 64 + i)], 1);
@@ -177,7 +177,7 @@ TEST_F(Render, AModelIsRenderedWithCamerasOfAFile) {
   EXPECT_EQ(count_images("model/turntable/ours_2/renders"), 4);
 }
 
-// Where no scene is read, the unit of --near_plane is that of the training all the same.
+// If no scene is read, the unit of --near_plane is still that of the training.
 TEST_F(Render, ViewsOfAModelAreThoseThatEvalMeasures) {
   for (const Words& words : {Words{"train", path("scene"), "-m", path("model"), "--iterations", "30", "--eval",
                                    "--near_plane", "4", "--device", "cpu", "--quiet"},
@@ -199,7 +199,7 @@ TEST_F(Render, AnImageThatCannotBeWrittenEndsItWithOneLine) {
   for (const std::string part : {"renders", "depth"}) {
     const std::string name = "no_" + part;
     fs::create_directories(folder_ / name);
-    fs::create_symlink(part, folder_ / name / part);  // to itself, where a folder is needed
+    fs::create_symlink(part, folder_ / name / part);  // a link to itself with the name of a required folder
     expect_refused({truth(), "--output", path(name), "--path", "turntable", "--frames", "40", "--up", "z", "--width",
                     "64", "--height", "48"},
                    "cannot create folder: " + path(name) + "/" + part);
@@ -225,7 +225,7 @@ TEST_F(Render, TheProjectionCanBeChosen) {
   EXPECT_EQ(panorama.width, 320);
   EXPECT_EQ(panorama.height, 160);
   const Image8 fisheye = render_as("fisheye", {"--projection", "fisheye", "--fov", "200"});
-  // The same direction, the axis, is in the middle of each.
+  // The same direction, the axis, is in the centre of each image.
   const auto middle = [](const Image8& image) {
     return image.pixels[static_cast<std::size_t>(3 * (image.height / 2 * image.width + image.width / 2) + 1)];
   };

@@ -1,4 +1,4 @@
-// b3dgs render --video: the file has the frames, and no failure leaves half a file.
+// b3dgs render --video: the file has the frames, and a failure never leaves a partial file.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -48,7 +48,7 @@ class Video : public ::testing::Test {
   static void TearDownTestSuite() { delete scene_; }
 
   std::string path(const std::string& name) const { return (folder_ / name).string(); }
-  /// A turntable of 7 frames.
+  /// Renders a turntable of 7 frames.
   static Outcome render(Words more, const test::RunOptions& options = {}) {
     Words words{"render",    (*scene_ / "scene/truth.ply").string(),
                 "--device",  "cpu",
@@ -59,7 +59,7 @@ class Video : public ::testing::Test {
     words.insert(words.end(), more.begin(), more.end());
     return run_b3dgs(words, options);
   }
-  /// The frames of a video, as ffmpeg decodes them.
+  /// Returns the frames of a video, decoded by ffmpeg.
   std::vector<Image8> decode(const std::string& video) const {
     fs::create_directories(folder_ / "decoded");
     std::string output;
@@ -78,7 +78,7 @@ class Video : public ::testing::Test {
     const std::string number = std::to_string(i);
     return std::string(5 - number.size(), '0') + number + ".png";
   }
-  /// Puts a program `ffmpeg` with this text first in PATH, until the end of the test.
+  /// Puts a program `ffmpeg` with this script first in PATH, until the end of the test.
   void replace_ffmpeg(const std::string& script) {
     test::write_bytes(folder_ / "bin/ffmpeg", "#!/bin/sh\n" + script);
     fs::permissions(folder_ / "bin/ffmpeg", fs::perms::owner_all);
@@ -189,7 +189,7 @@ TEST_F(Video, WithoutFfmpegSaysHowToInstallIt) {
 }
 
 TEST_F(Video, FailureOfFfmpegIsAnErrorWithItsLastLine) {
-  for (const char* reads : {"", "cat > /dev/null\n"}) {  // at once, and at the end
+  for (const char* reads : {"", "cat > /dev/null\n"}) {  // fails at once, and at the end
     replace_ffmpeg(std::string(reads) + "echo first >&2\necho 'no such encoder' >&2\nexit 3\n");
     test::write_bytes(folder_ / "a.mp4", "mine");
     const Outcome outcome = render({"--video", path("a.mp4"), "--overwrite"});

@@ -1,4 +1,4 @@
-// --max_epochs, run as a program: trainings of few photographs.
+// --max_epochs, run as a program: trainings with few photographs.
 #include <gtest/gtest.h>
 
 #include <filesystem>
@@ -33,7 +33,7 @@ class MaxEpochs : public ::testing::Test {
   std::string scene() const { return (temp / "scene").string(); }
   ModelFolder model(const std::string& name = "model") const { return ModelFolder(temp / name); }
 
-  /// The kernels are fixed, so that no choice by time makes two trainings differ.
+  /// The kernels are fixed, so that timing does not make two trainings differ.
   Outcome train(const Words& more, const std::string& name = "model") const {
     Words words{"train", scene(),     "-m", model(name).root(), "--device",
                 "cpu",   "--threads", "1",  "--kernel",         "combined"};
@@ -88,7 +88,7 @@ TEST_F(MaxEpochs, AResumedTrainingIsTheSame) {
   EXPECT_TRUE(config_differences(config, model().read_config()).empty());
   EXPECT_TRUE(test::same(read_bytes(model().ply(12)), ply));
 
-  // Longer, and shorter than what has been trained.
+  // One is longer, one shorter than the finished part.
   train({"--resume", "auto", "--iterations", "16"});
   EXPECT_EQ(model().ply_iterations(), (std::vector<int>{12, 16}));
   EXPECT_EQ(model().read_config().max_epochs, 0);
@@ -100,7 +100,7 @@ TEST_F(MaxEpochs, AResumedTrainingIsTheSame) {
 
 TEST_F(MaxEpochs, AModelFolderOfAnOlderVersionHasNone) {
   train({"--iterations", "8"});
-  // A training that was interrupted before its first checkpoint has only its config.json.
+  // A training that was interrupted before its first checkpoint has only a config.json.
   nlohmann::ordered_json older = nlohmann::ordered_json::parse(read_bytes(model().root() / "config.json"));
   ASSERT_EQ(older.erase("max_epochs"), 1u);
   const fs::path folder = model("older").root();
@@ -143,14 +143,14 @@ TEST_F(MaxEpochs, HoldsForComparisons) {
   EXPECT_EQ(read_plan()["photographs"], 6);
   EXPECT_EQ(read_plan()["config"]["densify_until_iter"], 8) << "what the configurations are compared with";
 
-  // Everything is trained, so the scene is not read again.
+  // All runs are finished, so the scene is not read again.
   fs::rename(scene(), scene() + "_moved");
   const Outcome again = run_b3dgs({"compare", "--resume", "-m", root, "--quiet"});
   EXPECT_EQ(again.exit_code, 0) << again.err;
   fs::rename(scene() + "_moved", scene());
   EXPECT_EQ(read_plan()["photographs"], 6);
 
-  // A further seed, whose trainings are as long.
+  // An additional seed, whose trainings have the same length.
   const Outcome more = run_b3dgs({"compare", "--resume", "-m", root, "--seeds", "0", "1", "--quiet"});
   ASSERT_EQ(more.exit_code, 0) << more.err;
   EXPECT_EQ(ModelFolder(fs::path(root) / "a/seed_1").ply_iterations(), std::vector<int>{12});

@@ -26,7 +26,7 @@ namespace fs = std::filesystem;
 using test::fails_with;
 using Words = std::vector<std::string>;
 
-/// A model of a few iterations.
+/// Trains a model for a few iterations.
 class ViewPrograms : public ::testing::Test {
  protected:
   void SetUp() override {
@@ -41,7 +41,7 @@ class ViewPrograms : public ::testing::Test {
   test::TempDir folder_;
 };
 
-/// A port that nobody listens on.
+/// Returns a port on which nobody listens.
 int free_port() {
   const int port = port_of(listen_at("127.0.0.1", 0));
   return port;

@@ -1,4 +1,4 @@
-// The live view of a training: what it shows, what it may command, and that it changes nothing.
+// The live view of a training: its display and commands, and that it does not change the training.
 #include "app/view/watched_training.h"
 
 #include <gtest/gtest.h>
@@ -27,7 +27,7 @@ FrameRequest request_of(const WatchedTraining& watched, FrameMode mode, int view
   return request;
 }
 
-/// A training on a thread of its own, and its live view.
+/// A training on its own thread, and its live view.
 class LiveTraining {
  public:
   LiveTraining(const TrainConfig& config, const Scene& scene, const fs::path& folder, bool asks_every_step = false)
@@ -60,11 +60,11 @@ class LiveTraining {
   std::thread thread_;
 };
 
-/// As many viewers as may look: frames of all modes, pauses and checkpoints.
+/// Uses the maximum number of viewers: frames of all modes, pauses and checkpoints.
 void expect_same_bytes(TrainConfig config) {
   const test::TempDir folder;
   const Scene scene = test::make_tiny_scene();
-  config.deterministic = true;  // on a GPU, too
+  config.deterministic = true;  // on a GPU too
   const test::Trained alone = test::train(config, scene, folder.path() / "alone");
 
   LiveTraining live(config, scene, folder.path() / "watched", /*asks_every_step=*/true);
@@ -175,7 +175,7 @@ TEST(WatchedTraining, TellsHowATrainingEnded) {
   config.model_path = folder.path().string();
   const fs::path ply = ModelFolder(folder.path()).ply(7);
   fs::create_directories(ply.parent_path());
-  fs::create_symlink(ply.filename(), ply);  // to itself
+  fs::create_symlink(ply.filename(), ply);  // a link to itself
   WatchedTraining failed(config, scene, [] {}), resumed(config, scene, [] {});
   failed.close();
   EXPECT_EQ(failed.state(0).activity, "failed");
