@@ -1,5 +1,5 @@
-// What verdict, report and standard output call a difference, for simulated runs with and without one: about 5 % of
-// the comparisons of equals at most, and nearly all of those with an effect.
+// Tests which differences verdict, report and standard output claim, for simulated runs with and without one: in at
+// most about 5 % of the comparisons of equals, and in nearly all of those with an effect.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -16,12 +16,11 @@ namespace b3dgs {
 namespace {
 
 constexpr int kSimulations = 4000;
-/// A 95 % interval excludes 0 for 5 % of equals (of 60,000 simulations, the worst row below had 5.11 %, with a standard
-/// error of 0.09 %). Of 4000 simulations, that is 5 % with a standard error of 0.34 %, of
-/// which three are allowed.
+/// A 95 % interval excludes 0 for 5 % of equals (in 60,000 simulations, the worst case below had 5.11 %, with a
+/// standard error of 0.09 %). With 4000 simulations, the standard error of these 5 % is 0.34 %, and three are allowed.
 constexpr double kAtMost = 0.05 + 3 * 0.0034;
 
-/// Normally distributed, the same numbers with every standard library (Box-Muller).
+/// Normally distributed numbers that are the same with every standard library (Box-Muller).
 class Chance {
  public:
   explicit Chance(std::uint32_t seed) : engine_(seed) {}
@@ -68,7 +67,7 @@ Comparison simulate(Chance& chance, const Simulated& simulated) {
   if (simulated.has_repetition) histories.push_back({"a_again", histories[0].config, {}});
   for (int seed = 0; seed < simulated.n_seeds; ++seed) {
     comparison.plan.seeds.push_back(seed);
-    const double seed_db = chance(0.3);  // moves all configurations alike
+    const double seed_db = chance(0.3);  // moves all configurations equally
     for (ConfigurationHistory& own : histories) {
       const bool is_other = own.name == "b";
       own.by_seed.push_back(run(chance, simulated, seed_db, is_other ? simulated.psnr : 0,
@@ -80,7 +79,7 @@ Comparison simulate(Chance& chance, const Simulated& simulated) {
   return comparison;
 }
 
-/// What a text calls different.
+/// The differences that a text claims.
 struct Called {
   bool time = false, psnr = false;
   bool operator==(const Called& other) const { return time == other.time && psnr == other.psnr; }
@@ -91,7 +90,7 @@ Called called_in_verdict(const std::string& text) {
           !test::contains(text, "which may be chance") && !test::contains(text, "so equal")};
 }
 
-/// The text from `from` up to the next `until`.
+/// Returns the text from `from` up to the next `until`.
 std::string part_of(const std::string& text, const std::string& from, const std::string& until) {
   const std::size_t at = text.find(from);
   return at == std::string::npos ? "" : text.substr(at, text.find(until, at) - at);
@@ -114,7 +113,7 @@ struct Rates {
   double time = 0, psnr = 0;
 };
 
-/// Shares of simulated comparisons that are called different, by all three texts alike.
+/// Returns the shares of simulated comparisons that are called different, by all three texts.
 Rates rates_of(const Simulated& simulated, std::uint32_t random_seed, int n = kSimulations) {
   Chance chance(random_seed);
   Rates rates;
@@ -123,7 +122,7 @@ Rates rates_of(const Simulated& simulated, std::uint32_t random_seed, int n = kS
     const std::string text = comparison.summary["verdict"];
     const Called called = called_in_verdict(text);
     EXPECT_TRUE(called_on_terminal(describe_comparison(comparison)) == called) << describe_comparison(comparison);
-    if (i % 20 == 0) {  // takes longer; it has the same findings
+    if (i % 20 == 0) {  // takes longer, but has the same findings
       EXPECT_TRUE(called_in_report(comparison_report_data(comparison)) == called) << text;
     }
     rates.time += called.time ? 1.0 / n : 0;
@@ -223,7 +222,7 @@ TEST(CompareChance, BalancingIsRarelyCreditedWhereItSavesNothing) {
   }
 }
 
-/// A machine that runs at a speed of its own: a turn takes `load()` times as long as on an idle one.
+/// A machine with varying speed. A turn takes `load()` times as long as on an idle one.
 class Machine {
  public:
   enum class Kind { kIndependent, kDrifts, kHasBursts };
@@ -232,7 +231,7 @@ class Machine {
   double load() {
     if (kind_ == Kind::kIndependent) return std::max(0.05, 1 + chance_(deviation_));
     if (kind_ == Kind::kDrifts) return std::exp(walk_ = 0.98 * walk_ + chance_(deviation_));
-    // A burst begins in one of ten turns, makes the machine slower, and lasts for some turns.
+    // A burst begins in one of ten turns, makes the machine slower, and lasts for several turns.
     if (burst_ <= 0 && std::fabs(chance_(1)) > 1.645) burst_ = 1 + static_cast<int>(std::fabs(chance_(3)));
     return (burst_-- > 0 ? 1 + 10 * deviation_ : 1) * (1 + chance_(0.02));
   }
@@ -244,8 +243,8 @@ class Machine {
   Chance chance_;
 };
 
-/// The finding on the time of `b`, which takes turns with `a` on this machine and, for a share of `saved`, less time.
-/// Turns take longer towards the end of a training, as Gaussians are added.
+/// Returns the finding on the time of `b`, which takes turns with `a` on this machine and, for a share of `saved`, less
+/// time. Turns take longer towards the end of a training, as Gaussians are added.
 std::string finding_on(Machine& machine, int n_turns, int n_seeds, double saved) {
   std::vector<ConfigurationHistory> pair{{"a", {}, {}}, {"b", {}, {}}};
   pair[1].config.feature_lr *= 2;

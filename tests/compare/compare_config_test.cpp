@@ -9,7 +9,7 @@
 namespace b3dgs {
 namespace {
 
-/// All values of `base` count as given.
+/// Treats all values of `base` as given.
 std::vector<Configuration> parse(const std::string& text, const TrainConfig& base) {
   return parse_configurations(text, base, config_to_json(base));
 }

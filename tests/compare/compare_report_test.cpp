@@ -25,14 +25,14 @@ namespace {
 
 using Json = nlohmann::ordered_json;
 
-/// Lines every 10 iterations up to 100, of 100 x `ms` each, so that times can be judged; switches from segmented to
-/// sub-tile at `switch_iteration` (0: never).
+/// Returns lines every 10 iterations up to 100, of 100 x `ms` each, so that times can be judged. Switches from
+/// segmented to sub-tile at `switch_iteration` (0: never).
 TrainHistory steady_history(double ms, int switch_iteration = 0) {
   const TrainHistory steady = test::history(100 * ms, 100 * ms, 100);
   return switch_iteration == 0 ? test::with_kernel(steady, "segmented") : test::with_switch(steady, switch_iteration);
 }
 
-/// Two seeds, 3 and 5, of each.
+/// Makes a comparison with two seeds, 3 and 5, of each configuration.
 Comparison comparison_of(const std::vector<std::pair<std::string, std::vector<TrainHistory>>>& configurations) {
   Comparison comparison;
   comparison.plan.base.source_path = "/scenes/garden";
@@ -131,7 +131,7 @@ TEST(CompareReport, TheTableOnTheTerminalShowsTrainingsThatAreNotComplete) {
     own->points.back().test_ssim = 0.75;
     own->points.back().count = 1234;
   }
-  // No training is complete, and of the second seed only naive has begun.
+  // No training is complete, and for the second seed only naive has begun.
   const std::string text =
       describe_comparison(comparison_of({{"naive", {naive, naive}}, {"combined", {ours, TrainHistory{}}}}));
   EXPECT_TRUE(test::contains(text, " 100.00           -       -    25.00        -  0.7500       1234\n")) << text;
@@ -175,7 +175,8 @@ TEST(CompareReport, TheTerminalShowsTheNumbersOfThePaperBesideTheSameComparison)
 
 class ReportInBrowser : public ::testing::Test {
  protected:
-  /// What a browser shows of a page; "" if none is installed. Words of a table's cells are separated by tabs.
+  /// Returns the text that a browser shows of a page, or "" if none is installed. Words of a table's cells are
+  /// separated by tabs.
   std::string shown(const std::filesystem::path& report) const {
     const std::string command = std::string(B3DGS_SOURCE) + "/scripts/check_report.sh " + report.string() + " " +
                                 (folder_.path() / "pictures").string() + " 2>&1";
@@ -251,7 +252,7 @@ TEST_F(ReportInBrowser, ShowsPublishedResultsBesideTheSameComparison) {
                   {"published against naive-kernels\t20.0 % (95 %: 20.0 to 20.0 %)\tfaster\tno switch\tno switch\t-"});
 }
 
-/// A log as training on a GPU writes it, with everything that a report can show.
+/// Writes a log like that of a training on a GPU, with everything that a report can show.
 void write_eventful_log(const std::filesystem::path& path, double early_ms, double late_ms) {
   std::ofstream file(path);
   double elapsed_s = 0;
@@ -306,7 +307,7 @@ PictureContent content_of(const Image8& image) {
           image.pixels[0]};
 }
 
-/// A comparison on disk, of two kernels with one seed.
+/// Writes a comparison to disk, of two kernels with one seed.
 ComparisonPlan write_eventful_comparison(const std::filesystem::path& root) {
   ComparisonPlan plan;
   plan.base.model_path = root.string();

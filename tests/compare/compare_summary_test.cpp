@@ -303,7 +303,7 @@ TEST(CompareSummary, QualityIsComparedWhereAllWereMeasured) {
   EXPECT_EQ(quality[0]["baseline"]["mean"], 20);
   EXPECT_EQ(quality[0]["ours"]["mean"], 20.05);
 
-  // A second seed that has not come as far does not count, nor change what is compared.
+  // A second seed that has not progressed as far is not counted, and does not change what is compared.
   const Json two = summarize_pair(
       {measured_at(history(10, 10), {{1000, 20}, {4000, 25}}), measured_at(history(10, 10, 2000), {{1000, 10}})},
       {measured_at(history(8, 8), {{1000, 20}, {4000, 25.2}}), measured_at(history(8, 8, 2000), {{1000, 10}})});
@@ -333,7 +333,7 @@ ConfigurationHistory of_length(const std::string& name, int iterations, std::vec
   return {name, config, std::move(by_seed)};
 }
 
-/// 40 s and 8 s; the second seed of `fast` is not finished.
+/// The times are 40 s and 8 s. The second seed of `fast` is not finished.
 std::vector<ConfigurationHistory> of_two_lengths() {
   return {of_length("inria", 4000, {with_quality(history(1, 1), 28, 900000), with_quality(history(1, 1), 29, 1000000)}),
           of_length("fast", 1000,

@@ -12,7 +12,7 @@ namespace {
 
 using namespace test;
 
-/// Ends what a verdict says of times, with one seed.
+/// The end of a verdict about times, with one seed.
 const std::string kOneSeed =
     " One seed: this assumes that runs differ no more than the spread of their turns suggests.";
 
@@ -20,7 +20,7 @@ std::string verdict_of(const std::vector<ConfigurationHistory>& configurations) 
   return summarize_comparison(configurations, 4000, 100)["verdict"];
 }
 
-/// naive with 10 ms per step, sub-tile with 5, and `ours` as adaptive.
+/// Returns the verdict for naive with 10 ms per step, sub-tile with 5, and `ours` as adaptive.
 std::string three(const TrainHistory& ours) {
   return verdict_of({trained("naive", {history(10, 10)}), trained("sub-tile", {with_kernel(history(5, 5), "sub-tile")}),
                      trained("adaptive", {ours})});
@@ -104,7 +104,7 @@ TEST(Verdict, OtherOptionsAreNoLoadBalancing) {
                 kOneSeed);
 }
 
-/// A configuration that learns with another rate.
+/// Returns a configuration with another learning rate.
 ConfigurationHistory with_other_rate(const std::string& name, std::vector<TrainHistory> by_seed) {
   ConfigurationHistory own = trained("naive", std::move(by_seed));
   own.name = name;
@@ -224,7 +224,7 @@ TEST(Verdict, DoesNotCompareTimesOfShortTrainings) {
             "turns and 10 s of each configuration.");
 }
 
-/// The first four cells of the line that begins with `name`.
+/// Returns the first four cells of the line that begins with `name`.
 std::string times_in_table(const nlohmann::ordered_json& summary, const std::string& name) {
   const std::string table = summary_table(summary);
   std::istringstream line(table.substr(table.find("\n" + name) + 1));

@@ -9,7 +9,7 @@
 
 namespace b3dgs::test {
 
-/// Lines every 10 iterations: `early_ms` per step up to iteration 2000, `late_ms` after it. No kernel is named.
+/// Returns lines every 10 iterations: `early_ms` per step up to iteration 2000, `late_ms` after it. No kernel is named.
 inline TrainHistory history(double early_ms, double late_ms, int until = 4000) {
   TrainHistory history;
   double elapsed_s = 0;
@@ -23,13 +23,13 @@ inline TrainHistory history(double early_ms, double late_ms, int until = 4000) {
   return history;
 }
 
-/// With the same kernel in all lines.
+/// Sets the same kernel in all lines.
 inline TrainHistory with_kernel(TrainHistory history, const std::string& kernel) {
   for (LogPoint& point : history.points) point.kernel = kernel;
   return history;
 }
 
-/// The event of a timing check.
+/// Returns the event of a timing check.
 inline nlohmann::ordered_json check(int iteration, const std::string& in_use, const std::string& other, bool switches) {
   return {{"iteration", iteration},
           {"views", 8},
@@ -41,7 +41,7 @@ inline nlohmann::ordered_json check(int iteration, const std::string& in_use, co
           {"reason", other + (switches ? " takes less" : " takes more")}};
 }
 
-/// With a switch between two kernels before the step of `iteration`.
+/// Adds a switch between two kernels before the step of `iteration`.
 inline TrainHistory with_switch(TrainHistory history, int iteration, const std::string& from = "segmented",
                                 const std::string& to = "sub-tile") {
   for (LogPoint& point : history.points) point.kernel = point.iteration < iteration ? from : to;
@@ -64,7 +64,7 @@ inline TrainConfig config_with(const std::string& kernel) {
   return config;
 }
 
-/// A configuration named after its kernel.
+/// Returns a configuration named after its kernel.
 inline ConfigurationHistory trained(const std::string& kernel, std::vector<TrainHistory> by_seed) {
   return {kernel, config_with(kernel), std::move(by_seed)};
 }
