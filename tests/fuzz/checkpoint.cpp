@@ -1,4 +1,4 @@
-// Checkpoint files. Mutated headers practically never match their checksum, so each input is read twice: as it is, and
+// Checkpoint files. Mutated headers practically never match their checksum, so each input is read twice: unchanged, and
 // with the length and checksum of its header corrected.
 #include <cmath>
 #include <cstring>
@@ -41,7 +41,7 @@ void read_file(std::string_view bytes) {
   verify_sections(file, layout);
 }
 
-/// The input with a header length that fits the file, and the right checksum.
+/// Returns the input with a header length that fits the file, and the right checksum.
 std::optional<std::string> corrected(std::string_view bytes) {
   if (bytes.size() < kHeaderAt) return std::nullopt;
   std::string file(bytes);
@@ -50,7 +50,7 @@ std::optional<std::string> corrected(std::string_view bytes) {
   std::uint64_t length = 0;
   std::memcpy(&length, file.data() + kLengthAt, sizeof length);
   if (length > file.size() - kHeaderAt) length = file.size() - kHeaderAt;
-  // If a mutation moved the end of the header, it is the last brace before a zero byte: the tensors come after it.
+  // If a mutation moved the end of the header, it is the last brace before a zero byte, because the tensors follow it.
   const std::size_t zero = file.find('\0', kHeaderAt);
   const std::size_t brace = file.rfind('}', zero);
   if (brace != std::string::npos && brace >= kHeaderAt) length = brace + 1 - kHeaderAt;

@@ -14,7 +14,7 @@ inline bool is_finite_float(double value) {
   return std::isfinite(static_cast<float>(value));
 }
 
-/// Turns the model into views. @throws InputError for cameras that cannot be used
+/// Converts the model to views. @throws InputError for cameras that cannot be used
 inline void check_model(const ColmapModel& model) {
   for (const ColmapImage& image : model.images) {
     Camera view = camera_of(model.cameras.at(image.camera_id), "cameras");

@@ -15,7 +15,7 @@ namespace b3dgs::fuzz {
 /// @throws InputError if the reader rejects the bytes. Any other exception is a bug
 void read_input(std::string_view bytes);
 
-/// Whether the reader accepts the bytes. @throws LogicError if its error is empty or longer than one line
+/// Returns whether the reader accepts the bytes. @throws LogicError if its error is empty or longer than one line
 inline bool accepts_input(std::string_view bytes) {
   try {
     read_input(bytes);
@@ -31,7 +31,7 @@ inline bool accepts_input(std::string_view bytes) {
 /// Separates the files of an input that consists of several.
 inline constexpr std::string_view kFileSeparator = "<<next file>>";
 
-/// The first `n` files of an input; missing ones are empty.
+/// Returns the first `n` files of an input. Missing ones are empty.
 inline std::vector<std::string_view> split_files(std::string_view bytes, std::size_t n) {
   std::vector<std::string_view> files;
   while (files.size() + 1 < n) {

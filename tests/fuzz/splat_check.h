@@ -1,4 +1,4 @@
-// What every reader of Gaussians promises of a file that it accepts.
+// Guarantees of every reader of Gaussians for accepted files.
 #pragma once
 
 #include <cmath>

@@ -1,4 +1,5 @@
-// SPZ files. Input that begins like their content is compressed first: a fuzzer does not get past gzip's checksum.
+// SPZ files. Input that begins like their content is compressed first, because a fuzzer does not get past gzip's
+// checksum.
 #include "model/formats/splat_formats.h"
 
 #include "fuzz/fuzz_target.h"

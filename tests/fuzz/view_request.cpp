@@ -1,4 +1,4 @@
-// What the live view's page may send: Host and Origin, a number of the query, and a body of JSON, in this order.
+// Requests of the live view's page: Host and Origin, a number of the query, and a body of JSON, in this order.
 #include "fuzz/fuzz_target.h"
 #include "model/cameras/cameras_json.h"
 #include "view/access.h"

@@ -1,5 +1,5 @@
 // Writes the seeds of fuzzing: small valid files of every kind, made by the writers of this project. write_seeds FOLDER
-// fills FOLDER/TARGET/ for each target; the readers have to accept all of them.
+// fills FOLDER/TARGET/ for each target. The readers have to accept all of them.
 #include <fstream>
 #include <iostream>
 
@@ -26,7 +26,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-/// A camera of each supported model, each with an image.
+/// Returns a camera of each supported model, each with an image.
 ColmapModel model_of_all_cameras() {
   ColmapModel model;
   for (const CameraModel kind : supported_camera_models()) {
@@ -78,7 +78,7 @@ void write_transforms_seeds(const fs::path& folder) {
   json["applied_transform"] = {{1, 0, 0, 0}, {0, 0, 1, 0}, {0, -1, 0, 0}};
   json["test_filenames"] = {"images/a.png"};
   write_file(folder / "nerfstudio", json.dump(2));
-  // As of NeRF's synthetic scenes and of instant-ngp.
+  // The matrix resembles NeRF's synthetic scenes and instant-ngp.
   const std::string matrix = R"("transform_matrix": [[1, 0, 0, 0.5], [0, 1, 0, -2], [0, 0, 1, 4], [0, 0, 0, 1]])";
   write_file(folder / "synthetic",
              R"({"camera_angle_x": 0.69, "frames": [{"file_path": "./train/r_0", "rotation": 0.01, )" + matrix +
@@ -105,7 +105,7 @@ SplatCloud small_cloud(int sh_degree) {
 void write_ply_seeds(const fs::path& folder) {
   for (const int degree : {0, 1, 3}) write_splat_ply(folder / ("splats" + std::to_string(degree)), small_cloud(degree));
   write_point_ply(folder / "points", {{0, 1, 2, 3, 4, 5}, {10, 20, 30, 40, 50, 60}});
-  // As other programs write them: text, lists, other types.
+  // Other programs write them as text, with lists and other types.
   write_file(folder / "text",
              "ply\nformat ascii 1.0\ncomment x\nelement face 1\nproperty list uchar int vertex_indices\nelement vertex "
              "2\nproperty float x\nproperty double y\nproperty int z\nproperty uchar red\nproperty uchar "
@@ -115,13 +115,13 @@ void write_ply_seeds(const fs::path& folder) {
 
 void write_spz_seeds(const fs::path& folder) {
   for (const int degree : {0, 3}) write_spz(folder / ("file" + std::to_string(degree)), small_cloud(degree));
-  // Not compressed, so that a fuzzer can change values; the target compresses them.
+  // The seeds are not compressed, so that a fuzzer can change values. The target compresses them.
   for (const std::uint8_t version : {1, 2, 3}) {
     write_file(folder / ("content" + std::to_string(version)), test::spz_content(version, 3, version));
   }
 }
 
-/// A selector after one check, and that check.
+/// Returns a selector after one check, and that check.
 std::pair<KernelSelector, KernelDecision> kernel_check() {
   KernelSelector selector({"segmented", "sub-tile"});
   const KernelDecision decision = selector.decide(1009, {{2, 1}, {3, 1.5}, {4, 2}});

@@ -1,6 +1,5 @@
-// Runs a fuzz target on files, without libFuzzer, for ctest: FUZZ_TARGET [--accepted FOLDER] [FILE|FOLDER]...
-// Each file has to be accepted, or rejected with an InputError; those in the folder after --accepted have to be
-// accepted.
+// Runs a fuzz target on files, without libFuzzer, for ctest: FUZZ_TARGET [--accepted FOLDER] [FILE|FOLDER]... Each file
+// has to be accepted, or rejected with an InputError. Those in the folder after --accepted have to be accepted.
 #include <algorithm>
 #include <filesystem>
 #include <fstream>
@@ -25,7 +24,7 @@ std::vector<fs::path> files_of(const fs::path& path) {
   return files;
 }
 
-/// Whether the target behaved as expected.
+/// Returns whether the target behaved as expected.
 bool run_file(const fs::path& path, bool has_to_be_accepted) {
   std::ifstream file(path, std::ios::binary);
   if (!file) {
