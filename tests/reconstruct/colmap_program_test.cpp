@@ -49,7 +49,7 @@ TEST(ColmapProgram, FindsOptionsInTheHelpText) {
   EXPECT_EQ(options, (std::set<std::string>{"database_path", "SiftExtraction.use_gpu", "y"}));
 }
 
-/// The words after `name`, or "" if the command does not have it.
+/// Returns the words after `name`, or "" if the command does not have it.
 std::string value_of(const Words& command, const std::string& name) {
   for (std::size_t i = 0; i + 1 < command.size(); ++i) {
     if (command[i] == "--" + name) return command[i + 1];

@@ -1,4 +1,4 @@
-// b3dgs reconstruct as a program: what it prints, exit codes, Ctrl-C.
+// b3dgs reconstruct as a program: output, exit codes, Ctrl-C.
 #include <gtest/gtest.h>
 #include <signal.h>
 

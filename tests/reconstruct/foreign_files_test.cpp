@@ -1,4 +1,4 @@
-// Files of the user's in the scene folder keep every byte, wherever they are and whenever they came.
+// Files of the user in the scene folder keep every byte, wherever they are and whenever they were added.
 #include <gtest/gtest.h>
 
 #include <map>
@@ -36,7 +36,7 @@ class FilesInAScene : public testing::Test {
   void call() {
     reconstruct(options_, {}, nullptr, [&](const std::string& line) { warnings_.push_back(line); });
   }
-  /// A call whose error, such as a refusal, does not matter.
+  /// Makes a call whose error, such as a rejection, does not matter.
   void try_call() {
     try {
       call();
@@ -48,7 +48,7 @@ class FilesInAScene : public testing::Test {
     try_call();
     programs_.set_colmap_prelude("");
   }
-  /// Whether some file below the scene folder has these bytes.
+  /// Returns whether some file below the scene folder has these bytes.
   bool is_kept(const std::string& bytes) const {
     for (const fs::directory_entry& entry : fs::recursive_directory_iterator(scene())) {
       if (entry.is_regular_file() && read_bytes(entry.path()) == bytes) return true;
@@ -67,7 +67,7 @@ class FilesInAScene : public testing::Test {
   std::vector<std::string> warnings_;
 };
 
-// Every place where the program or the programs that it runs write, and others beside them.
+// All paths where the program or the programs that it runs write, and others beside them.
 const Words kPlaces{"images/a.png",
                     "images/mine.txt",
                     "images/frame_00001.jpg",
@@ -114,8 +114,8 @@ TEST_F(FilesInAScene, OfASceneOutliveEveryCall) {
     options_.input = photographs;
     options_.output = (folder_ / moment).string();
     fail_in(moment);
-    // Files with these bytes are there instead of what the program has written. Without a valid record of the stages,
-    // every call would be refused; see above.
+    // Files with these bytes replace those that the program has written. Without a valid stages.json, every call would
+    // be rejected; see above.
     for (const std::string& place : kPlaces) {
       if (place != "reconstruct/stages.json") write_bytes(scene() / place, "mine, " + place);
     }
@@ -127,7 +127,7 @@ TEST_F(FilesInAScene, OfASceneOutliveEveryCall) {
         }
       }
     };
-    // A call that goes on uses the database that is there. Others begin a new one.
+    // A call that continues uses the existing database. Others begin a new one.
     options_.max_features = 500;
     expect_kept("other features");
     expect_kept("the same call");
@@ -163,7 +163,7 @@ TEST_F(FilesInAScene, OriginalsThatWereUsedInPlaceAreNotReplacedByOthers) {
 TEST_F(FilesInAScene, CopiesWhoseOriginalsAreGoneAreKept) {
   call();
   const std::string original = read_bytes(folder_ / "photos/a.png");
-  ASSERT_TRUE(remove_tree(options_.input));  // a card that was formatted, and filled again
+  ASSERT_TRUE(remove_tree(options_.input));  // a memory card that was formatted and filled again
   write_photographs(options_.input, 4, 10, 10);
   call();
   EXPECT_TRUE(test::same(read_bytes(scene() / "images.previous/a.png"), original));
@@ -194,12 +194,12 @@ TEST_F(FilesInAScene, WithoutItsRecordTheProgramsOwnWorkFolderIsBegunAgain) {
 }
 
 TEST_F(FilesInAScene, AnEmptyOrLockedWorkFolderIsUsed) {
-  write_bytes(scene() / "reconstruct/.b3dgs-lock", "1\n");  // of an earlier version that was killed
+  write_bytes(scene() / "reconstruct/.b3dgs-lock", "1\n");  // from an earlier version that was killed
   EXPECT_NO_THROW(call());
   EXPECT_TRUE(fs::exists(scene() / "sparse/0/images.bin"));
 }
 
-/// Makes of the record that of the previous version, which had a stage for each group of photographs.
+/// Converts stages.json to that of the previous version, which had a stage for each group of photographs.
 void split_groups(const fs::path& record) {
   using Json = nlohmann::ordered_json;
   Json json = Json::parse(read_bytes(record)), stages = Json::array();
@@ -241,7 +241,7 @@ TEST_F(FilesInAScene, ScenesOfEarlierVersionsGoOn) {
     EXPECT_EQ(programs_.calls().size(), n_calls.at(command)) << command;
     EXPECT_TRUE(warnings_.empty()) << command << ": " << warnings_[0];
     EXPECT_EQ(read_bytes(scene() / "reconstruct.log").rfind(log, 0), 0u);
-    // Other options: what it has made without a list of files is moved aside, not removed.
+    // With other options, files made without a list of own files are moved aside, not removed.
     const std::string database = read_bytes(scene() / "reconstruct/database.db");
     options_.max_features = 1000;
     call();

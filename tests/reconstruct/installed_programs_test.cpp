@@ -1,4 +1,4 @@
-// With the programs colmap and ffmpeg themselves, where they are installed.
+// Tests with the real programs colmap and ffmpeg, if they are installed.
 #include <gtest/gtest.h>
 
 #include "core/process/child_process.h"
@@ -54,7 +54,7 @@ TEST(InstalledFfmpeg, WritesTheSharpestFrames) {
   if (find_program("ffmpeg").empty()) GTEST_SKIP() << "ffmpeg is not installed";
   const TempDir folder;
   const std::string video = (folder / "film: 1.mp4").string();
-  // Every 5th frame, from the 3rd on, is sharp.
+  // Every 5th frame is sharp, beginning with the 3rd.
   const ChildResult made = run_program_lines(
       {"ffmpeg", "-nostdin", "-v", "error", "-f", "lavfi", "-i", "testsrc=size=160x120:rate=30:duration=1", "-vf",
        "boxblur=3:enable='not(eq(mod(n,5),3))'", "-c:v", "mpeg4", "-q:v", "2", "file:" + video},

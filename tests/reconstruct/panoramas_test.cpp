@@ -30,7 +30,7 @@ Matrix product(const Matrix& a, const Matrix& b) {
   return c;
 }
 
-/// A turn about one of the axes x, y, z.
+/// Returns a rotation about one of the axes x, y, z.
 Matrix turn(std::size_t axis, double degrees) {
   const std::size_t a = (axis + 1) % 3, b = (axis + 2) % 3;
   Matrix matrix{1, 0, 0, 0, 1, 0, 0, 0, 1};
@@ -63,7 +63,7 @@ double degrees_between(const Matrix& a, const Matrix& b) {
 }
 
 /// Panoramas a.png, b.png, ... around points at a distance of about 5, and the model of their faces that COLMAP would
-/// make if it made no mistake.
+/// make without errors.
 struct Truth {
   explicit Truth(std::size_t n) {
     for (std::size_t i = 0; i < n; ++i) {
@@ -156,7 +156,7 @@ TEST(Panoramas, ModelsOfOneSizeKeepTheirOrder) {
 }
 
 TEST(Panoramas, TheFacesShowThemAndTheirCamerasAreThoseOfTheModel) {
-  // A panorama of one bright column, left of its middle: in the middle of the face to the left.
+  // The panorama has one bright column, left of its middle, which is in the middle of the left face.
   const TempDir folder;
   CheckedPhotographs panoramas{{"sub/a.png"}, {{128, 64}}, {}};
   Image8 image(128, 64, 3);
@@ -181,7 +181,7 @@ TEST(Panoramas, FacesThatDisagreeAreDropped) {
   truth.set_face(1, 0, product(turn(1, 20), first), center_of(truth.poses[1]));
   truth.set_face(2, 1, second, {center_of(truth.poses[2])[0] + 2, 0, 0});
   truth.expect_joined(1e-5, 1e-9);
-  // A point that only such a face and one of another panorama have seen is not known.
+  // A point seen only by such a face and one of another panorama is unknown.
   truth.faces.points[0].image_ids = {truth.id_of(1, 0), truth.id_of(3, 0)};
   truth.faces.points[1].image_ids = {truth.id_of(1, 1), truth.id_of(3, 0)};
   const ColmapModel model = join_faces(truth.faces, truth.panoramas);
@@ -204,7 +204,7 @@ TEST(Panoramas, OfTwoFacesThatDisagreeTheOneWithMorePointsCounts) {
   Truth truth(6);
   const Matrix rotation = panorama_faces(truth.panoramas.sizes)[0].cam_from_world.rotation;
   truth.set_face(0, 0, product(turn(0, 9), rotation), center_of(truth.poses[0]));
-  truth.faces.images.erase(truth.faces.images.begin() + 2, truth.faces.images.begin() + 4);  // of the panorama 0
+  truth.faces.images.erase(truth.faces.images.begin() + 2, truth.faces.images.begin() + 4);  // of panorama 0
   truth.faces.points[0].image_ids = {truth.id_of(0, 1), truth.id_of(1, 1)};  // instead of its first face
   truth.expect_joined(1e-5, 1e-9);
 }

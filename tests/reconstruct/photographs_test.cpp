@@ -43,7 +43,7 @@ TEST(Photographs, AreListedWithSubFoldersAndWithoutHiddenOnes) {
   EXPECT_EQ(list.photographs[0].bytes, 1u);
 }
 
-// The copies in a scene that was made below the photographs, while those beside them count.
+// Copies in a scene below the photographs are ignored, but those beside them are listed.
 TEST(Photographs, ThatTheProgramHasWrittenAreNotListed) {
   const TempDir folder;
   for (const char* name : {"a.jpg", "b.jpg", "scene/images/a.jpg", "scene/images/c.jpg"}) {
@@ -62,7 +62,7 @@ TEST(Photographs, LinksToFoldersAreFollowedUnlessTheyLeadBack) {
   fs::create_directory_symlink(elsewhere.path(), folder / "other");
   EXPECT_EQ(names_of(list_photographs(folder.path(), {})), (Names{"a.jpg", "left/b.jpg", "other/c.jpg"}));
 
-  const TempDir pair;  // each leads to the other
+  const TempDir pair;  // each links to the other
   for (const char* name : {"x/a.jpg", "y/b.jpg"}) write_bytes(pair / name, "x");
   fs::create_directory_symlink("../y", pair / "x/other");
   fs::create_directory_symlink("../x", pair / "y/other");
@@ -172,7 +172,7 @@ TEST_F(PlacedPhotographs, AreTurnedUpright) {
   EXPECT_TRUE(test::same(read_bytes(from_ / "lying.jpg"), original));
   EXPECT_EQ(in_the_way(), "") << "the turned copy is the photograph";
   EXPECT_EQ(place(), 0u);
-  // A damaged one is copied, and found by the check thereafter.
+  // A damaged photograph is copied, and the check detects it afterwards.
   write_bytes(from_ / "cut.jpg", original.substr(0, 150));
   EXPECT_EQ(place(), 0u);
   EXPECT_TRUE(test::same(read_bytes(to_ / "cut.jpg"), original.substr(0, 150)));

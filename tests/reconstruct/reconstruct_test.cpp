@@ -33,7 +33,7 @@ class Reconstruct : public testing::Test {
   void make_scene() {
     result_ = reconstruct(options_, {}, nullptr, [&](const std::string& line) { warnings_.push_back(line); });
   }
-  /// The commands of colmap that the call runs, one word each.
+  /// Returns the commands of colmap that the call runs, one word each.
   std::vector<std::string> commands_of_call() {
     programs_.forget_calls();
     make_scene();
@@ -119,7 +119,7 @@ TEST_F(Reconstruct, AnInterruptedExtractionKeepsItsFeaturesAndItsCamera) {
   const ReconstructResult stopped = reconstruct(
       options_,
       [&](const std::string& stage, std::size_t done, std::size_t) {
-        // The camera is known from the lines after this one.
+        // The camera is known only from the lines after this one.
         if (stage == "extracting features" && done == 2) stop = 2;
       },
       &stop);
@@ -133,7 +133,7 @@ TEST_F(Reconstruct, AnInterruptedExtractionKeepsItsFeaturesAndItsCamera) {
 
 TEST_F(Reconstruct, AnExtractionThatEndedBeforeItsCameraWasKnownBeginsAgain) {
   write_photographs(folder_ / "photos/upright", 2, 6, 8);
-  // The second group: two photographs are in the database, and the line with their camera did not come.
+  // In the second group, two photographs are in the database, but the line with their camera is missing.
   programs_.set_colmap_prelude("if [ -e '" + (scene() / "reconstruct/database.db").string() +
                                "' ] && [ $1 = feature_extractor ]; then echo x >> '" +
                                (scene() / "reconstruct/database.db").string() + "'; kill -TERM $$; fi");
@@ -172,7 +172,7 @@ TEST_F(Reconstruct, TheSameFoldersGoOnHoweverTheyAreWritten) {
       EXPECT_EQ(commands_of_call(), Words{}) << input << " " << output;
     }
   }
-  // As earlier versions noted it.
+  // Earlier versions noted it in this form.
   std::string record = read_bytes(scene() / "reconstruct/stages.json");
   const std::string noted = "\"folder\": \"" + fs::canonical(photos).string();
   ASSERT_NE(record.find(noted), std::string::npos);

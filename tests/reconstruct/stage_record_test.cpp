@@ -75,7 +75,7 @@ TEST_F(StageRecordTest, ADamagedFileIsAnEmptyRecord) {
   }
 }
 
-/// The stages of a file of the previous version, as it wrote them.
+/// Returns the stages of a file of the previous version, in its format.
 std::string stages_of_groups(const std::string& done_of_last) {
   return R"({"version": 1, "stages": [
     {"stage": "photographs", "settings": {}, "done": true, "notes": {}},
