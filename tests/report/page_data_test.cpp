@@ -1,4 +1,4 @@
-// The data that reports of trainings and comparisons share, for synthetic histories.
+// The data shared by reports of trainings and comparisons, for synthetic histories.
 #include "report/page_data.h"
 
 #include <gtest/gtest.h>

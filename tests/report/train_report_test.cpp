@@ -26,7 +26,7 @@ class TrainReport : public ::testing::Test {
     config_.iterations = 60;
   }
 
-  /// Log lines every 10 iterations up to `until`.
+  /// Writes log lines every 10 iterations up to `until`, and returns the data of the report.
   Json data(int until, bool is_evaluated) const {
     std::ofstream(temp_.path() / "config.json") << config_to_json(config_);
     std::ofstream log(folder_.log());

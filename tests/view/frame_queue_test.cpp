@@ -8,7 +8,7 @@ namespace b3dgs {
 namespace {
 
 using std::chrono::milliseconds;
-constexpr milliseconds kLong{60000};  // never waited for in a test that passes
+constexpr milliseconds kLong{60000};  // a passing test never waits this long
 
 TEST(FrameQueue, AnswersWhoAskedWithTheirFrame) {
   FrameQueue queue;

@@ -1,5 +1,5 @@
-// The server against clients that mean it harm, over sockets. Deadlines that a test does not wait for are long, so that
-// nothing else ends its connections.
+// The server against hostile clients, over sockets. Deadlines that a test does not wait for are long, so that only the
+// tested limit ends its connections.
 #include "view/http_server.h"
 
 #include <gtest/gtest.h>
@@ -42,7 +42,7 @@ class Handler final : public HttpHandler {
   }
   void complete(HttpResponse&) const override {}
 
-  /// Slow answers wait while this holds.
+  /// Makes slow answers wait while `is_held`.
   void hold(bool is_held) {
     {
       const std::lock_guard<std::mutex> lock(mutex_);
@@ -101,7 +101,7 @@ bool comes_true(const std::function<bool()>& condition) {
   return false;
 }
 
-/// Sends `piece` for ever; returns how many bytes were taken before the server closed the connection.
+/// Sends `piece` repeatedly. Returns the number of bytes sent before the server closed the connection.
 std::size_t flood(RawClient& client, const std::string& piece, std::size_t most = 256 * kMebibyte) {
   std::size_t n = 0;
   while (n < most && client.send(piece)) n += piece.size();

@@ -41,9 +41,9 @@ TEST(FrameRequest, ACameraOfItsOwnHasTheSizeAndFieldOfView) {
   EXPECT_EQ(request.mode, FrameMode::kRender);
   EXPECT_EQ(request.camera.width, 320);
   EXPECT_EQ(request.camera.height, 240);
-  EXPECT_NEAR(request.camera.fy, 120, 1e-9);  // 90 degrees: as far as half the height
+  EXPECT_NEAR(request.camera.fy, 120, 1e-9);  // 90 degrees: half the height
   EXPECT_EQ(request.camera.cx, 160);
-  // OpenGL's camera looks along -z with +y up; ours along +z with +y down.
+  // OpenGL's camera looks along -z with +y up, ours along +z with +y down.
   EXPECT_EQ(request.camera.cam_from_world.rotation, (std::array<double, 9>{1, 0, 0, 0, -1, 0, 0, 0, -1}));
 }
 

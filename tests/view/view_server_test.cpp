@@ -1,4 +1,4 @@
-// The server as an HTTP client sees it, with a source that paints one colour.
+// The server from the view of an HTTP client, with a source that paints one colour.
 #include "view/view_server.h"
 
 #include <gtest/gtest.h>
@@ -65,7 +65,7 @@ class OneColor final : public FrameSource {
   }
   void train() { scene_.is_training = true; }
 
-  /// Frames and photographs wait while this holds.
+  /// Makes frames and photographs wait while `is_held`.
   void hold(bool is_held) {
     {
       const std::lock_guard<std::mutex> lock(mutex_);
@@ -115,7 +115,7 @@ class Server : public ::testing::Test {
   const test::HttpClient client_;
 };
 
-/// Status of an answer, and that its body is one line.
+/// Checks the status of an answer, and that its body is one line.
 void expect_refused(const Answer& result, int status) {
   ASSERT_TRUE(result);
   EXPECT_EQ(result->status, status) << result->body;
