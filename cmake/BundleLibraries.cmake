@@ -1,13 +1,13 @@
-# Run by cpack, after PROGRAMS and TORCH were set: puts the shared libraries that PROGRAMS need into lib/b3dgs, where
+# Run by cpack, after PROGRAMS and TORCH were set. Puts the shared libraries that PROGRAMS need into lib/b3dgs, where
 # their RPATH finds them, and the licences of these libraries into share/doc/b3dgs/licenses.
 
-# No program names what LibTorch loads with dlopen(). Its wheels have NVIDIA's libraries beside it.
+# No program names the libraries that LibTorch loads with dlopen(). Its wheels have NVIDIA's libraries beside it.
 set(nvidia ${TORCH}/lib ${TORCH}/../nvidia/*/lib)
 list(TRANSFORM nvidia APPEND /libcudnn_*.so.* OUTPUT_VARIABLE cudnn)
 list(TRANSFORM nvidia APPEND /libnvrtc*.so.* OUTPUT_VARIABLE nvrtc)
 file(GLOB loaded_later ${TORCH}/lib/libcaffe2_nvrtc.so ${TORCH}/lib/libtorch_cuda_linalg.so ${cudnn} ${nvrtc})
 
-# Left to the machine: glibc, the compiler's runtime, and NVIDIA's driver.
+# These come from the machine: glibc, the compiler's runtime, and NVIDIA's driver.
 file(GET_RUNTIME_DEPENDENCIES EXECUTABLES ${PROGRAMS} LIBRARIES ${loaded_later}
   PRE_EXCLUDE_REGEXES "^ld-linux" "^lib(c|m|mvec|dl|rt|pthread|resolv|util|anl)\\.so" "^lib(stdc\\+\\+|gcc_s)\\.so"
     "^lib(cuda|nvidia-.*)\\.so"
@@ -21,7 +21,7 @@ foreach(library ${libraries} ${loaded_later})
   get_filename_component(name ${library} NAME)
   file(REAL_PATH ${library} file)
   file(INSTALL TYPE FILE FILES ${file} DESTINATION ${CMAKE_INSTALL_PREFIX}/lib/b3dgs RENAME ${name})
-  string(REGEX REPLACE "^/usr" "" without_usr ${file})  # as some packages name it
+  string(REGEX REPLACE "^/usr" "" without_usr ${file})  # some packages name files without it
   list(APPEND files ${file} ${without_usr})
 endforeach()
 

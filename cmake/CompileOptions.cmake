@@ -1,15 +1,15 @@
 # One set of flags for all targets of the project, through b3dgs_options. Warnings are errors in the presets
-# (CMAKE_COMPILE_WARNING_AS_ERROR), not for users whose compiler knows more of them.
+# (CMAKE_COMPILE_WARNING_AS_ERROR), but not for users, whose compiler may have more of them.
 
 add_library(b3dgs_options INTERFACE)
 target_include_directories(b3dgs_options INTERFACE
   $<BUILD_INTERFACE:${PROJECT_SOURCE_DIR}/src> $<INSTALL_INTERFACE:include/balanced3dgs>)
 target_compile_features(b3dgs_options INTERFACE cxx_std_17)
-# No contraction on the host: results do not depend on which instructions the compiler finds. The CPU kernels ask for
-# fused multiply-add by name where they want it.
+# No contraction on the host, so that results do not depend on the instructions that the compiler chooses. The CPU
+# kernels request fused multiply-add explicitly where they need it.
 target_compile_options(b3dgs_options INTERFACE
   $<BUILD_INTERFACE:$<$<COMPILE_LANGUAGE:CXX>:-Wall -Wextra -Wpedantic -ffp-contract=off>>)
-if(CMAKE_UNITY_BUILD)  # GCC warns of classes in included files that have members of unnamed namespaces
+if(CMAKE_UNITY_BUILD)  # GCC warns about classes in included files that have members of unnamed namespaces
   target_compile_options(b3dgs_options INTERFACE
     $<BUILD_INTERFACE:$<$<COMPILE_LANG_AND_ID:CXX,GNU>:-Wno-subobject-linkage>>)
 endif()
@@ -28,7 +28,7 @@ if(B3DGS_FUZZ)
   target_link_options(b3dgs_options INTERFACE ${_sanitizers})
 endif()
 
-if(B3DGS_SANITIZE)  # under which GCC 12 takes parts of std::regex for uninitialized
+if(B3DGS_SANITIZE)  # with sanitizers, GCC 12 considers parts of std::regex uninitialized
   target_compile_options(b3dgs_options INTERFACE $<$<COMPILE_LANGUAGE:CXX>:-fsanitize=address,undefined
     -fno-sanitize-recover=all -fno-omit-frame-pointer>
     $<$<COMPILE_LANG_AND_ID:CXX,GNU>:-Wno-maybe-uninitialized>)

@@ -1,9 +1,9 @@
-# Finds what the project needs, says what was found, and names the remedy for what was not.
-# Debian 12 has all of it: scripts/install_packages.sh.
+# Finds the dependencies of the project, prints the result, and names the remedy for missing ones. Debian 12 has all of
+# them: scripts/install_packages.sh.
 
 include(LinkedPackages)
 
-# libmicrohttpd is the live view's server; without it, train --view and view say what to install. Older versions than
+# libmicrohttpd is the live view's server. Without it, train --view and view print what to install. Versions older than
 # Debian 12's have not been tested.
 set(B3DGS_HAS_WEB_SERVER OFF)
 find_path(B3DGS_MICROHTTPD_INCLUDE microhttpd.h)
@@ -25,7 +25,7 @@ if(B3DGS_TESTS)
   b3dgs_need(GTest_FOUND "GoogleTest" "libgtest-dev")
 endif()
 
-# CUDA is optional: kernels need nvcc, training on a GPU also a LibTorch that was built with CUDA.
+# CUDA is optional. Kernels need nvcc, and training on a GPU also needs a LibTorch that was built with CUDA.
 set(B3DGS_HAS_CUDA OFF)
 if(NOT B3DGS_CUDA STREQUAL "OFF")
   include(CheckLanguage)
@@ -45,7 +45,7 @@ if(NOT B3DGS_CUDA STREQUAL "OFF")
   endif()
 endif()
 
-# Training on the GPU takes both.
+# Training on the GPU needs both.
 set(B3DGS_TORCH_CUDA OFF)
 if(B3DGS_HAS_CUDA AND TARGET torch_cuda)
   set(B3DGS_TORCH_CUDA ON)

@@ -1,6 +1,6 @@
-# b3dgs_embed_page(SOURCE NAME PAGE FILES...) sets SOURCE to a generated C++ file that defines the string
-# b3dgs::NAME: the HTML file PAGE with the style sheets among FILES in the place of @STYLE@, and the
-# scripts in that of @SCRIPT@. Paths are relative to the folder of the caller.
+# b3dgs_embed_page(SOURCE NAME PAGE FILES...) sets SOURCE to a generated C++ file that defines the string b3dgs::NAME.
+# It is the HTML file PAGE, in which the style sheets among FILES replace @STYLE@, and the scripts replace @SCRIPT@.
+# Paths are relative to the folder of the caller.
 function(b3dgs_embed_page source name page)
   set(output ${CMAKE_CURRENT_BINARY_DIR}/page.cpp)
   set(files ${page} ${ARGN})

@@ -1,4 +1,4 @@
-# What find_package(Balanced3DGS) finds after installation: the libraries below Trainer, their headers, and
+# Files that find_package(Balanced3DGS) finds after installation: the libraries below Trainer, their headers, and
 # Balanced3DGSConfig.cmake. Component "development", which is not part of the .deb.
 
 include(CMakePackageConfigHelpers)

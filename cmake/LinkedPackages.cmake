@@ -1,5 +1,6 @@
-# Finds what the libraries link. Used by the build, and installed for those who link them: Balanced3DGSConfig.cmake
-# includes it. Imported targets, because what is found here belongs to the machine, not to the installed package.
+# Finds the packages that the libraries link. Used by the build, and installed for users of the libraries, because
+# Balanced3DGSConfig.cmake includes it. They are imported targets, because they belong to the machine, not to the
+# installed package.
 
 if(TARGET b3dgs_torch)
   return()
@@ -41,8 +42,8 @@ if(NOT TARGET hwy::hwy)
   message(FATAL_ERROR "Highway was found without its target hwy::hwy: ${_b3dgs_remedy} libhwy-dev.")
 endif()
 
-# OpenCV: core, imgproc and imgcodecs. Debian's packages of single modules carry no CMake package, only libopencv-dev
-# with some sixty others does, so headers and libraries are looked for where there is no package.
+# OpenCV: core, imgproc and imgcodecs. Debian's packages of single modules have no CMake package. Only libopencv-dev has
+# one, with about sixty others, so headers and libraries are searched for if there is no package.
 find_package(OpenCV QUIET COMPONENTS core imgproc imgcodecs)
 if(NOT OpenCV_FOUND)
   find_path(B3DGS_OPENCV_INCLUDE opencv2/imgcodecs.hpp PATH_SUFFIXES opencv4)
@@ -62,7 +63,8 @@ add_library(b3dgs_opencv INTERFACE IMPORTED)
 target_include_directories(b3dgs_opencv SYSTEM INTERFACE ${OpenCV_INCLUDE_DIRS})
 target_link_libraries(b3dgs_opencv INTERFACE ${OpenCV_LIBS})
 
-# A LibTorch with CUDA rewrites flags and architectures of the whole project for its own extensions; ours stay ours.
+# A LibTorch with CUDA changes flags and architectures of the whole project for its own extensions, so ours are
+# restored.
 set(_b3dgs_cuda_architectures ${CMAKE_CUDA_ARCHITECTURES})
 set(_b3dgs_cuda_flags "${CMAKE_CUDA_FLAGS}")
 find_package(Torch QUIET)

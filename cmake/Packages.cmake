@@ -16,11 +16,11 @@ set(CPACK_DEBIAN_FILE_NAME DEB-DEFAULT)
 set(CPACK_DEBIAN_COMPRESSION_TYPE zstd)
 set(CPACK_DEBIAN_PACKAGE_SECTION graphics)
 set(CPACK_DEBIAN_PACKAGE_SUGGESTS "colmap, ffmpeg")
-# What is not bundled must be at least as new as here.
+# Packages that are not bundled must be at least as new as here.
 execute_process(COMMAND dpkg-query -W -f "\${Package} (>= \${source:Upstream-Version})\n" libc6 libstdc++6 libgcc-s1
   OUTPUT_VARIABLE _depends OUTPUT_STRIP_TRAILING_WHITESPACE ERROR_QUIET)
 string(REPLACE "\n" ", " CPACK_DEBIAN_PACKAGE_DEPENDS "${_depends}")
-# Without the component "development" (cmake/Library.cmake).
+# Excludes the component "development" (cmake/Library.cmake).
 set(CPACK_INSTALL_CMAKE_PROJECTS ${CMAKE_BINARY_DIR} ${PROJECT_NAME} Unspecified /
   ${CMAKE_BINARY_DIR} ${PROJECT_NAME} libraries /)
 include(CPack)

@@ -1,4 +1,4 @@
-# Headers that take long to parse are precompiled once, for every target that asks: LibTorch's (ten seconds) with
+# Headers that take long to parse are precompiled once, for every target that requests it: LibTorch's (ten seconds) with
 # b3dgs_use_torch_headers(TARGET), nlohmann-json's (two) with b3dgs_use_json_headers(TARGET).
 
 file(WRITE ${CMAKE_BINARY_DIR}/only_headers.cpp "// A target needs a source file; this one has only headers.\n")
@@ -15,7 +15,7 @@ b3dgs_precompile(b3dgs_json_headers nlohmann/json.hpp)
 b3dgs_precompile(b3dgs_torch_headers torch/types.h nlohmann/json.hpp)
 target_link_libraries(b3dgs_torch_headers PRIVATE b3dgs_torch)
 
-# A precompiled header is used only with the flags it was compiled with: OpenMP's too.
+# A precompiled header is used only with the flags it was compiled with, including OpenMP's.
 function(b3dgs_use_torch_headers target)
   target_link_libraries(${target} PRIVATE OpenMP::OpenMP_CXX)
   target_precompile_headers(${target} REUSE_FROM b3dgs_torch_headers)

@@ -1,5 +1,5 @@
-# The version, PROJECT_VERSION of the top CMakeLists.txt, and the commit, in one source file that is written again when
-# the commit changes (src/core/version.h).
+# Puts the version, PROJECT_VERSION of the top CMakeLists.txt, and the commit into one source file, which is rewritten
+# when the commit changes (src/core/version.h).
 
 set(_b3dgs_version_source ${CMAKE_BINARY_DIR}/version.cpp)
 set(_b3dgs_write_version ${CMAKE_COMMAND} -DSOURCE_DIR=${PROJECT_SOURCE_DIR} -DVERSION=${PROJECT_VERSION}
