@@ -26,7 +26,7 @@ import tempfile
 import threading
 import time
 
-CONNECTIONS_PER_SECOND = 400  # of the attack, at most
+CONNECTIONS_PER_SECOND = 400  # limit for the attack
 HELD = 300  # idle and trickling connections
 
 
@@ -187,7 +187,7 @@ class Owner:
 
 def main():
     if len(sys.argv) == 4 and sys.argv[1] == "--attack":
-        os.nice(19)  # what is measured is the program, not how many cores the attack takes from it
+        os.nice(19)  # the program is measured, not how many cores the attack takes from it
         Attack(int(sys.argv[2]), float(sys.argv[3])).run()
         return 0
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)

@@ -120,8 +120,8 @@ def main():
     scene = args.work / "linked"
     n_files = make_linked_scene(source, scene, args.views)
 
-    # At most 1 GB of photographs stays on a GPU, or the limit would not matter there. A kernel that is chosen by its
-    # time may differ.
+    # At most 1 GB of photographs stays on a GPU, because otherwise the limit would not matter there. The kernel is
+    # fixed, because one chosen by its time may differ.
     common = ["--gpu_memory_gb", "2", "--kernel", "segmented", "--test_iterations", str(args.iterations),
               "--save_iterations", str(args.iterations)] + args.options.split()
     cases = {"all": ["--host_memory_gb", "1000000"], f"{args.gb:g} GB": ["--host_memory_gb", str(args.gb)]}

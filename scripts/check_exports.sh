@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
-# Checks exports with the programs that others read them with: splat-transform (npm) reads our SPZ, and chromium shows
-# the page that it writes. Installs both npm packages in build/npm (210 MB), which takes longer than a test should; the
-# tests in ctest skip where splat-transform is not in PATH. Exits with 77 if npm or its registry cannot be used.
+# Checks exports with the programs that read them: splat-transform (npm) reads our SPZ, and chromium shows the page that
+# it writes. Installs both npm packages in build/npm (210 MB), which takes too long for a test. The tests in ctest skip
+# if splat-transform is not in PATH. Exits with 77 if npm or its registry cannot be used.
 # Usage: scripts/check_exports.sh [PRESET]    default: cpu, which has to be built with target app_tests
 set -euo pipefail
 cd "$(dirname "$0")/.."

@@ -1,8 +1,8 @@
 #!/usr/bin/env bash
-# Trains a small scene with two processes on this machine's CPUs under each launcher that is installed (torchrun,
-# mpirun, srun), and compares the PLY, byte for byte, with that of one process. Under torchrun and srun, a training is
-# also interrupted and continued with --resume auto. Says what it skipped. srun needs a cluster that answers, no
-# allocation around this script, and a TMPDIR that its nodes share.
+# Trains a small scene with two processes on this machine's CPUs under each installed launcher (torchrun, mpirun, srun),
+# and compares the PLY, byte for byte, with that of one process. Under torchrun and srun, a training is also interrupted
+# and continued with --resume auto. Prints what it skipped. srun needs a cluster that responds, no allocation around
+# this script, and a TMPDIR that its nodes share.
 #
 #   scripts/check_launchers.sh
 #     TORCHRUN, MPIRUN, SRUN  other commands to use, with options ("python3 -m torch.distributed.run")

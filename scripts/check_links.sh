@@ -1,10 +1,10 @@
 #!/usr/bin/env bash
-# Checks every Markdown file of the repository: relative links lead to a file (and to a heading of it, where the link
-# names one), and no line is longer than 100 columns. Tables, code blocks and the targets of links may be longer.
-# Files that are named from the top (`src/...`, `scripts/...`) exist, and so do tests that docs/ names (`Suite.Name`,
-# with * for any rest).
-# Prints each fault as FILE:LINE: what is wrong. Exit code 1 if there are any.
-# Usage: scripts/check_links.sh [FILE.md ...]    default: all that git does not ignore
+# Checks every Markdown file of the repository. Relative links must lead to a file (and to one of its headings if the
+# link names one), and no line may be longer than 100 columns, except for tables, code blocks and the targets of links.
+# Files named from the top (`src/...`, `scripts/...`) must exist, and so must tests that docs/ names (`Suite.Name`, with
+# * for any rest).
+# Prints each fault as FILE:LINE and a description. Exit code 1 if there are any.
+# Usage: scripts/check_links.sh [FILE.md ...]    default: all files that git does not ignore
 set -euo pipefail
 cd "$(dirname "$0")/.."
 export LC_ALL=C.UTF-8
@@ -22,7 +22,7 @@ fail() {
   faults=$((faults + 1))
 }
 
-# without_code FILE: the file with the lines of code blocks, fenced or indented, empty. Keeps line numbers.
+# without_code FILE: prints the file with the lines of fenced or indented code blocks empty. Keeps line numbers.
 without_code() {
   awk '
     /^ *```/ { is_fenced = !is_fenced; print ""; was_blank = 0; next }
@@ -32,7 +32,7 @@ without_code() {
   ' "$1"
 }
 
-# anchors FILE: the names that GitHub gives the headings.
+# anchors FILE: prints the names that GitHub gives the headings.
 anchors() {
   without_code "$1" | sed -nE 's/^#+ +//p' | sed -E 's/\[([^]]*)\]\([^)]*\)/\1/g; s/[^[:alnum:] _-]//g; s/ /-/g' |
     tr '[:upper:]' '[:lower:]'
@@ -53,7 +53,7 @@ check_link() {
   fi
 }
 
-# Suite.Name of every test, also where the macro spans two lines.
+# Suite.Name of every test, also if the macro spans two lines.
 tests=$(find tests -name '*.cpp' -exec cat {} + | tr '\n' ' ' | grep -oE 'TEST(_F|_P)?\( *[A-Za-z0-9_]+, *[A-Za-z0-9_]+' |
   sed -E 's/.*\( *//; s/, */./')
 

@@ -1,4 +1,4 @@
-// Checks a report from within, at the width it has; check_report.sh adds it to a copy. Sends what it finds, and the
+// Checks a report from inside, at its current width. check_report.sh adds this to a copy. Sends its findings, and the
 // text that the page shows, to the page around it.
 window.addEventListener("error", (event) => parent.postMessage({faults: [event.message], text: ""}, "*"));
 window.addEventListener("load", () => {

@@ -1,8 +1,8 @@
 #!/usr/bin/env bash
 # Opens a report in chromium (headless, without network): on a desktop in light and dark mode, and on a phone. Fails if
-# the page refers to external resources, writes to the browser's console, is wider than the window, or if a chart is
-# not drawn with its values (check_report.js); exits with 77 if chromium is not installed.
-# Keeps light.png, dark.png, phone.png and the text that the page shows, text.txt, in FOLDER.
+# the page refers to external resources, writes to the browser's console, is wider than the window, or if a chart is not
+# drawn with its values (check_report.js). Exits with 77 if chromium is not installed. Keeps light.png, dark.png,
+# phone.png and the text that the page shows, text.txt, in FOLDER.
 # Usage: scripts/check_report.sh REPORT.html [FOLDER]
 set -euo pipefail
 
@@ -23,7 +23,7 @@ if grep -Eo '(src|href|url)(="|\()[^")]{0,40}' "$report" | grep -Ev '="data:'; t
 fi
 { cat "$report"; echo "<script>"; cat "$(dirname "$0")/check_report.js"; echo "</script>"; } >"$work/report.html"
 
-# check NAME WIDTH HEIGHT FLAGS...: the page is in a frame, since windows are at least 500 px wide.
+# check NAME WIDTH HEIGHT FLAGS...: shows the page in a frame, because windows are at least 500 px wide.
 check() {
   local name=$1 width=$2 height=$3
   shift 3

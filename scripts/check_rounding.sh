@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# Tiles of a splat are found in several kernels, which have to find the same bits (src/raster/math/tiling.h). Fails if the
+# Several kernels determine the tiles of a splat and must compute the same bits (src/raster/math/tiling.h). Fails if the
 # PTX of one of them has a sum or a product there that the compiler could contract, or has contracted. Needs nvcc, but
 # no GPU.
 set -euo pipefail

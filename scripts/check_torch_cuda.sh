@@ -1,10 +1,11 @@
 #!/usr/bin/env bash
-# Type-checks the code that needs a LibTorch with CUDA, where there is only one without: Debian's package has the headers
-# of both, except for one file that CMake generates and NCCL's, which stand in here. Needs the CUDA toolkit, but no GPU.
+# Type-checks the code that needs a LibTorch with CUDA on machines that have only one without it. Debian's package has
+# the headers of both, except for one file that CMake generates and NCCL's, which stubs replace here. Needs the CUDA
+# toolkit, but no GPU.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 
-# Where the headers are, nvcc says: the one on the PATH may be a script that starts the one of the toolkit.
+# nvcc reports where the headers are. The nvcc on the PATH may be a script that starts the one of the toolkit.
 cuda_include=$(PATH=$PATH:/usr/local/cuda/bin nvcc --dryrun -x cu -c /dev/null -o /dev/null 2>&1 |
   sed -n 's/^#\$ INCLUDES="-I\([^"]*\)".*/\1/p')
 if [[ ! -f $cuda_include/cuda_runtime_api.h ]]; then
@@ -14,7 +15,7 @@ fi
 stand_in=build/torch-cuda-headers
 mkdir -p "$stand_in/c10/cuda/impl"
 echo '#define C10_CUDA_BUILD_SHARED_LIBS' >"$stand_in/c10/cuda/impl/cuda_cmake_macros.h"
-cat >"$stand_in/nccl.h" <<'END'  # what the headers of LibTorch 1.13 name
+cat >"$stand_in/nccl.h" <<'END'  # the names that the headers of LibTorch 1.13 use
 #define NCCL_MAJOR 2
 #define NCCL_MINOR 14
 enum ncclResult_t { ncclSuccess, ncclUnhandledCudaError, ncclSystemError, ncclInternalError, ncclInvalidArgument,

@@ -1,4 +1,4 @@
-// Uses the live view as a person does; started by check_view.sh. Arguments: the program, a folder for pictures.
+// Uses the live view like a person. Started by check_view.sh. Arguments: the program, a folder for pictures.
 const assert = require("node:assert");
 const {execFileSync, spawn} = require("node:child_process");
 const fs = require("node:fs");
@@ -51,7 +51,7 @@ async function has_full_frame(page) {
 
 const iteration = (page) => page.evaluate(() => state.iteration);
 
-/// What the canvas shows, as small grey values.
+/// Returns the content of the canvas, as small grey values.
 const look = (page) => page.evaluate(() => {
   const small = document.createElement("canvas");
   small.width = small.height = 64;
@@ -63,8 +63,9 @@ const look = (page) => page.evaluate(() => {
 const difference = (a, b) => a.reduce((sum, x, i) => sum + Math.abs(x - b[i]), 0) / a.length;
 const spread = (a) => difference(a, a.map(() => a.reduce((sum, x) => sum + x, 0) / a.length));
 
-/// For a page that was open when its program ended, and is closed now: it could not reach the program any more. A frame
-/// gets 503 if training has no time for it, and the page asks again, or if the program ends meanwhile.
+/// Ignores errors of a page that was open when its program ended, and is closed now, because it could no longer reach
+/// the program. A frame gets 503 if training has no time for it, and the page asks again, or if the program ends
+/// meanwhile.
 function forgive_the_end() {
   const is_expected = (text) => /ERR_CONNECTION|Failed to fetch|status of 503/.test(text);
   errors.splice(0, errors.length, ...errors.filter((text) => !is_expected(text)));
@@ -134,7 +135,7 @@ async function check_training(browser) {
 
   await page.click("#pause");
   await page.waitForFunction(() => state.paused, null, kPatience);
-  await page.waitForTimeout(2500);  // the step at work may end, and its state arrives once per second
+  await page.waitForTimeout(2500);  // the current step may end, and its state arrives once per second
   const paused_at = await iteration(page);
   await page.waitForTimeout(1500);
   assert.equal(await iteration(page), paused_at, "a paused training does not move on");
@@ -231,7 +232,7 @@ async function check_training(browser) {
 async function check_model(browser) {
   execFileSync(program, ["train", path.join(folder, "scene"), "-m", path.join(folder, "done"), "--iterations", "100",
     "--device", "cpu", "--quiet"]);
-  // The path that the page saved, shortened, is one that `b3dgs render` takes.
+  // `b3dgs render` accepts the shortened path that the page saved.
   const file = path.join(folder, "camera_path.json");
   const saved = JSON.parse(fs.readFileSync(file));
   const short = {...saved, render_width: 96, render_height: 54, camera_path: saved.camera_path.slice(0, 3)};

@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # Uses the page of the live view in a browser: Chromium without a window, driven by playwright-core from npm. Keeps
-# pictures in BUILD/view_pictures. Installs Chromium and, into BUILD/browser, playwright-core; where these cannot be
-# had, says so and does nothing.
+# pictures in BUILD/view_pictures. Installs Chromium and, into BUILD/browser, playwright-core. If these are not
+# available, prints that and does nothing.
 # Usage: scripts/check_view.sh [BUILD]    (default build/cpu; the program must have been built there)
 set -euo pipefail
 cd "$(dirname "$0")/.."

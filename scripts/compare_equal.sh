@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # Compares a configuration with itself on a machine with a changing load, and counts how often `b3dgs compare` reports a
-# difference in time. Fails if more than one in twenty do. Also says how many were too short to judge.
+# difference in time. Fails if more than one in twenty do. Also prints how many were too short to judge.
 # Usage: scripts/compare_equal.sh [B3DGS [N_COMPARISONS [ITERATIONS]]]    default: build/cpu/app/b3dgs 20 1500
 set -euo pipefail
 b3dgs=$(realpath -- "${1:-$(dirname "$0")/../build/cpu/app/b3dgs}") n=${2:-20} iterations=${3:-1500}

@@ -1,14 +1,13 @@
 #!/usr/bin/env bash
 # Trains every SCENE with every preset and strategy and several seeds, and prints a Markdown table of time, count, PSNR
-# and SSIM: mean, and half the range over seeds; and by how much the PSNR is below that of the best configuration of the
-# scene. Above the table: with which program, on which machine, and at which commit of the repository that this script
-# is in. Colour-corrected PSNR has a column if a training measured it. After
-# trainings with --train_test_exp, whole test views are measured, too.
+# and SSIM (mean, and half the range over seeds), and how far the PSNR is below that of the best configuration of the
+# scene. Above the table are the program, the machine, and the commit of this script's repository. Colour-corrected PSNR
+# has a column if a training measured it. After trainings with --train_test_exp, whole test views are also measured.
 #
-# Results are added to OUTPUT/results.jsonl, a line for each training. Trainings that are in it are not repeated, so the
-# script can be stopped and run again, also with other scenes, configurations and seeds: the table has all that is there.
-# Models that this script trained are deleted once they are measured; logs and reports stay. OUTPUT must be new, empty,
-# or of an earlier run of this script.
+# Results are added to OUTPUT/results.jsonl, a line for each training. Trainings listed there are not repeated, so the
+# script can be stopped and run again, also with other scenes, configurations and seeds. The table has all results.
+# Models that this script trained are deleted after they are measured, but logs and reports stay. OUTPUT must be new,
+# empty, or from an earlier run of this script.
 #
 # Usage: scripts/compare_presets.sh B3DGS OUTPUT [SCENE[::OPTIONS]...]      without scenes: only prints the table
 #   OPTIONS  of the trainings of this scene, such as data/lego::-w
@@ -44,8 +43,8 @@ if ! [[ $jobs_at_once =~ ^[1-9][0-9]*$ ]]; then
   exit 2
 fi
 
-# is_known SCENE NAME SEED OPTIONS PATH: whether results.jsonl has this training. Fails if it has it with other options,
-# or the scene's name for a scene in another folder.
+# is_known SCENE NAME SEED OPTIONS PATH: whether results.jsonl has this training. Fails if it is listed with other
+# options, or if the scene's name belongs to a scene in another folder.
 is_known() {
   python3 - "$results" "$@" << 'PYTHON'
 import json, sys
@@ -166,7 +165,7 @@ list_trainings() {
   done
 }
 
-# When a training fails, its shell exits with 255, and xargs starts no further one.
+# If a training fails, its shell exits with 255, and xargs starts no more.
 list=$(mktemp)
 trap 'rm -f -- "$list"' EXIT
 list_trainings "$@" > "$list"
@@ -207,7 +206,7 @@ def listed(key):
     return ", ".join(values)
 
 print(f'Program: {listed("program")}. Machine: {listed("machine")}. Commit: {listed("commit")}.\n')
-# Columns of what only some trainings measure.
+# Columns of quantities that only some trainings measure.
 titles = (("cc_psnr", "colour-corrected PSNR, dB"), ("whole_psnr", "PSNR of whole views, dB"))
 further = [(key, title) for key, title in titles
            if any(run.get(key) is not None for run in runs)]

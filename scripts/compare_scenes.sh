@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
-# The comparisons of docs/benchmarks.md, on a GPU: each SCENE with everything that its report tells apart, including the
-# paper's comparison, and the synthetic street, whose photographs show Gaussians that training has to find. Writes
-# OUTPUT/SCENE/report.html and compare.json, and prints what they say.
+# Runs the comparisons of docs/benchmarks.md on a GPU: each SCENE with everything that its report distinguishes,
+# including the paper's comparison, and the synthetic street, whose photographs show Gaussians that training has to
+# find. Writes OUTPUT/SCENE/report.html and compare.json, and prints their results.
 # Usage: scripts/compare_scenes.sh B3DGS OUTPUT [SCENE...]
 #   scripts/compare_scenes.sh build/gpu/app/b3dgs output/compared data/kitti_street data/bonsai data/fox
 set -euo pipefail

@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # Compiles every CUDA source for each architecture with warnings as errors, and compares registers and spills of the
-# kernels with docs/kernel_resources.txt. Compiles the tests that need a GPU too, as far as LibTorch without CUDA goes,
-# and runs them: without a GPU they say that they skip. Needs nvcc, but no GPU.
+# kernels with docs/kernel_resources.txt. Also compiles the tests that need a GPU, as far as possible with LibTorch
+# without CUDA, and runs them. Without a GPU they are skipped. Needs nvcc, but no GPU.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 export PATH=$PATH:/usr/local/cuda/bin

@@ -1,9 +1,9 @@
 #!/usr/bin/env bash
-# From nothing to Gaussians on the CPU: installs what is missing, builds, writes a synthetic COLMAP scene, trains it,
-# evaluates it, renders a flight, and says where the results are and what to do next. Run it again at any time.
-# README shows its picture: docs/images/demo.png is a copy of OUTPUT_FOLDER/demo.png.
+# Runs everything on the CPU: installs missing packages, builds, writes a synthetic COLMAP scene, trains it, evaluates
+# it, renders a flight, and prints where the results are and what to do next. It can be run again at any time. README
+# shows its picture: docs/images/demo.png is a copy of OUTPUT_FOLDER/demo.png.
 # Usage: scripts/demo.sh [OUTPUT_FOLDER]    default: output/demo in the repository
-# The folder has to be new, empty, or that of an earlier demo, whose scene and model are replaced.
+# The folder has to be new, empty, or from an earlier demo, whose scene and model are replaced.
 set -euo pipefail
 out=$(realpath -m -- "${1:-$(dirname "$0")/../output/demo}")
 cd "$(dirname "$0")/.."

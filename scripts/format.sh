@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# Formats all sources with clang-format 14 (Debian 12's); with --check, only says what would change.
+# Formats all sources with clang-format 14 (Debian 12's). With --check, only prints what would change.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 mode=(-i)

@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
-# What training takes of a GPU's memory, and what it does where there is too little: peak, Gaussians, time and quality of
-# a few trainings, as a table. Fails if one does not end as it should.
+# Measures the GPU memory of a training, and its behaviour when there is too little: peak, Gaussians, time and quality
+# of a few trainings, as a table. Fails if one does not end as expected.
 #
 #   scripts/gpu_memory.sh OUTPUT [CASE ...]
 #     scene              SCENE for 30,000 iterations: at most 2.5 GB
@@ -49,7 +49,7 @@ train() {
   "$b3dgs" train -m "$model" --device cuda "$@" >"$out/$name.log" 2>&1
 }
 
-# judge CONDITION: how a case ended, by a command that says so.
+# judge CONDITION: prints how a case ended, from a command that tests it.
 judge() {
   if "$@"; then echo "as it should"; else echo "NOT AS IT SHOULD"; fi
 }

@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
-# Installs what building needs on Debian 12 (as root or with sudo), and packages that are named. Does nothing where all
-# of it is there.
+# Installs the packages that are needed to build on Debian 12 (as root or with sudo), and named packages. Does nothing
+# if all of them are installed.
 # Usage: scripts/install_packages.sh [--tests] [--without-libtorch] [PACKAGE...]
 #   --tests             what the tests need, too
 #   --without-libtorch  for a build against another LibTorch, one with CUDA

@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
-# Runs a compiler command. What ptxas says of the kernels (-Xptxas=-v) goes to a file beside the object, X.cu.o.ptxas,
-# instead of the build's output. CMake puts this before every compilation if B3DGS_PTXAS_REPORTS is on.
+# Runs a compiler command. The report of ptxas about the kernels (-Xptxas=-v) goes to a file beside the object,
+# X.cu.o.ptxas, instead of the build's output. CMake puts this before every compilation if B3DGS_PTXAS_REPORTS is on.
 set -uo pipefail
 
 object=

@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # Kills a small training at random moments, continues it with --resume auto, and checks that every folder is usable and
-# the last PLY the same, byte for byte, as that of a training that was left alone.
+# that the last PLY is the same, byte for byte, as that of an uninterrupted training.
 #
 #   scripts/kill_training.sh [KILLS] [OPTIONS]
 #     KILLS              how many (default: 1000)

@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
-# After ctest: the tests of GoogleTest that were skipped, with the reason, from the log of the run. ctest itself names
-# only suites of which all tests were.
+# After ctest: lists the tests of GoogleTest that were skipped, with the reason, from the log of the run. ctest itself
+# names only suites in which all tests were skipped.
 # Usage: scripts/list_skipped.sh BUILD_FOLDER
 set -euo pipefail
 log=$1/Testing/Temporary/LastTest.log

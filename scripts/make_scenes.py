@@ -149,7 +149,7 @@ def grey_world(strength):
 
 
 # ------------------------------------------------------------------------------------------------------- scenes
-# Each builds its objects and returns for view i of n: (position, target).
+# Each function builds its objects and returns (position, target) for view i of n.
 
 def around(radius, low, high, target=(0, 0, 0.6)):
     def camera(i, n, chance):

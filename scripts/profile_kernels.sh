@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
-# What the blend kernels make of the GPU, by Nsight Compute: theoretical occupancy beside the achieved one, and the
-# share of the time that a multiprocessor has work at all (what an unbalanced launch lacks). One launch of each kernel
-# of `b3dgs bench kernels`, caches flushed before it, clocks as they are.
+# Measures with Nsight Compute how the blend kernels use the GPU: theoretical and achieved occupancy, and the share of
+# the time in which a multiprocessor has any work (which is low for an unbalanced launch). Profiles one launch of each
+# kernel of `b3dgs bench kernels`, with caches flushed before it and unchanged clocks.
 #
 #   scripts/profile_kernels.sh [BENCH_ARGUMENT ...]
 #   scripts/profile_kernels.sh street --points 1500000
@@ -19,7 +19,7 @@ here=$(cd "$(dirname "$0")/.." && pwd)
 export PATH=$PATH:/usr/local/cuda/bin
 b3dgs=${B3DGS:-$here/build/gpu/app/b3dgs}
 kernels=${KERNELS:-forward_.*_kernel|backward_.*_kernel|sum_behind_kernel|(naive|dynamic|gaussian_wise|combined|shared_memory)_kernel}
-# What goes with forward_segmented_kernel.
+# Kernels that belong to forward_segmented_kernel.
 if [[ -z ${KERNELS:-} ]]; then kernels+='|cut_lists_kernel|finish_pixels_kernel'; fi
 
 fail() {
@@ -46,7 +46,7 @@ ncu --clock-control none --csv --page raw --print-units base --log-file "$folder
   --kernel-name "regex:$kernels" --metrics "$(IFS=,; echo "${metrics[*]}")" \
   "$b3dgs" bench kernels "$@" --device cuda --repeat 1 >"$folder/bench.txt" ||
   { cat "$folder/bench.txt" "$folder/ncu.csv" >&2; fail "ncu failed"; }
-sed '/^$/,$d' "$folder/bench.txt" # scene, device and lists; the times under a profiler say nothing
+sed '/^$/,$d' "$folder/bench.txt" # scene, device and lists; times under a profiler are meaningless
 
 python3 - "$folder/ncu.csv" <<'PYTHON'
 import csv, re, sys
@@ -64,7 +64,7 @@ def number(row, metric):
         return float("nan")
 
 
-first = {}  # launch of each kernel; a forward kernel's first does not keep states for a backward pass
+first = {}  # launch of each kernel; a forward kernel's first launch does not keep states for a backward pass
 for row in csv.DictReader(lines[start:]):
     if not row["ID"].isdigit():  # the line of units, messages
         continue

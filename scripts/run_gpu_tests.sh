@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # On a machine with a GPU: builds, runs every test that needs one, then those of parity under compute-sanitizer
-# (memcheck, racecheck, initcheck, synccheck), and writes a short report. Fails if anything did.
+# (memcheck, racecheck, initcheck, synccheck), and writes a short report. Fails if any of these fails.
 #
 #   scripts/run_gpu_tests.sh [OPTIONS] [-- CMAKE_ARGUMENT ...]
 #     --quick            fewer scenes under the sanitizers
@@ -18,7 +18,7 @@ export PATH=$PATH:/usr/local/cuda/bin:/usr/local/cuda/compute-sanitizer B3DGS_RE
 build=${BUILD_DIR:-build/gpu}
 is_quick=false has_all_scenes=false only=all has_build=true report=
 
-# Scenes under the sanitizers: each branch of the kernels, and none of the long lists, on which a tool takes minutes.
+# Scenes under the sanitizers cover each branch of the kernels, but no long lists, on which a tool takes minutes.
 few_scenes='*/thirty_three_in_one_tile:*/odd_image_size:*/saturated_pixels:SegmentedCuda.CutLists*'
 most_scenes="$few_scenes:*/empty:*/one_splat:*/splat_on_tile_corner:*/around_the_near_plane:*/opaque_front_layer"
 most_scenes+=":*/one_pixel_image:*/anisotropic_cloud:*/near_the_cutoff:*/no_higher_degrees"
@@ -78,7 +78,7 @@ configure_and_build() {
 
 run_parity() {
   local start=$SECONDS log=$logs/parity.log status detail
-  # The references run on the CPU; with all its threads in each of several tests they would stand in each other's way.
+  # The references run on the CPU. If each of several tests used all its threads, they would slow each other down.
   OMP_NUM_THREADS=2 ctest --test-dir "$build" -L gpu --output-on-failure --no-tests=error --parallel "$(($(nproc) < 8 ? $(nproc) : 8))" \
     >"$log" 2>&1
   status=$?
@@ -91,7 +91,7 @@ run_parity() {
   add_row "GPU tests" "$( ((status == 0)) && echo passed || echo FAILED)" $((SECONDS - start)) "${detail:-see $log}"
 }
 
-# Programs that hold tests of the label gpu.
+# gpu_test_programs: prints the programs with tests of the label gpu.
 gpu_test_programs() {
   ctest --test-dir "$build" -N -V -L gpu | sed -n 's/^[0-9]*: Test command: \([^ ]*\).*/\1/p' | tr -d '"' | sort -u
 }
@@ -115,9 +115,10 @@ sanitizer_filter() {
       tests='ImageUploader*:SplitSamples*:*LossOnGpu*:*GaussianStepOnGpu*:DeferredSh.*:BatchOnGpu.EqualsTheCpu*'
       tests+=':AppearanceOnGpu.*OfTheCpu*:DepthPriorsOnGpu.Gradient*:RegularizationOnGpu.*'
       tests+=':ReduceImageOnGpu.*:RowEditorOnGpu.*:BudgetOnGpu.ErrorImage*'
-      # initcheck makes the host wait for the end of each copy; this test holds a copy up until the host has gone on.
+      # initcheck makes the host wait for the end of each copy, but this test delays a copy until the host has
+      # continued.
       if [[ $tool == initcheck ]]; then tests+=':-ImageUploaderTest.NeverWritesASlotThatIsStillRead'; fi
-      # Hundreds of steps; racecheck has the same kernels in GaussianStepOnGpu.
+      # These run hundreds of steps, and racecheck covers the same kernels in GaussianStepOnGpu.
       if [[ $tool == racecheck ]]; then tests+=':-DeferredSh.UpdatesGiveTheSameBits*'; fi
       if ! $is_quick; then echo "$tests"; fi
       ;;

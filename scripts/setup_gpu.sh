@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
-# Builds b3dgs for the NVIDIA GPU of this machine: looks for the GPU, for nvcc and for a LibTorch with CUDA, says what is
-# missing and where to get it, builds in build/gpu, and trains a small synthetic scene on the GPU to see that it works.
+# Builds b3dgs for the NVIDIA GPU of this machine. Looks for the GPU, for nvcc and for a LibTorch with CUDA, prints what
+# is missing and where to get it, builds in build/gpu, and trains a small synthetic scene on the GPU to test the build.
 #
 #   scripts/setup_gpu.sh [--libtorch FOLDER] [--check] [-- CMAKE_ARGUMENT...]
 #     --libtorch FOLDER  a LibTorch with CUDA, unpacked; otherwise looked for in $LIBTORCH, ./libtorch, ~/libtorch,
@@ -56,7 +56,7 @@ else
   missing GPU "no NVIDIA driver answers nvidia-smi; install the driver of your distribution or from nvidia.com/drivers"
 fi
 
-# nvcc: on the PATH or where NVIDIA's packages put it.
+# nvcc: on the PATH or where NVIDIA's packages install it.
 nvcc=$(command -v nvcc || ls -1 "${CUDA_HOME:-/usr/local/cuda}/bin/nvcc" /usr/local/cuda-*/bin/nvcc 2>/dev/null | head -n 1 || true)
 cuda_version=
 if [[ -n $nvcc ]]; then
@@ -66,7 +66,7 @@ else
   missing nvcc "install the CUDA toolkit: developer.nvidia.com/cuda-downloads (nvcc may lie outside the PATH: set CUDA_HOME)"
 fi
 
-# LibTorch with CUDA: the folder that holds lib/libtorch_cuda.so.
+# LibTorch with CUDA: the folder that contains lib/libtorch_cuda.so.
 candidates=("$libtorch")
 if [[ -z $libtorch ]]; then
   candidates=(${LIBTORCH:+"$LIBTORCH"} libtorch "$HOME/libtorch" /opt/libtorch /usr/local/libtorch)

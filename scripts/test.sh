@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
-# Installs what is missing, builds, and runs all tests of this machine (CPU; tests that need a GPU say that they skip).
-# Ends with a list of the tests that were skipped, and why.
+# Installs missing packages, builds, and runs all tests of this machine (CPU; tests that need a GPU are skipped). Ends
+# with a list of the skipped tests and the reasons.
 # Usage: scripts/test.sh [PRESET [CMAKE_OPTION...]]    presets: cpu (default), cpu-asan, cuda-compile
 # Environment: PARTS  with cpu-asan: builds and runs only these test programs, such as "core scene"
 set -euo pipefail

@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# Runs clang-tidy (14, Debian 12's) over C++ sources, findings as errors.
+# Runs clang-tidy (14, Debian 12's) on C++ sources. Findings are errors.
 # Usage: scripts/tidy.sh [--without-torch] [FILE...]    default: all of src, app and data_synth
 #   --without-torch  only sources that do not include LibTorch, whose headers take clang-tidy 20 s a file
 set -euo pipefail
