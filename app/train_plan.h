@@ -46,7 +46,7 @@ void visit_fields(TrainCommandOptions& c, Visitor&& field) {
 /// The training, its source and its destination.
 struct TrainPlan {
   TrainConfig config;
-  std::optional<OptionLayers> layers;  // source of config's values, unless from a checkpoint or model folder
+  std::optional<OptionLayers> layers;           // source of config's values, unless from a checkpoint or model folder
   GivenOptions fixed = GivenOptions::object();  // not scaled by --max_epochs: given options; at a resume, all
   TrainCommandOptions options;
   std::filesystem::path checkpoint;  // to resume, or empty
