@@ -65,7 +65,7 @@ TEST(CompareConfig, PaperStandsForTheTwoConfigurationsOfThePaper) {
 TEST(CompareConfig, FewPhotographsLimitEachConfigurationByItsMaxEpochs) {
   const GivenOptions given{{"densify_until_iter", 16000}};
   const auto entries = parse_configurations(
-      "quality:preset=quality,balanced:preset=inria+strategy=balanced,fast:preset=fast,"
+      "quality:preset=quality,balanced:preset=inria+strategy=budget,fast:preset=fast,"
       "all:iterations=24000,given:opacity_reset_interval=2400,off:max_epochs=0",
       resolve_options(given).config, given, 21);
   std::vector<int> iterations;

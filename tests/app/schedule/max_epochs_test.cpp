@@ -164,21 +164,6 @@ TEST_F(MaxEpochs, HoldsForComparisons) {
   EXPECT_EQ(read_plan()["photographs"], 6);
 }
 
-TEST_F(MaxEpochs, DoesNotLimitComparisonsOfVersionsWithoutIt) {
-  const std::string root = model("compared").root();
-  const Words words{"compare",  scene(), "-m",     root, "--iterations", "6", "--configs", "naive,shared-memory",
-                    "--device", "cpu",   "--quiet"};
-  ASSERT_EQ(run_b3dgs(words).exit_code, 0);
-  nlohmann::ordered_json older = nlohmann::ordered_json::parse(read_bytes(fs::path(root) / "compare.json"));
-  ASSERT_EQ(older["plan"].erase("photographs"), 1u);
-  ASSERT_EQ(older["plan"]["given"].erase("iterations"), 1u);
-  ASSERT_EQ(older["plan"]["config"].erase("max_epochs"), 1u);
-  write_file(fs::path(root) / "compare.json", older.dump());
-  ASSERT_EQ(run_b3dgs({"report", root}).exit_code, 0);
-  const auto plan = nlohmann::json::parse(read_bytes(fs::path(root) / "compare.json"))["plan"];
-  EXPECT_EQ(plan["given"]["max_epochs"], 0);
-}
-
 TEST_F(MaxEpochs, DoesNotScaleTheScheduleOfBenchStep) {
   const std::string json = (temp / "bench.json").string();
   const Outcome outcome = run_b3dgs({"bench", "step", scene(), "--device", "cpu", "--steps", "3", "--warmup", "1",

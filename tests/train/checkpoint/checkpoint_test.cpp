@@ -418,10 +418,6 @@ TEST_F(CheckpointFiles, AreRefusedIfPosesOrIntrinsicsHaveChanged) {
     change(other.train[1].camera);
     EXPECT_TRUE(test::fails_with<InputError>({"poses or intrinsics of 1 of", scene.train[1].name, "train anew"},
                                              [&] { read_checkpoint(path, other, torch::kCPU); }));
-    CheckpointFile early = read_checkpoint_file(path);
-    early.header["scene"].erase("camera_crc32s");
-    write_checkpoint_file(folder / "early", early);
-    EXPECT_EQ(read_checkpoint(folder / "early", other, torch::kCPU).state.iteration, 42);
   }
   Scene rounded = scene;
   for (View& view : rounded.train) view.camera.fx *= 1 + 1e-15;
