@@ -165,8 +165,8 @@ void drop_unshown_output() {
 }
 
 /// @param device_name_of_all  --device, the same on all ranks
-int train(const CommandLine& line, const TrainCommandOptions& options, const std::string& device_name_of_all,
-          Communicator& ranks, const MachineShare& machine = {}) {
+int train(const CommandLine& line, const TrainCommandOptions& options, const GivenOptions& given,
+          const std::string& device_name_of_all, Communicator& ranks, const MachineShare& machine = {}) {
   catch_stop_signals();
   const double start_s = steady_seconds();
   const bool is_first = ranks.is_first(), has_peers = ranks.size() > 1;
@@ -175,7 +175,7 @@ int train(const CommandLine& line, const TrainCommandOptions& options, const std
   TrainPlan plan;
   const torch::Device device = choose_device(device_name_of_all);
   if (has_peers) check_same_options(ranks, line.given());
-  if (is_first) plan = make_plan(line, status, options, ranks.size(), device_name(device));
+  if (is_first) plan = make_plan(line, status, options, given, ranks.size(), device_name(device));
   const std::unique_ptr<FolderLock> lock = is_first ? claim_folder(plan, status) : nullptr;
   if (has_peers) share_plan(ranks, plan);
   if (!is_first) set_compute_threads(plan.config.threads);
@@ -272,20 +272,21 @@ int run_train(const std::vector<std::string>& words) {
   if (!line.parse(join_view_place(words))) return 0;
   std::signal(SIGPIPE, SIG_IGN);
 
-  const std::string device = resolve_options(given_options(line, options.config)).config.device;
+  const GivenOptions given = given_options(line, options.config);  // read once, since the file may be a pipe
+  const std::string device = resolve_options(given).config.device;
   const RankPlan plan = plan_ranks(options.rank, device);
   check_view_options(options, plan);
   if (plan.n_to_start > 0) {
     StatusLine silent = StatusLine::silent();
     // An error in the options appears once, not for each rank.
-    make_plan(line, silent, options, plan.n_to_start, device);
+    make_plan(line, silent, options, given, plan.n_to_start, device);
     std::vector<std::string> all{"train"};
     all.insert(all.end(), words.begin(), words.end());
     return start_ranks(plan.n_to_start, all);
   }
   if (plan.place.size == 1) {
     try {
-      return train(line, options, plan.device_name, *Communicator::alone());
+      return train(line, options, given, plan.device_name, *Communicator::alone());
     } catch (const StoppedEarly& stopped) {
       std::cout << stopped.what() << "; nothing was written\n";
       return 128 + stop_signal();
@@ -295,7 +296,7 @@ int run_train(const std::vector<std::string>& words) {
   return run_as_rank(*joined.ranks, [&] {
     const MachineShare machine = share_machine(*joined.ranks);
     set_default_threads(machine.n_cores);
-    return train(line, options, device_name(joined.device), *joined.ranks, machine);
+    return train(line, options, given, device_name(joined.device), *joined.ranks, machine);
   });
 }
 

@@ -123,8 +123,8 @@ TrainConfig config_of_checkpoint(const fs::path& checkpoint) {
   return config;
 }
 
-TrainPlan make_plan(const CommandLine& line, StatusLine& status, const TrainCommandOptions& options, int n_ranks,
-                    const std::string& device) {
+TrainPlan make_plan(const CommandLine& line, StatusLine& status, const TrainCommandOptions& options,
+                    const GivenOptions& given, int n_ranks, const std::string& device) {
   TrainPlan plan;
   plan.options = options;
   TrainConfig& config = plan.config;
@@ -132,7 +132,6 @@ TrainPlan make_plan(const CommandLine& line, StatusLine& status, const TrainComm
     input_error("--resume auto and --overwrite exclude each other: one continues the model in the output folder, the ",
                 "other replaces it");
   }
-  const GivenOptions given = given_options(line, options.config);
   for (const std::string& text : describe_original_train_options(line.given())) status.warn(text);
   const auto apply_given_at_resume = [&] {
     for (const std::string& text : apply_at_resume(config, given)) status.warn(text);

@@ -60,8 +60,8 @@ TrainConfig config_of_checkpoint(const std::filesystem::path& checkpoint);
 /// Returns the options of the training that do not depend on its scene, from the command line, the config file, and the
 /// checkpoint or model folder to resume. Without --batch, a step has a view for each rank, and it cannot have fewer.
 /// `device`, of all ranks, is a value of --device. @throws InputError
-TrainPlan make_plan(const CommandLine& line, StatusLine& status, const TrainCommandOptions& options, int n_ranks,
-                    const std::string& device);
+TrainPlan make_plan(const CommandLine& line, StatusLine& status, const TrainCommandOptions& options,
+                    const GivenOptions& given, int n_ranks, const std::string& device);
 
 /// Completes the options that depend on the scene: --max_epochs, --gaussians_per_pixel and --lr_decay_from_epoch become
 /// numbers. Nothing changes the options after that. Returns lines about these numbers and the given options.

@@ -142,12 +142,6 @@ TEST_F(TrainedModel, OfASceneThatHasMovedNamesTheOption) {
   EXPECT_EQ(run_b3dgs({"eval", path("model"), "-s", path("moved"), "--device", "cpu", "--quiet"}).exit_code, 0);
 }
 
-TEST_F(TrainedModel, OfAnEarlierVersionMayHaveOptionsThatAreGone) {
-  change_config("pixels_per_gaussian", 45);
-  const Outcome evaluated = run_b3dgs({"eval", path("model"), "--device", "cpu", "--quiet"});
-  EXPECT_EQ(evaluated.exit_code, 0) << evaluated.err;
-}
-
 TEST_F(TrainedModel, AFolderOfAnotherProgramSaysHowItsGaussiansAreUsed) {
   fs::remove(path("model/config.json"));
   const Outcome outcome = run_b3dgs({"eval", path("model"), "--device", "cpu"});

@@ -230,7 +230,7 @@ TEST_F(ReportInBrowser, ShowsRunToRunVariationBesideEveryDifference) {
                          "20.0 % ± 2.0 %",
                          "Run-to-run variation of naive: time 2.0 %, PSNR 0.25.",
                          "No configurations here repeat that comparison; --configs paper does.",
-                         "/scenes/garden",
+                         "garden",
                          "option\tnaive\tsub-tile\tmine",
                          "mine, seed 3",
                          "from segmented to sub-tile",
