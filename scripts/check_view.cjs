@@ -191,8 +191,8 @@ async function check_training(browser) {
     assert(points.split(" ").length > 1 && !points.includes("NaN"), `the curve of ${name} is drawn`);
     assert.match(await page.locator(`#${name}_now`).textContent(), /\d/);
   }
-  const [start, end] = await curve_heights(page, [8811, 8812]);
-  assert(start - end < 2, `a curve that hardly rises looks so (${start - end} px)`);
+  const [first_y, last_y] = await curve_heights(page, [8811, 8812]);
+  assert(first_y - last_y < 2, `a curve that hardly rises looks so (${first_y - last_y} px)`);
   const [low, high] = await curve_heights(page, [8811, 17622]);
   assert(low - high > 40, "a curve that doubles fills the height");
   await page.locator("#psnr_curve").scrollIntoViewIfNeeded();
