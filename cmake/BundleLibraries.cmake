@@ -1,5 +1,5 @@
-# Run by cpack, after PROGRAMS and TORCH were set. Puts the shared libraries that PROGRAMS need into lib/b3dgs, where
-# their RPATH finds them, and the licences of these libraries into share/doc/b3dgs/licenses.
+# Run by cpack, after PROGRAM, ENGINE and TORCH were set. Puts the shared libraries that PROGRAM and ENGINE need into
+# lib/b3dgs, where their RPATH finds them, and the licences of these libraries into share/doc/b3dgs/licenses.
 
 # No program names the libraries that LibTorch loads with dlopen(). Its wheels have NVIDIA's libraries beside it.
 set(nvidia ${TORCH}/lib ${TORCH}/../nvidia/*/lib)
@@ -8,7 +8,7 @@ list(TRANSFORM nvidia APPEND /libnvrtc*.so.* OUTPUT_VARIABLE nvrtc)
 file(GLOB loaded_later ${TORCH}/lib/libcaffe2_nvrtc.so ${TORCH}/lib/libtorch_cuda_linalg.so ${cudnn} ${nvrtc})
 
 # These come from the machine: glibc, the compiler's runtime, and NVIDIA's driver.
-file(GET_RUNTIME_DEPENDENCIES EXECUTABLES ${PROGRAMS} LIBRARIES ${loaded_later}
+file(GET_RUNTIME_DEPENDENCIES EXECUTABLES ${PROGRAM} LIBRARIES ${ENGINE} ${loaded_later}
   PRE_EXCLUDE_REGEXES "^ld-linux" "^lib(c|m|mvec|dl|rt|pthread|resolv|util|anl)\\.so" "^lib(stdc\\+\\+|gcc_s)\\.so"
     "^lib(cuda|nvidia-.*)\\.so"
   RESOLVED_DEPENDENCIES_VAR libraries CONFLICTING_DEPENDENCIES_PREFIX twice)

@@ -1,6 +1,7 @@
 # cpack: a .deb and a .tar.gz with the program and the shared libraries that it needs (cmake/BundleLibraries.cmake).
 
-install(CODE "set(PROGRAMS \"$<TARGET_FILE:b3dgs_engine>;$<TARGET_FILE:b3dgs_tools>\")
+install(CODE "set(PROGRAM \"$<TARGET_FILE:b3dgs>\")
+  set(ENGINE \"$<TARGET_FILE:b3dgs_engine>\")
   set(TORCH \"${TORCH_INSTALL_PREFIX}\")" COMPONENT libraries EXCLUDE_FROM_ALL)
 install(SCRIPT ${CMAKE_CURRENT_LIST_DIR}/BundleLibraries.cmake COMPONENT libraries EXCLUDE_FROM_ALL)
 

@@ -64,7 +64,7 @@ wait_for_checkpoint() {
 # The process identifier of one rank that trains in the folder NAME
 one_rank() {
   pgrep -f "train $folder/scene -m $folder/$1 " | while read -r process; do
-    if [[ $(<"/proc/$process/comm") == b3dgs-engine ]]; then echo "$process"; fi
+    if [[ $(<"/proc/$process/comm") == b3dgs ]]; then echo "$process"; fi
   done | tail -n 1
 }
 

@@ -18,7 +18,7 @@ cmake -S docs/library_example -B "$work/build" -DCMAKE_PREFIX_PATH="$work/moved;
   { cat "$work/log"; exit 1; }
 cmake --build "$work/build" > "$work/log" || { cat "$work/log"; exit 1; }
 
-"$build/app/b3dgs-tools" synth orbit "$work/scene" --views 6 --width 64 --height 48 --points 300 --quiet
+"$build/app/b3dgs" synth orbit "$work/scene" --views 6 --width 64 --height 48 --points 300 --quiet
 "$work/build/train_scene" "$work/scene" "$work/model"
 ply=$work/model/point_cloud/iteration_100/point_cloud.ply
 [[ -s $ply ]] || { echo "test_library.sh: error: no $ply" >&2; exit 1; }

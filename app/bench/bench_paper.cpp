@@ -7,8 +7,8 @@
 #include "app/bench/bench_report.h"
 #include "app/bench/bench_scenes.h"
 #include "app/bench/bench_view.h"
-#include "app/record_run.h"
-#include "app/tools/commands.h"
+#include "app/common/commands.h"
+#include "app/common/torch/machine.h"
 #include "core/options/command_line.h"
 #include "core/parallel.h"
 #include "train/device.h"
@@ -20,7 +20,7 @@ using Json = nlohmann::ordered_json;
 
 struct PaperConfig : BenchRun {
   std::int64_t points = 1500000;
-  PaperConfig() { culling = "square"; }  // as in the rasterizer on which the paper is based
+  PaperConfig() { culling = Culling::kSquare; }  // as in the rasterizer on which the paper is based
 };
 
 template <class Visitor>
@@ -106,8 +106,8 @@ int run_bench_paper(const std::vector<std::string>& words) {
   view.render(ForwardKernel::kNaive, /*keep=*/false);
   const Json lists = view.lists();
   std::printf("%lld LiDAR-like points, first iteration, %d x %d px, culling by %s, %s\n",
-              static_cast<long long>(scene.cloud.size()), scene.view.width, scene.view.height, config.culling.c_str(),
-              view.device_text().c_str());
+              static_cast<long long>(scene.cloud.size()), scene.view.width, scene.view.height,
+              name_of(config.culling).c_str(), view.device_text().c_str());
   std::printf(
       "%lld patches of 16 x 8 px; Gaussians per patch: mean %.0f, median %lld, 99th percentile %lld, maximum "
       "%lld\n\n",

@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
-#include "app/status/status_line.h"
+#include "app/common/status_line.h"
 #include "data_synth/random.h"
 #include "data_synth/synth_scene.h"
 #include "model/cameras/cameras_json.h"

@@ -12,7 +12,7 @@ namespace b3dgs {
 /// Options of all benchmarks of one view.
 struct BenchRun {
   int width = 960, height = 540;  // px
-  std::string culling = "ellipse";
+  Culling culling = Culling::kEllipse;
   std::int64_t seed = 0;
   int repeat = 7;
   std::string device = "auto";
@@ -24,7 +24,7 @@ template <class Visitor>
 void visit_fields(BenchRun& c, Visitor&& field) {
   field(Option{"width"}, c.width, InRange{1, 16384}, "image width of synthetic scenes, px");
   field(Option{"height"}, c.height, InRange{1, 16384}, "image height of synthetic scenes, px");
-  field(Option{"culling"}, c.culling, OneOf{{"ellipse", "square"}},
+  field(Option{"culling"}, c.culling, one_of<Culling>(),
         "how to decide which tiles a Gaussian touches; square: 3-sigma box, as in 3DGS");
   field(Option{"seed"}, c.seed, AtLeast{0}, "random seed of synthetic scenes");
   field(Option{"repeat"}, c.repeat, InRange{1, 1000}, "timed repetitions after one warm-up; the median is shown");

@@ -5,10 +5,10 @@
 #include <numeric>
 
 #include "app/bench/bench_report.h"
-#include "app/terminal/progress.h"
-#include "app/tools/commands.h"
-#include "app/train_plan.h"
-#include "app/train_setup.h"
+#include "app/common/commands.h"
+#include "app/common/stop_request.h"
+#include "app/common/torch/progress.h"
+#include "app/train/train_plan.h"
 #include "config/option_layers.h"
 #include "config/train_options.h"
 #include "core/check.h"
@@ -77,14 +77,16 @@ Json show_stages(const std::vector<StageTimes>& steps) {
   return rows;
 }
 
-TrainConfig make_config(const CommandLine& line, const BenchStepOptions& options, StatusLine& status) {
+/// `header` is that of --checkpoint.
+TrainConfig make_config(const CommandLine& line, const BenchStepOptions& options, const nlohmann::ordered_json& header,
+                        StatusLine& status) {
   GivenOptions given = given_options(line, /*config_file=*/"");
   given.erase("iterations");  // ignored, so it scales no schedule
   TrainConfig config;
   if (options.checkpoint.empty()) {
     config = resolve_options(given).config;
   } else {
-    config = config_of_checkpoint(options.checkpoint);
+    config = config_of_checkpoint(header, options.checkpoint);
     for (const std::string& text : apply_at_resume(config, given)) status.warn(text);
   }
   if (config.source_path.empty()) input_error("missing argument: SOURCE_PATH; usage: b3dgs bench step SOURCE_PATH");
@@ -142,11 +144,13 @@ int run_bench_step(const std::vector<std::string>& words) {
   if (!line.parse(words)) return 0;
   BenchFile file(options.json);
   StatusLine status = StatusLine::for_stderr(false);
-  const TrainConfig config = make_config(line, options, status);
+  nlohmann::ordered_json header;
+  if (!options.checkpoint.empty()) header = read_checkpoint_header(options.checkpoint);
+  const TrainConfig config = make_config(line, options, header, status);
   set_compute_threads(config.threads);
 
   SceneOptions how = scene_options(config);
-  if (!options.checkpoint.empty()) how.frame = checkpoint_frame(options.checkpoint);
+  if (!options.checkpoint.empty()) how.frame = checkpoint_frame(header, options.checkpoint);
   const Scene scene = open_scene(how, status);
   StepTimes times;
   TrainHooks hooks = hooks_for(status);
@@ -159,7 +163,7 @@ int run_bench_step(const std::vector<std::string>& words) {
       times.steps.push_back(known);
     }
   };
-  Trainer trainer(config, scene, ModelFolder(""), hooks);
+  Trainer trainer(finalize(config, scene), scene, ModelFolder(""), hooks);
   status.clear();
   if (!options.checkpoint.empty()) trainer.resume(options.checkpoint);
 

@@ -4,7 +4,6 @@
 #include <memory>
 #include <utility>
 
-#include "app/record_run.h"
 #include "core/check.h"
 #include "core/parallel.h"
 #include "train/device.h"
@@ -34,7 +33,7 @@ BenchView::BenchView(const BenchRun& run, const BenchScene& scene)
   const double n_values = 3.0 * view_.width * view_.height;
   grad_.color = torch::full({view_.height, view_.width, 3}, 1 / n_values, options.dtype(torch::kFloat32));
   settings_.sh_degree = scene.cloud.sh_degree;
-  settings_.culling = run.culling == "square" ? Culling::kSquare : Culling::kEllipse;
+  settings_.culling = run.culling;
   settings_.depth_gradient = false;
   settings_.stages = &stages_;
 }

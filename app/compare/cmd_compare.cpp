@@ -2,13 +2,14 @@
 #include <algorithm>
 #include <iostream>
 
+#include "app/common/commands.h"
+#include "app/common/stop_request.h"
+#include "app/common/torch/machine.h"
+#include "app/common/torch/model.h"
+#include "app/common/torch/progress.h"
+#include "app/compare/comparison.h"
 #include "app/compare/interleaved_training.h"
-#include "app/model.h"
-#include "app/record_run.h"
-#include "app/terminal/progress.h"
-#include "app/tools/commands.h"
-#include "app/train_setup.h"
-#include "compare/comparison.h"
+#include "app/train/replaced_model.h"
 #include "config/option_layers.h"
 #include "config/original_options.h"
 #include "config/train_options.h"
@@ -263,7 +264,7 @@ int run_compare(const std::vector<std::string>& words) {
   const torch::Device device = choose_device(plan.base.device);
   plan.base.device = device_name(device);
   // Runs before photographs are read and anything is written.
-  for (const Configuration& configuration : plan.configurations()) check_options(configuration.config);
+  for (const Configuration& configuration : plan.configurations()) check_options(configuration.config, device);
   const FolderLock lock(plan.root());
   guard_comparison(plan, options);
   set_compute_threads(plan.base.threads);

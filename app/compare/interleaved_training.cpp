@@ -4,13 +4,13 @@
 #include <deque>
 #include <memory>
 
-#include "app/record_run.h"
-#include "app/terminal/progress.h"
-#include "app/train_setup.h"
+#include "app/common/stop_request.h"
+#include "app/common/torch/progress.h"
+#include "app/report/train_report.h"
+#include "app/train/session_record.h"
 #include "core/files/folders.h"
 #include "core/text.h"
 #include "dist/communicator.h"
-#include "report/train_report.h"
 #include "train/checkpoint/checkpoint.h"
 #include "train/device.h"
 #include "train/images/image_store.h"
@@ -67,7 +67,8 @@ class InterleavedTraining {
 
   void add(const Configuration& configuration, std::int64_t image_budget) {
     const ModelFolder folder = plan_.folder(configuration, seed_);
-    TrainConfig config = with_scene_limits(run_config(configuration, folder, seed_), scene_);
+    const FinalConfig final_config = finalize(run_config(configuration, folder, seed_), scene_);
+    const TrainConfig& config = final_config.options;
     const std::string label = detail::concat(configuration.name, ", seed ", seed_, ": ");
     Turn& turn = turns_.emplace_back(Turn{configuration, folder, label, Eta(config.iterations)});
     turn.lock = std::make_unique<FolderLock>(folder.root());
@@ -77,7 +78,7 @@ class InterleavedTraining {
     hooks.image_budget = image_budget;
     hooks.on_result = [this, &turn] { record_previews(*turn.trainer, scene_, turn.folder, *ranks_); };
     hooks.resume_command = resume_command(plan_);
-    turn.trainer = std::make_unique<Trainer>(config, scene_, folder, hooks);
+    turn.trainer = std::make_unique<Trainer>(final_config, scene_, folder, hooks);
     status_.clear();
     if (const std::string text = describe_epochs(config, plan_.photographs); !text.empty()) hooks.on_message(text);
     hooks.on_message("photographs " + turn.trainer->describe_images());
@@ -167,7 +168,7 @@ void warm_up(const ComparisonPlan& plan, const Scene& scene) {
     config.iterations = kIterations + 1;  // at its end, a training writes its outputs
     config.densify_from_iter = 0;
     config.densification_interval = 2;
-    Trainer(config, part, ModelFolder(folder.path()), hooks).run(kIterations);
+    Trainer(finalize(config, part), part, ModelFolder(folder.path()), hooks).run(kIterations);
   }
 }
 

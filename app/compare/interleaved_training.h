@@ -5,8 +5,8 @@
 #include <cstdint>
 #include <string>
 
-#include "app/status/status_line.h"
-#include "compare/comparison.h"
+#include "app/common/status_line.h"
+#include "app/compare/comparison.h"
 
 namespace b3dgs {
 

@@ -5,11 +5,11 @@
 #include <cstdio>
 #include <optional>
 
+#include "app/common/commands.h"
+#include "app/common/stop_request.h"
+#include "app/common/torch/model.h"
 #include "app/export/scene_views.h"
 #include "app/export/splat_transform.h"
-#include "app/model.h"
-#include "app/tools/commands.h"
-#include "app/train_setup.h"
 #include "core/check.h"
 #include "core/options/command_line.h"
 #include "core/text.h"

@@ -3,7 +3,7 @@
 
 #include <vector>
 
-#include "app/model.h"
+#include "app/common/torch/model.h"
 
 namespace b3dgs {
 

@@ -5,7 +5,7 @@
 #include <optional>
 #include <string>
 
-#include "app/status/status_line.h"
+#include "app/common/status_line.h"
 #include "model/formats/splat_formats.h"
 
 namespace b3dgs {

@@ -2,14 +2,14 @@
 #include <atomic>
 #include <iostream>
 
-#include "app/status/status_line.h"
-#include "app/tools/commands.h"
-#include "app/tools/single_option.h"
+#include "app/common/commands.h"
+#include "app/common/single_option.h"
+#include "app/common/status_line.h"
+#include "app/reconstruct/reconstruct.h"
 #include "core/check.h"
 #include "core/options/command_line.h"
 #include "core/stop_signals.h"
 #include "core/text.h"
-#include "reconstruct/reconstruct.h"
 
 namespace b3dgs {
 namespace {

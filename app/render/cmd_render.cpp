@@ -7,11 +7,11 @@
 #include <memory>
 #include <optional>
 
-#include "app/colors/depth_images.h"
-#include "app/model.h"
+#include "app/common/commands.h"
+#include "app/common/torch/model.h"
 #include "app/render/camera_choice.h"
+#include "app/render/depth_images.h"
 #include "app/render/video_writer.h"
-#include "app/tools/commands.h"
 #include "config/original_options.h"
 #include "core/check.h"
 #include "core/files/own_files.h"

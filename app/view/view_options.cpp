@@ -4,8 +4,8 @@
 #include <iostream>
 #include <system_error>
 
+#include "app/view/access.h"
 #include "core/check.h"
-#include "view/access.h"
 
 namespace b3dgs {
 namespace {

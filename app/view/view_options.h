@@ -5,8 +5,8 @@
 #include <string>
 #include <vector>
 
-#include "app/status/status_line.h"
-#include "view/view_server.h"
+#include "app/common/status_line.h"
+#include "app/view/view_server.h"
 
 namespace b3dgs {
 

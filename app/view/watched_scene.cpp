@@ -6,8 +6,8 @@
 #include <opencv2/imgproc.hpp>
 
 #include "adaptive/load_statistics.h"
-#include "app/colors/depth_images.h"
-#include "app/status/status_line.h"
+#include "app/common/status_line.h"
+#include "app/render/depth_images.h"
 #include "core/check.h"
 #include "core/text.h"
 #include "model/raster_input.h"

@@ -10,9 +10,9 @@
 #include <utility>
 #include <vector>
 
+#include "app/view/frame_source.h"
 #include "raster/torch/rasterizer.h"
 #include "scene/scene.h"
-#include "view/frame_source.h"
 
 namespace b3dgs {
 

@@ -61,13 +61,13 @@ void FrameBudget::learn(double seconds, double pixels, bool is_draft) {
   learned_s = (learned_s + measured_s) / 2;
 }
 
-WatchedTraining::WatchedTraining(const TrainConfig& config, const Scene& scene, std::function<void()> stop)
-    : WatchedScene(scene, viewed_training(scene), choose_device(config.device)),
-      config_(config),
+WatchedTraining::WatchedTraining(const FinalConfig& config, const Scene& scene, std::function<void()> stop)
+    : WatchedScene(scene, viewed_training(scene), config.device),
+      config_(config.options),
       stop_(std::move(stop)),
       budget_(kShare),
-      eta_(config.iterations) {
-  state_.iterations = config.iterations;
+      eta_(config_.iterations) {
+  state_.iterations = config_.iterations;
   state_.activity = "starting";
 }
 

@@ -5,7 +5,7 @@
 #include <functional>
 #include <mutex>
 
-#include "app/terminal/progress.h"
+#include "app/common/torch/progress.h"
 #include "app/view/watched_scene.h"
 #include "train/trainer.h"
 
@@ -39,7 +39,7 @@ class FrameBudget {
 class WatchedTraining final : public WatchedScene {
  public:
   /// `scene` must outlive this. `stop` requests that the training write a checkpoint and end.
-  WatchedTraining(const TrainConfig& config, const Scene& scene, std::function<void()> stop);
+  WatchedTraining(const FinalConfig& config, const Scene& scene, std::function<void()> stop);
 
   /// Adds its callbacks to those in `hooks`. hooks.stop_signal, if set, also ends a pause.
   void attach(TrainHooks& hooks);

@@ -98,6 +98,10 @@ FolderLock::~FolderLock() {
   if (is_new_) fs::remove(path_.parent_path(), error);
 }
 
+void make_absolute(std::string& path) {
+  if (!path.empty()) path = std::filesystem::absolute(path).lexically_normal().string();
+}
+
 bool remove_tree(const std::filesystem::path& path) {
   constexpr int kOpenFolders = 16;
   const auto remove_entry = [](const char* entry, const struct stat*, int, FTW*) { return std::remove(entry); };

@@ -1,8 +1,9 @@
-// Locks, removes and makes temporary folders.
+// Locks, removes and makes temporary folders, and makes paths absolute.
 #pragma once
 
 #include <filesystem>
 #include <optional>
+#include <string>
 
 #include "core/descriptor.h"
 #include "core/files/own_files.h"
@@ -29,6 +30,9 @@ class FolderLock {
   Descriptor file_;
   std::optional<OwnFiles> own_files_;
 };
+
+/// Makes a path independent of the working folder. An empty path stays empty.
+void make_absolute(std::string& path);
 
 /// Removes a file or a folder with its content. Symbolic links are removed, not followed. Returns true if nothing is
 /// left, including if there was nothing. Otherwise errno has the reason. This replaces std::filesystem::remove_all,

@@ -1,5 +1,5 @@
 // b3dgs render --depth_format png16 and exr: the files contain the rendered depth.
-#include "app/colors/depth_images.h"
+#include "app/render/depth_images.h"
 
 #include <gtest/gtest.h>
 
@@ -8,7 +8,7 @@
 #include <nlohmann/json.hpp>
 #include <opencv2/imgcodecs.hpp>
 
-#include "app/model.h"
+#include "app/common/torch/model.h"
 #include "model/cameras/cameras_json.h"
 #include "model/raster_input.h"
 #include "scene/images/image.h"

@@ -6,9 +6,10 @@
 #include <opencv2/imgproc.hpp>
 #include <thread>
 
-#include "app/model.h"
-#include "app/tools/commands.h"
+#include "app/common/commands.h"
+#include "app/common/torch/model.h"
 #include "app/view/view_options.h"
+#include "app/view/view_server.h"
 #include "app/view/watched_scene.h"
 #include "dist/control/socket.h"
 #include "scene/images/image.h"
@@ -17,7 +18,6 @@
 #include "support/run_program.h"
 #include "support/temp_dir.h"
 #include "train/device.h"
-#include "view/view_server.h"
 
 namespace b3dgs {
 namespace {

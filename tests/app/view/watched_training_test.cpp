@@ -31,12 +31,12 @@ FrameRequest request_of(const WatchedTraining& watched, FrameMode mode, int view
 class LiveTraining {
  public:
   LiveTraining(const TrainConfig& config, const Scene& scene, const fs::path& folder, bool asks_every_step = false)
-      : watched(config, scene, [this] { stop_signal = SIGINT; }) {
+      : watched(finalize(config, scene), scene, [this] { stop_signal = SIGINT; }) {
     TrainHooks hooks;
     hooks.stop_signal = &stop_signal;
     watched.attach(hooks);
     if (asks_every_step) hooks.wants_model = [] { return true; };
-    trainer_ = std::make_unique<Trainer>(config, scene, ModelFolder(folder), hooks);
+    trainer_ = std::make_unique<Trainer>(finalize(config, scene), scene, ModelFolder(folder), hooks);
     watched.set_save([this] { return trainer_->save(); });
   }
   ~LiveTraining() {
@@ -109,7 +109,7 @@ TEST(WatchedTraining, MakesTheSameBytesWithBatchesFiltersAndRefinedPoses) {
   expect_same_bytes(config);
   config = test::eventful_config();
   config.pose_opt = true;
-  config.strategy = "mcmc";
+  config.strategy = Strategy::kMcmc;
   config.max_gaussians = 200;
   expect_same_bytes(config);
 }
@@ -176,7 +176,7 @@ TEST(WatchedTraining, TellsHowATrainingEnded) {
   const fs::path ply = ModelFolder(folder.path()).ply(7);
   fs::create_directories(ply.parent_path());
   fs::create_symlink(ply.filename(), ply);  // a link to itself
-  WatchedTraining failed(config, scene, [] {}), resumed(config, scene, [] {});
+  WatchedTraining failed(finalize(config, scene), scene, [] {}), resumed(finalize(config, scene), scene, [] {});
   failed.close();
   EXPECT_EQ(failed.state(0).activity, "failed");
   EXPECT_EQ(failed.state(0).notice, "See the terminal.");
@@ -196,7 +196,7 @@ TEST(WatchedTraining, TellsHowATrainingEnded) {
 
 TEST(WatchedTraining, CurvesOfLongTrainingsStayShort) {
   const Scene scene = test::make_tiny_scene();
-  WatchedTraining watched(test::eventful_config(), scene, [] {});
+  WatchedTraining watched(finalize(test::eventful_config(), scene), scene, [] {});
   TrainHooks hooks;
   watched.attach(hooks);
   for (int iteration = 1; iteration <= 30000; ++iteration) {
@@ -215,7 +215,7 @@ TEST(WatchedTraining, CurvesOfLongTrainingsStayShort) {
 
 TEST(WatchedTraining, AModelThatCannotBeRenderedIsAnErrorOfTheFrame) {
   const Scene scene = test::make_tiny_scene();
-  WatchedTraining watched(test::eventful_config(), scene, [] {});
+  WatchedTraining watched(finalize(test::eventful_config(), scene), scene, [] {});
   TrainHooks hooks;
   watched.attach(hooks);
   GaussianTensors gaussians;
@@ -250,7 +250,7 @@ TEST(WatchedTraining, TheFirstPictureIsSmallAndAPauseHasTimeForTheLargeOne) {
   GaussianTensors gaussians;
   test::make_tiny_scene({}, &gaussians);
   for (const FrameMode mode : {FrameMode::kRender, FrameMode::kLoad, FrameMode::kDifference}) {
-    WatchedTraining watched(test::eventful_config(), scene, [] {});
+    WatchedTraining watched(finalize(test::eventful_config(), scene), scene, [] {});
     TrainHooks hooks;
     std::atomic<int> stop_signal{0};
     hooks.stop_signal = &stop_signal;
