@@ -43,7 +43,7 @@ GivenOptions given_options(const CommandLine& line, const std::string& config_fi
   visit_fields(checked, [&](const Option& option, const auto& value, const auto&, const char*) {
     const std::string name(option.name);
     for (const auto& item : file.items()) {
-      if (option.has_name(item.key())) given[name] = value;
+      if (option.has_name(item.key())) given[name] = detail::option_to_json(value);
     }
     if (words.contains(name)) given[name] = words.at(name);
   });
@@ -60,7 +60,8 @@ OptionLayers resolve_options(const GivenOptions& given) {
   config_from_json(named, given, /*place=*/"");
   const GivenOptions preset = values_of(presets(), named.preset);
   const GivenOptions& names_strategy = given.contains("strategy") ? given : preset;
-  const GivenOptions strategy = values_of(strategy_defaults(), names_strategy.value("strategy", named.strategy));
+  const GivenOptions strategy =
+      values_of(strategy_defaults(), names_strategy.value("strategy", name_of(named.strategy)));
 
   TrainConfig& config = layers.config;
   config.preset = named.preset;
@@ -107,7 +108,7 @@ std::vector<std::string> apply_at_resume(TrainConfig& config, const GivenOptions
 }
 
 TrainConfig preset_options(const TrainConfig& config) {
-  GivenOptions named{{"preset", config.preset}, {"strategy", config.strategy}};
+  GivenOptions named{{"preset", config.preset}, {"strategy", name_of(config.strategy)}};
   TrainConfig options = resolve_options(named).config;
   if (config.iterations != options.iterations) {
     named["iterations"] = config.iterations;
@@ -140,10 +141,10 @@ std::vector<std::string> wrapped_list(const std::string& label, const std::vecto
 
 std::vector<std::string> describe_options(const OptionLayers& layers) {
   std::vector<std::string> named{"preset " + layers.config.preset}, given;
-  named.push_back("strategy " + layers.config.strategy);
+  named.push_back("strategy " + name_of(layers.config.strategy));
   if (layers.schedule_scale != 1) {
     named.push_back(print_to_string("its schedule x %.4g for --iterations", layers.schedule_scale));
-  } else if (layers.config.preset == kPresetNames[0] && layers.config.strategy == "default" &&
+  } else if (layers.config.preset == kPresetNames[0] && layers.config.strategy == Strategy::kDefault &&
              layers.given.value("iterations", TrainConfig{}.iterations) != TrainConfig{}.iterations) {
     named.emplace_back("schedule of 30,000 iterations, whatever --iterations");
   }

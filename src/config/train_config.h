@@ -3,12 +3,11 @@
 // ranges and help texts.
 #pragma once
 
-#include <array>
 #include <cstdint>
 #include <string>
-#include <string_view>
 #include <vector>
 
+#include "config/choices.h"
 #include "raster/kernels.h"
 
 namespace b3dgs {
@@ -20,11 +19,6 @@ inline constexpr const char* kPublishedKernel = "published";
 
 /// The values of --preset. presets.cpp has their options. The first one changes nothing.
 inline constexpr const char* kPresetNames[] = {"inria", "fast", "quality", "best"};
-
-/// The values of --strategy, in the order of the table in src/train/density, which describes them. The default is the
-/// density control of the original 3DGS.
-inline constexpr std::string_view kDefaultStrategy = "default";
-inline constexpr std::array<std::string_view, 3> kDensityStrategies{kDefaultStrategy, "mcmc", "budget"};
 
 // Members are in the order of the options. NOLINTNEXTLINE(clang-analyzer-optin.performance.Padding)
 struct TrainConfig {
@@ -39,7 +33,7 @@ struct TrainConfig {
   std::string lenses = "auto";
   std::string masks;
   bool invert_masks = false;
-  std::string mask_mode = "ignore";
+  MaskMode mask_mode = MaskMode::kIgnore;
   std::string device = "auto";
   double gpu_memory_gb = 0;  // 0: all free memory
   double host_memory_gb = -1;
@@ -94,7 +88,7 @@ struct TrainConfig {
   bool train_test_exp = false;
 
   // Density control
-  std::string strategy{kDefaultStrategy};
+  Strategy strategy = Strategy::kDefault;
   int densify_from_iter = 500;     // exclusive: first round at 600
   int densify_until_iter = 15000;  // exclusive: last round at 14900
   int densification_interval = 100;
@@ -106,13 +100,13 @@ struct TrainConfig {
   double gaussians_per_pixel = 0;  // limit per pixel of one photograph
   // For strategy budget:
   int score_views = 20;  // before each round
-  std::string split = "preserve";
+  SplitRule split = SplitRule::kPreserve;
   double prune_weight = 0.03;
 
   // Rasterizer
   std::string kernel = kAdaptive;
   int kernel_check_interval = 1000;  // as in the paper
-  std::string culling = "ellipse";
+  Culling culling = Culling::kEllipse;
   bool deterministic = false;
   int threads = 0;  // 0 = all cores
 

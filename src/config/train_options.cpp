@@ -1,7 +1,5 @@
 #include "config/train_options.h"
 
-#include <string_view>
-
 #include "config/batch_steps.h"
 #include "raster/kernels.h"
 
@@ -12,9 +10,8 @@ void for_each_option(TrainConfig& c, const std::function<void(const TrainOption&
     take(OptionOf<std::decay_t<decltype(value)>, std::decay_t<decltype(constraint)>>{option, value, constraint, help});
   };
 
-  OneOf kernels, strategies;
+  OneOf kernels;
   for (const KernelRow& row : kForwardKernels) kernels.values.emplace_back(row.name);
-  for (const std::string_view name : kDensityStrategies) strategies.values.emplace_back(name);
   kernels.values.insert(kernels.values.end(), {kPublishedKernel, kAdaptive});
 
   field(Option{"source_path", 's', {"data_dir", "data_path"}}.common().group("Scene and output"), c.source_path, Any{},
@@ -35,7 +32,7 @@ void for_each_option(TrainConfig& c, const std::function<void(const TrainOption&
   field(Option{"masks"}, c.masks, Any{},
         "folder of masks, black is left out (default masks/ if it exists; none: no masks)");
   field(Option{"invert_masks"}, c.invert_masks, Any{}, "leave out what is white in masks instead of black");
-  field(Option{"mask_mode"}, c.mask_mode, OneOf{{"ignore", "segment"}},
+  field(Option{"mask_mode"}, c.mask_mode, one_of<MaskMode>(),
         "ignore what masks leave out, or segment: nothing may be there");
   field(Option{"device"}.common().group("Device and memory"), c.device, OneOf{{"auto", "cpu", "cuda"}},
         "where to train; auto: a GPU if there is one");
@@ -118,7 +115,7 @@ void for_each_option(TrainConfig& c, const std::function<void(const TrainOption&
   field(Option{"train_test_exp"}, c.train_test_exp, Any{},
         "measure the right half of test views, with colours fitted to their left half");
 
-  field(Option{"strategy"}.common().group("Density control"), c.strategy, strategies,
+  field(Option{"strategy"}.common().group("Density control"), c.strategy, one_of<Strategy>(),
         "how Gaussians are added and removed; see docs/recipes.md");
   field(Option{"densify_from_iter"}.in_steps(), c.densify_from_iter, AtLeast{0},
         "start density control after this iteration");
@@ -139,7 +136,7 @@ void for_each_option(TrainConfig& c, const std::function<void(const TrainOption&
   field(Option{"gaussians_per_pixel"}, c.gaussians_per_pixel, AtLeast{0},
         "without --max_gaussians: at most X per pixel of one photograph (0 = no limit)");
   field(Option{"score_views"}, c.score_views, AtLeast{1}, "budget: steps before each round whose views are scored");
-  field(Option{"split"}, c.split, OneOf{{"moments", "preserve"}},
+  field(Option{"split"}, c.split, one_of<SplitRule>(),
         "budget: how the two parts of a Gaussian are placed; see docs/recipes.md");
   field(Option{"prune_weight"}, c.prune_weight, InRange{0, 1},
         "budget: remove Gaussians whose largest blend weight is below X (0 = none)");
@@ -149,7 +146,7 @@ void for_each_option(TrainConfig& c, const std::function<void(const TrainOption&
   // Not .in_steps(), because a check costs the same in a shorter schedule.
   field(Option{"kernel_check_interval"}, c.kernel_check_interval, AtLeast{1},
         "adaptive, published: time both kernels at the start and every N iterations");
-  field(Option{"culling"}, c.culling, OneOf{{"ellipse", "square"}},
+  field(Option{"culling"}, c.culling, one_of<Culling>(),
         "how to decide which tiles a Gaussian touches; square: 3-sigma box, as in 3DGS");
   field(Option{"deterministic"}.group("Schedule"), c.deterministic, Any{},
         "same result every run; turns off kernel auto-selection, slower on a GPU");

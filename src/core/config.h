@@ -6,7 +6,8 @@
 //
 // The command line, help texts, docs/options.md, JSON input and output, range checks and the list of changed options at
 // resume are visitors of that list, so an option is defined in one place. Member types: bool, int, std::int64_t,
-// double, std::string, std::vector<int>, std::vector<std::int64_t>, std::vector<double>, std::vector<std::string>.
+// double, std::string, std::vector<int>, std::vector<std::int64_t>, std::vector<double>, std::vector<std::string>, and
+// enumerations whose names names_of(E) returns in the order of their values.
 #pragma once
 
 #include <algorithm>
@@ -117,12 +118,35 @@ struct OneOf {
   std::string text() const { return "one of " + list_text(values); }
 };
 
+/// Returns the name of an enumeration's value, as on the command line.
+template <class Enum>
+std::string name_of(Enum value) {
+  return names_of(value)[static_cast<std::size_t>(value)];
+}
+
+template <class Enum>
+OneOf one_of() {
+  const auto names = names_of(Enum{});
+  return {{names.begin(), names.end()}};
+}
+
 namespace detail {
+
+template <class Value>
+nlohmann::ordered_json option_to_json(const Value& value) {
+  if constexpr (std::is_enum_v<Value>) {
+    return name_of(value);
+  } else {
+    return value;
+  }
+}
 
 template <class Constraint, class Value>
 bool is_allowed(const Constraint& constraint, const Value& value) {
   if constexpr (is_vector<Value>::value) {
     return std::all_of(value.begin(), value.end(), [&](const auto& entry) { return is_allowed(constraint, entry); });
+  } else if constexpr (std::is_enum_v<Value>) {
+    return true;
   } else if constexpr (std::is_integral_v<Value>) {
     return constraint.allows(static_cast<double>(value));
   } else {
@@ -147,6 +171,13 @@ std::string take_json(const nlohmann::ordered_json& json, Value& value) {
       const std::string wanted = take_json(item, value.emplace_back());
       if (!wanted.empty()) return "a list, each entry " + wanted;
     }
+    return "";
+  } else if constexpr (std::is_enum_v<Value>) {
+    if (!json.is_string()) return "a string";
+    const auto names = names_of(value);
+    const auto found = std::find(names.begin(), names.end(), json.get<std::string>());
+    if (found == names.end()) return one_of<Value>().text();
+    value = static_cast<Value>(found - names.begin());
     return "";
   } else if constexpr (std::is_same_v<Value, bool>) {
     if (!json.is_boolean()) return "true or false";
@@ -189,7 +220,7 @@ template <class Config>
 nlohmann::ordered_json config_to_json(const Config& config) {
   nlohmann::ordered_json json;
   visit_fields(config, [&](const Option& option, const auto& value, const auto&, const char*) {
-    json[std::string(option.name)] = value;
+    json[std::string(option.name)] = detail::option_to_json(value);
   });
   return json;
 }

@@ -51,7 +51,7 @@ struct OptionSpec {
              : std::is_same_v<Value, double>       ? Kind::kNumber
                                                    : Kind::kText;
       static_assert(std::is_same_v<Value, bool> || std::is_same_v<Value, int> || std::is_same_v<Value, std::int64_t> ||
-                    std::is_same_v<Value, double> || std::is_same_v<Value, std::string>);
+                    std::is_same_v<Value, double> || std::is_same_v<Value, std::string> || std::is_enum_v<Value>);
     }
   }
 
@@ -148,7 +148,7 @@ void CommandLine::add(Config&& defaults, const std::string& heading, const std::
                  spec.help = help;
                  spec.range = constraint.text();
                  spec.lists_choices = std::is_same_v<std::decay_t<decltype(constraint)>, OneOf>;
-                 spec.default_value = value;
+                 spec.default_value = detail::option_to_json(value);
                  spec.group = group;
                  spec.is_common = option.is_common;
                  spec.positional = detail::is_among(spec.name, positional);
