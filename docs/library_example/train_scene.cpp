@@ -16,7 +16,7 @@ int main(int argc, char** argv) try {
 
   const b3dgs::Scene scene = b3dgs::load_scene(b3dgs::scene_options(config));
   const b3dgs::ModelFolder folder(config.model_path);
-  b3dgs::Trainer trainer(config, scene, folder, {});
+  b3dgs::Trainer trainer(b3dgs::finalize(config, scene), scene, folder, {});
   trainer.run();
   std::cout << trainer.n_gaussians() << " Gaussians: " << folder.ply(config.iterations).string() << "\n";
 } catch (const std::exception& error) {

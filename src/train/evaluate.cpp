@@ -11,7 +11,7 @@ RenderSettings evaluation_settings(const TrainConfig& config, int sh_degree) {
   settings.sh_degree = sh_degree;
   settings.near_plane = static_cast<float>(config.near_plane);
   settings.antialiasing = config.antialiasing;
-  settings.culling = config.culling == "square" ? Culling::kSquare : Culling::kEllipse;
+  settings.culling = config.culling;
   settings.kernel = chooses_kernel(config) ? kStandardKernel : kernel_named(config.kernel);
   settings.deterministic = config.deterministic;
   settings.depth_gradient = false;  // only --depths needs it, and sets it itself

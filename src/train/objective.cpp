@@ -19,10 +19,10 @@ std::vector<std::string> Objective::warnings() const {
 std::int64_t Objective::bytes_per_pixel() const {
   constexpr std::int64_t kFloat = sizeof(float), kRendered = 5 * kFloat;  // colour, depth, alpha
   std::int64_t bytes = kRendered + ImageLoss::kBytesPerPixel;
-  if (appearance_) bytes += 3 * kFloat;                  // colours of the photograph's camera
-  if (depth_priors_) bytes += kFloat + 2;                // gradient, and the depth map of 16 bits
-  if (config_.strategy == "budget") bytes += kFloat;     // errors
-  if (loss_weights(config_).alpha > 0) bytes += kFloat;  // gradient with respect to alpha
+  if (appearance_) bytes += 3 * kFloat;                        // colours of the photograph's camera
+  if (depth_priors_) bytes += kFloat + 2;                      // gradient, and the depth map of 16 bits
+  if (config_.strategy == Strategy::kBudget) bytes += kFloat;  // errors
+  if (loss_weights(config_).alpha > 0) bytes += kFloat;        // gradient with respect to alpha
   return bytes;
 }
 

@@ -41,7 +41,7 @@ SceneOptions scene_options(const TrainConfig& config) {
   if (config.antialiasing && config.lenses == "auto") options.lenses = "undistort";  // it needs pinholes
   options.masks = config.masks;
   options.invert_masks = config.invert_masks;
-  options.empty_background = config.mask_mode == "segment";
+  options.empty_background = config.mask_mode == MaskMode::kSegment;
   options.host_memory_gb = config.host_memory_gb;
   options.seed_points = config.init_ply.empty();
   return options;

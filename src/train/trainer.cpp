@@ -34,46 +34,15 @@ bool is_out_of_memory(const std::exception& error) {
          std::strstr(error.what(), "out of memory") != nullptr;
 }
 
-}  // namespace
-
-void check_options(const TrainConfig& config) {
-  if (config.deterministic && config.kernel == kPublishedKernel) {
-    input_error("--deterministic: --kernel published chooses by times, which differ from run to run; omit one of them");
-  }
-  const KernelFamily family = family_of(evaluation_settings(config, 0).kernel);
-  if (choose_device(config.device).is_cuda() && config.deterministic && family == KernelFamily::kPaper) {
-    input_error("--deterministic: on a GPU, the backward kernel of --kernel ", config.kernel,
-                " sums in an order that differs from run to run; use --kernel sub-tile or segmented");
-  }
-  const bool grows = config.max_gaussians == 0 && config.gaussians_per_pixel == 0;
-  if (config.strategy == "mcmc" && grows && choose_device(config.device).is_cpu()) {
-    input_error("--strategy mcmc --max_gaussians 0: expected a limit on a CPU, where free memory does not limit ",
-                "growth; give one, such as --max_gaussians 1000000");
-  }
-  if (config.exposure && config.bilateral_grid) {
-    input_error("--exposure and --bilateral_grid cannot be used together; the grid includes what an exposure does");
-  }
-  if (config.train_test_exp && !config.eval) {
-    input_error("--train_test_exp: needs test views; add --eval, or leave it out");
-  }
-  if (!config.init_ply.empty()) holds_splats(config.init_ply);  // reads the header
-}
-
-namespace {
-
-std::unique_ptr<Training> make_training(const TrainConfig& config, const Scene& scene, ModelFolder folder,
+std::unique_ptr<Training> make_training(const FinalConfig& config, const Scene& scene, ModelFolder folder,
                                         TrainHooks hooks) {
-  check_scene_options(config, scene);
-  set_compute_threads(config.threads);
-  TrainConfig resolved = with_scene_limits(config, scene);
-  resolved.device = device_name(choose_device(config.device));
-  check_options(resolved);
-  return std::make_unique<Training>(resolved, scene, std::move(folder), std::move(hooks));
+  set_compute_threads(config.options.threads);
+  return std::make_unique<Training>(config, scene, std::move(folder), std::move(hooks));
 }
 
 }  // namespace
 
-Trainer::Trainer(const TrainConfig& config, const Scene& scene, ModelFolder folder, TrainHooks hooks)
+Trainer::Trainer(const FinalConfig& config, const Scene& scene, ModelFolder folder, TrainHooks hooks)
     : training_(make_training(config, scene, std::move(folder), std::move(hooks))),
       config_(training_->config),
       scene_(scene),
@@ -119,7 +88,7 @@ std::vector<std::string> Trainer::resume(const std::filesystem::path& checkpoint
   Checkpoint read = read_checkpoint(checkpoint, scene_, training_->whole_device);
   check_resume_options(read.config, read.state.iteration, config_, checkpoint.string());
   if (training_->fingerprint.is_null()) training_->fingerprint = scene_identity(*training_);
-  for (const std::string& change : scene_changes(read_checkpoint_header(checkpoint), training_->fingerprint)) {
+  for (const std::string& change : scene_changes(read.header, training_->fingerprint)) {
     recorder_.warn(change);
   }
   state_ = std::move(read.state);

@@ -18,6 +18,7 @@
 #include "model/model_folder.h"
 #include "scene/scene.h"
 #include "train/evaluate.h"
+#include "train/final_config.h"
 #include "train/memory_plan.h"
 #include "train/train_hooks.h"
 
@@ -29,15 +30,10 @@ class Team;
 struct OutputPlan;
 struct Training;
 
-/// Checks the options without the scene: that they go together, and that the file of --init_ply can be read. A Trainer
-/// does so, too, but the scene has been loaded by then. @throws InputError
-void check_options(const TrainConfig& config);
-
 class Trainer {
  public:
-  /// Limits of the scene apply (scene_limits.h). `scene` must outlive the trainer. @throws InputError if config.device
-  /// cannot be used, or load_scene() has read the scene otherwise than with scene_options(config) (scene_limits.h)
-  Trainer(const TrainConfig& config, const Scene& scene, ModelFolder folder, TrainHooks hooks);
+  /// `scene` must outlive the trainer. @throws InputError
+  Trainer(const FinalConfig& config, const Scene& scene, ModelFolder folder, TrainHooks hooks);
   ~Trainer();
 
   /// Resumes from a checkpoint. Returns the options that differ from it, as "name: old -> new".

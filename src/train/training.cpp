@@ -41,12 +41,12 @@ double gpu_memory_gb(const TrainConfig& config, const TrainHooks& hooks) {
 
 }  // namespace
 
-Training::Training(const TrainConfig& options, const Scene& of, ModelFolder into, TrainHooks with)
-    : config(options),
+Training::Training(const FinalConfig& final_config, const Scene& of, ModelFolder into, TrainHooks with)
+    : config(final_config.options),
       scene(of),
       folder(std::move(into)),
       hooks(std::move(with)),
-      device(choose_device(config.device)),
+      device(final_config.device),
       whole_device(hooks.make_team ? torch::Device(torch::kCPU) : device),
       memory(hooks.memory ? hooks.memory : make_memory_source(device, gpu_memory_gb(config, hooks))),
       rasterizer(device),

@@ -15,6 +15,7 @@
 #include "train/checkpoint/train_state.h"
 #include "train/density/density_strategy.h"
 #include "train/density/row_edit.h"
+#include "train/final_config.h"
 #include "train/gaussians/smoothing_filter.h"
 #include "train/memory/memory.h"
 #include "train/objective.h"
@@ -28,8 +29,8 @@
 namespace b3dgs {
 
 struct Training {
-  /// `config.device` is "cpu" or "cuda". @throws InputError as Trainer does
-  Training(const TrainConfig& config, const Scene& scene, ModelFolder folder, TrainHooks hooks);
+  /// @throws InputError as Trainer does
+  Training(const FinalConfig& final_config, const Scene& scene, ModelFolder folder, TrainHooks hooks);
 
   /// Whether the user has asked for an end.
   bool is_stopped() const { return hooks.stop_signal != nullptr && hooks.stop_signal->load() != 0; }

@@ -106,7 +106,7 @@ TEST(Presets, EveryRowNamesOptionsWithValuesInRange) {
 
 TEST(Presets, StrategiesWithDefaultsExist) {
   for (const OptionRow& row : strategy_defaults()) {
-    const bool exists = std::count(kDensityStrategies.begin(), kDensityStrategies.end(), row.name) == 1;
+    const bool exists = one_of<Strategy>().allows(row.name);
     EXPECT_TRUE(exists || row.values.empty()) << row.name;
     if (!exists || row.values.empty()) continue;
     const TrainConfig config = resolved({"--preset", "inria", "--strategy", row.name});

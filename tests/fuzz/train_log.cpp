@@ -1,8 +1,8 @@
 // train.jsonl. Damaged lines are skipped, so every input is accepted.
 #include <sstream>
 
+#include "app/report/train_log_reader.h"
 #include "fuzz/fuzz_target.h"
-#include "report/train_log_reader.h"
 
 void b3dgs::fuzz::read_input(std::string_view bytes) {
   std::istringstream lines{std::string(bytes)};

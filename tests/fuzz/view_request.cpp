@@ -1,8 +1,8 @@
 // Requests of the live view's page: Host and Origin, a number of the query, and a body of JSON, in this order.
+#include "app/view/access.h"
+#include "app/view/view_json.h"
 #include "fuzz/fuzz_target.h"
 #include "model/cameras/cameras_json.h"
-#include "view/access.h"
-#include "view/view_json.h"
 
 namespace b3dgs::fuzz {
 namespace {

@@ -176,7 +176,7 @@ TEST(CoarseTraining, LearnsAndEvaluatesAtFullSize) {
   ASSERT_EQ(coarse_scale_at(config, 100), 3);
   ASSERT_EQ(coarse_scale_at(config, 300), 2);
   ASSERT_EQ(coarse_scale_at(config, 401), 1);
-  const TrainResult result = Trainer(config, scene, ModelFolder(temp.path()), {}).run();
+  const TrainResult result = Trainer(finalize(config, scene), scene, ModelFolder(temp.path()), {}).run();
   ASSERT_EQ(result.evaluations.size(), 2u);
   EXPECT_LT(result.evaluations.front().second.mean.psnr, 20);
   EXPECT_GT(result.evaluations.back().second.mean.psnr, 28)

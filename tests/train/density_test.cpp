@@ -354,13 +354,6 @@ TEST(DensityStrategy, DefaultFollowsItsScheduleAndTheLimit) {
   EXPECT_EQ(round.n_over_limit, 1);
 }
 
-TEST(DensityStrategy, OfAnUnknownNameIsAnError) {
-  TrainConfig config;
-  config.strategy = "none";
-  EXPECT_TRUE(
-      test::fails_with<LogicError>({"unknown density strategy: none"}, [&] { make_density_strategy(config, 1); }));
-}
-
 TEST(DefaultStrategy, PrunesForSizeAfterTheFirstReset) {
   TrainConfig config;
   config.prune_screen_size = 20;

@@ -29,7 +29,7 @@ TEST(Device, TheTrainerReportsAMissingGpu) {
   TrainConfig config;
   config.device = "cuda";
   EXPECT_TRUE(test::fails_with<InputError>({"--device cuda", "use --device cpu"},
-                                           [&] { Trainer(config, scene, ModelFolder(""), {}); }));
+                                           [&] { Trainer(finalize(config, scene), scene, ModelFolder(""), {}); }));
 }
 
 TEST(GpuSupport, AGpuWithoutCodeIsRefusedInALineThatNamesItsCapability) {

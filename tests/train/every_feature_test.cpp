@@ -27,7 +27,7 @@ class EveryFeature : public testing::TestWithParam<test::FeatureRow> {
 };
 
 TEST_P(EveryFeature, ResumedEqualsUninterruptedBitForBitOnAnyNumberOfThreads) {
-  if (config.strategy == "budget") {
+  if (config.strategy == Strategy::kBudget) {
     const std::unique_ptr<DensityStrategy> strategy = make_density_strategy(config, 1);
     ASSERT_TRUE(strategy->plan(13).score && strategy->plan(14).score);
   }
@@ -93,7 +93,7 @@ TEST(Features, MakeADifference) {
       turn_off(changed);
       EXPECT_FALSE(train(changed, scene, temp / "without").ply == with) << what;
     }
-    if (config.strategy != "mcmc") continue;
+    if (config.strategy != Strategy::kMcmc) continue;
     TrainConfig still = config;
     still.noise_lr = 0;
     EXPECT_FALSE(train(still, scene, temp / "without").ply == with) << "noise";

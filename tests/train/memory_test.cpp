@@ -42,7 +42,7 @@ Outcome train_with(const std::shared_ptr<test::ShortMemory>& memory, const Train
   TrainHooks hooks;
   hooks.memory = memory;
   hooks.on_message = [&](const std::string& message) { outcome.messages.push_back(message); };
-  Trainer trainer(config, scene, ModelFolder(folder), hooks);
+  Trainer trainer(finalize(config, scene), scene, ModelFolder(folder), hooks);
   if (!resume.empty()) trainer.resume(resume);
   outcome.result = trainer.run();
   outcome.log = test::read_bytes(ModelFolder(folder).log());
@@ -138,7 +138,7 @@ TEST(Memory, AResumedDeterministicTrainingIsHeldAtTheSameNumber) {
   hooks.memory = limited();
   fs::path checkpoint;
   {
-    Trainer trainer(config, scene, ModelFolder(temp / "halves"), hooks);
+    Trainer trainer(finalize(config, scene), scene, ModelFolder(temp / "halves"), hooks);
     trainer.run(held.front() - 1);
     checkpoint = trainer.write_checkpoint();
   }
@@ -212,7 +212,7 @@ TEST(MemoryPlan, CountsTheImagesOfTheLargestView) {
   hooks.memory = memory;
   TrainConfig config = growing_config();
   const auto forecast = [&] {
-    return Trainer(config, scene, ModelFolder(temp / "model"), hooks).forecast_memory().value();
+    return Trainer(finalize(config, scene), scene, ModelFolder(temp / "model"), hooks).forecast_memory().value();
   };
   const Camera& camera = scene.train.front().camera;
   const std::int64_t n_pixels = std::int64_t{camera.width} * camera.height;
@@ -223,7 +223,7 @@ TEST(MemoryPlan, CountsTheImagesOfTheLargestView) {
     return (memory->bytes.value() * 15 / 16 - of.images) * n / (of.model + of.pairs);
   };
   EXPECT_NEAR(static_cast<double>(usual.largest_count), static_cast<double>(fits(usual)), 1);
-  config.strategy = "budget";
+  config.strategy = Strategy::kBudget;
   config.max_gaussians = 500;
   config.exposure = true;
   EXPECT_EQ(forecast().images, usual.images + n_pixels * (4 + 12)) << "errors, and corrected colours";

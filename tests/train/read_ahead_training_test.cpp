@@ -81,7 +81,7 @@ void spoil_in_mid_training(const std::function<void(const fs::path&)>& spoil, co
   hooks.on_progress = [&](const TrainProgress& progress) {
     if (progress.iteration == 5 && !std::exchange(is_spoilt, true)) spoil(file);
   };
-  Trainer trainer(config, scene, ModelFolder(temp / "model"), hooks);
+  Trainer trainer(finalize(config, scene), scene, ModelFolder(temp / "model"), hooks);
   EXPECT_TRUE(test::fails_with<InputError>({file.string(), reason}, [&] { trainer.run(); }));
 
   // The state is that after the last complete step: a checkpoint can be written and resumed.

@@ -153,13 +153,13 @@ TEST(StagesOfTraining, AreAllThereInEveryStepIfAskedFor) {
       expect_sound(times);
     }
   };
-  Trainer trainer(config, scene, ModelFolder(temp.path()), hooks);
+  Trainer trainer(finalize(config, scene), scene, ModelFolder(temp.path()), hooks);
   const TrainResult result = trainer.run();
   trainer.wait();
   EXPECT_EQ(n_steps, config.iterations);
   EXPECT_EQ(n_rounds, n_planned);
   EXPECT_GT(n_rounds, 0);
-  Trainer untimed(config, scene, ModelFolder(temp / "untimed"), {});
+  Trainer untimed(finalize(config, scene), scene, ModelFolder(temp / "untimed"), {});
   EXPECT_TRUE(test::same(test::read_bytes(untimed.run().ply), test::read_bytes(result.ply)))
       << "timing changes the model";
 }
@@ -190,7 +190,7 @@ TEST(StagesOfTraining, CanBeWalkedThroughStepByStepWithoutFiles) {
   int n_steps = 0;
   TrainHooks hooks;
   hooks.on_stage_times = [&](const StageTimes& times) { n_steps += times.kind == StageTimes::Kind::kStep; };
-  Trainer trainer(config, scene, ModelFolder(temp / "model"), hooks);
+  Trainer trainer(finalize(config, scene), scene, ModelFolder(temp / "model"), hooks);
   for (int i = 0; i < 12; ++i) trainer.step();
   trainer.wait();
   EXPECT_EQ(n_steps, 12);

@@ -71,7 +71,7 @@ TEST(TrainingTime, HoldsDensificationButNoOutput) {
     now_s += seconds.at(progress.activity);
     ++count[progress.activity];
   };
-  const TrainResult result = Trainer(config, scene, ModelFolder(temp.path()), hooks).run();
+  const TrainResult result = Trainer(finalize(config, scene), scene, ModelFolder(temp.path()), hooks).run();
   EXPECT_EQ(count["training"], 20);
   EXPECT_EQ(count["densifying"], 3);  // 10, 15, 20
   EXPECT_EQ(count["evaluating"], 3);
@@ -88,7 +88,7 @@ TEST(TrainingTime, HoldsTheSteps) {
   const Trainer* running = nullptr;
   TrainHooks hooks;
   hooks.clock_s = [&] { return running != nullptr ? running->iteration() : 0.0; };  // a step takes a second
-  Trainer trainer(test::eventful_config(), scene, ModelFolder(temp.path()), hooks);
+  Trainer trainer(finalize(test::eventful_config(), scene), scene, ModelFolder(temp.path()), hooks);
   running = &trainer;
   const TrainResult before = trainer.run(1);
   const TrainResult after = trainer.run(19);  // nothing is measured or saved until then

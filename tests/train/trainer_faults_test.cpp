@@ -91,8 +91,9 @@ TEST_F(TrainerFaults, EachLeavesACheckpointOfTheLastIteration) {
   for (const Row& row : rows) {
     SCOPED_TRACE(row.name);
     const ModelFolder folder(temp / row.name);
-    EXPECT_TRUE(
-        row.fails([&] { Trainer(config, scene, folder, failing_at(row.iteration, row.activity, row.fail)).run(); }));
+    EXPECT_TRUE(row.fails([&] {
+      Trainer(finalize(config, scene), scene, folder, failing_at(row.iteration, row.activity, row.fail)).run();
+    }));
     ASSERT_EQ(folder.checkpoint_iterations(), (std::vector<int>{row.iteration}));
     const Trained resumed = train(config, scene, folder.root(), folder.checkpoint(row.iteration));
     EXPECT_TRUE(test::same(resumed.ply, whole.ply)) << "density control was skipped, or done twice";
@@ -111,8 +112,9 @@ TEST_F(TrainerFaults, ResumesBetweenTwoRoundsOfDensityControl) {
     if (++n_rounds == 2) throw OutOfMemoryError("cudaMalloc: out of memory");
   };
   const ModelFolder folder(temp / "model");
-  EXPECT_TRUE(test::fails_with<OutOfMemoryError>(
-      {"iteration 12 is saved"}, [&] { Trainer(config, scene, folder, failing_at(12, "densifying", fail)).run(); }));
+  EXPECT_TRUE(test::fails_with<OutOfMemoryError>({"iteration 12 is saved"}, [&] {
+    Trainer(finalize(config, scene), scene, folder, failing_at(12, "densifying", fail)).run();
+  }));
   const Trained resumed = train(config, scene, folder.root(), folder.checkpoint(12));
   EXPECT_TRUE(test::same(resumed.checkpoint, whole.checkpoint));
 }
@@ -320,7 +322,7 @@ TEST_F(TrainerFaults, AFullDiskNamesTheLastGoodCheckpoint) {
     if (progress.iteration == 7) std::ofstream(disk / "other") << std::string(2 << 20, 'x');
   };
   EXPECT_TRUE(test::fails_with<IoError>({"No space left on device", "last checkpoint: " + folder.root().string()},
-                                        [&] { Trainer(config, scene, folder, own).run(); }));
+                                        [&] { Trainer(finalize(config, scene), scene, folder, own).run(); }));
   EXPECT_GE(warnings.size(), 2u);
   ASSERT_FALSE(folder.checkpoint_iterations().empty());
   for (const int iteration : folder.checkpoint_iterations()) {
@@ -330,7 +332,7 @@ TEST_F(TrainerFaults, AFullDiskNamesTheLastGoodCheckpoint) {
   fs::remove(disk / "other");
   const fs::path last = newest_valid_checkpoint(folder, {});
   const TrainResult resumed = [&] {
-    Trainer trainer(config, scene, folder, {});
+    Trainer trainer(finalize(config, scene), scene, folder, {});
     trainer.resume(last);
     return trainer.run();
   }();
@@ -356,10 +358,10 @@ TEST_F(TrainerFaults, ChangedPhotographsAreNoticed) {
   TrainConfig config = eventful_config();
   config.iterations = 3;
   const fs::path checkpoint = train(config, with_files, temp / "model").result.checkpoint;
-  Trainer(config, with_files, ModelFolder(temp / "model"), hooks()).resume(checkpoint);
+  Trainer(finalize(config, with_files), with_files, ModelFolder(temp / "model"), hooks()).resume(checkpoint);
   EXPECT_TRUE(warnings.empty());
   test::write_bytes(with_files.train[1].file, "photogrbph");
-  Trainer(config, with_files, ModelFolder(temp / "model"), hooks()).resume(checkpoint);
+  Trainer(finalize(config, with_files), with_files, ModelFolder(temp / "model"), hooks()).resume(checkpoint);
   ASSERT_EQ(warnings.size(), 1u);
   EXPECT_NE(warnings[0].find("1 of 6 photographs"), std::string::npos) << warnings[0];
   EXPECT_NE(warnings[0].find(with_files.train[1].name), std::string::npos) << warnings[0];
@@ -374,7 +376,9 @@ TEST_F(TrainerFaults, ChangedMasksAreNoticed) {
   TrainConfig config = eventful_config();
   config.iterations = 3;
   const fs::path checkpoint = train(config, with_masks, temp / "model").result.checkpoint;
-  const auto resume = [&] { Trainer(config, with_masks, ModelFolder(temp / "model"), hooks()).resume(checkpoint); };
+  const auto resume = [&] {
+    Trainer(finalize(config, with_masks), with_masks, ModelFolder(temp / "model"), hooks()).resume(checkpoint);
+  };
   resume();
   EXPECT_TRUE(warnings.empty());
   test::write_bytes(with_masks.train[1].mask_file, "musk");

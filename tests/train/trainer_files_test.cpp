@@ -26,7 +26,7 @@ class TrainerFiles : public testing::Test {
   /// The error of a training that cannot write its last files; "" if it does not fail.
   std::string error_of(const TrainConfig& config, const TrainHooks& hooks) const {
     try {
-      Trainer(config, scene, folder, hooks).run();
+      Trainer(finalize(config, scene), scene, folder, hooks).run();
     } catch (const IoError& error) {
       return error.what();
     }
@@ -61,7 +61,7 @@ TEST_F(TrainerFiles, ASaveThatFailedIsForgottenOnceItHasBeenReported) {
     }
     if (model.iteration == 5 || model.iteration == 6) saved.push_back(trainer->save());
   };
-  trainer = std::make_unique<Trainer>(config, scene, folder, hooks);
+  trainer = std::make_unique<Trainer>(finalize(config, scene), scene, folder, hooks);
   const TrainResult result = trainer->run();
   EXPECT_EQ(n_failed, 1);
   EXPECT_TRUE(result.not_written.empty()) << "it was written at the second try";
@@ -85,7 +85,7 @@ TEST_F(TrainerFiles, ASaveWithoutItsPlyHasSucceeded) {
     EXPECT_EQ(trainer->save(), folder.checkpoint(5));
     limit.reset();
   };
-  trainer = std::make_unique<Trainer>(eventful_config(), scene, folder, hooks);
+  trainer = std::make_unique<Trainer>(finalize(eventful_config(), scene), scene, folder, hooks);
   const TrainResult result = trainer->run();
   EXPECT_EQ(result.ply, folder.ply(20));
   EXPECT_EQ(result.not_written, (std::vector<fs::path>{folder.ply(5)}));

@@ -60,7 +60,7 @@ TEST(Trainer, RunInPiecesEqualsOneRunBitForBit) {
   const Trained whole = train(config, scene, temp / "whole");
   // Two trainers that take turns, as in b3dgs compare.
   const ModelFolder folders[] = {ModelFolder(temp / "a"), ModelFolder(temp / "b")};
-  Trainer a(config, scene, folders[0], {}), b(config, scene, folders[1], {});
+  Trainer a(finalize(config, scene), scene, folders[0], {}), b(finalize(config, scene), scene, folders[1], {});
   for (const int until : {0, 1, 8, 8, 10, 17, 20}) {
     for (Trainer* trainer : {&a, &b}) {
       const TrainResult result = trainer->run(until);
@@ -87,7 +87,7 @@ TEST(Trainer, ResumesFromACheckpointWrittenOnRequest) {
   const ModelFolder folder(temp / "paused");
   fs::path checkpoint;
   {
-    Trainer trainer(config, scene, folder, {});
+    Trainer trainer(finalize(config, scene), scene, folder, {});
     EXPECT_THROW(trainer.write_checkpoint(), LogicError) << "there is nothing yet";
     trainer.run(11);
     checkpoint = trainer.write_checkpoint();
@@ -119,7 +119,7 @@ TEST(Trainer, StopsOnASignalWithACheckpointToContinueFrom) {
   TrainHooks hooks;
   hooks.stop_signal = &signal;
   hooks.on_progress = [&](const TrainProgress& progress) { signal = progress.iteration == 13 ? 15 : 0; };
-  const TrainResult stopped = Trainer(config, scene, ModelFolder(temp / "stopped"), hooks).run();
+  const TrainResult stopped = Trainer(finalize(config, scene), scene, ModelFolder(temp / "stopped"), hooks).run();
   EXPECT_TRUE(stopped.interrupted);
   EXPECT_EQ(stopped.iteration, 13);
   EXPECT_EQ(stopped.checkpoint, ModelFolder(temp / "stopped").checkpoint(13));
@@ -151,7 +151,7 @@ std::pair<double, double> learn(bool masked) {
   config.iterations = 800;
   config.densify_from_iter = 100;
   config.test_iterations = {1};
-  const TrainResult result = Trainer(config, scene, ModelFolder(temp.path()), {}).run();
+  const TrainResult result = Trainer(finalize(config, scene), scene, ModelFolder(temp.path()), {}).run();
   EXPECT_EQ(result.evaluations.size(), 2u);
   return {result.evaluations.front().second.mean.psnr, result.evaluations.back().second.mean.psnr};
 }
@@ -175,7 +175,7 @@ TEST(Trainer, NeverGrowsBeyondTheLimit) {
   std::int64_t most = 0;
   TrainHooks hooks;
   hooks.on_progress = [&](const TrainProgress& progress) { most = std::max(most, progress.n_gaussians); };
-  Trainer(config, scene, ModelFolder(temp.path()), hooks).run();
+  Trainer(finalize(config, scene), scene, ModelFolder(temp.path()), hooks).run();
   EXPECT_GT(most, 120);
   EXPECT_LE(most, 130);
 }
@@ -219,7 +219,7 @@ TEST(Trainer, AStartThatHasFailedIsNotSkippedTheNextTime) {
   Scene scene = test::make_tiny_scene();
   scene.points = {};
   const test::TempDir temp;
-  Trainer trainer(eventful_config(), scene, ModelFolder(temp / "model"), {});
+  Trainer trainer(finalize(eventful_config(), scene), scene, ModelFolder(temp / "model"), {});
   for (int i = 0; i < 2; ++i) {
     EXPECT_TRUE(test::fails_with<InputError>({"no 3D points"}, [&] { trainer.run(); })) << i;
   }
@@ -233,15 +233,16 @@ TEST(Trainer, RejectsCheckpointsThatItCannotResume) {
   const fs::path checkpoint = train(config, scene, temp / "model").result.checkpoint;
   config.iterations = 5;
   EXPECT_TRUE(test::fails_with<InputError>({"iteration 6", "--iterations 5"}, [&] {
-    Trainer(config, scene, ModelFolder(temp / "model"), {}).resume(checkpoint);
+    Trainer(finalize(config, scene), scene, ModelFolder(temp / "model"), {}).resume(checkpoint);
   }));
   config.iterations = 8;
   config.sh_degree = 2;
-  EXPECT_TRUE(test::fails_with<InputError>(
-      {"SH degree 1"}, [&] { Trainer(config, scene, ModelFolder(temp / "model"), {}).resume(checkpoint); }));
+  EXPECT_TRUE(test::fails_with<InputError>({"SH degree 1"}, [&] {
+    Trainer(finalize(config, scene), scene, ModelFolder(temp / "model"), {}).resume(checkpoint);
+  }));
   config.sh_degree = 1;
   config.opacity_lr = 0.05;
-  EXPECT_EQ(Trainer(config, scene, ModelFolder(temp / "model"), {}).resume(checkpoint),
+  EXPECT_EQ(Trainer(finalize(config, scene), scene, ModelFolder(temp / "model"), {}).resume(checkpoint),
             (std::vector<std::string>{"iterations: 6 -> 8", "opacity_lr: 0.025 -> 0.05"}));
 }
 

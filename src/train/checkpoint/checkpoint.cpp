@@ -213,6 +213,7 @@ Checkpoint read_checkpoint(const std::filesystem::path& path, const Scene& scene
   state.adam.steps = header.adam_steps;
   state.appearance.steps = header.appearance_steps;
   state.appearance.last_steps = std::move(header.appearance_last_steps);
+  checkpoint.header = std::move(file.header);
   // Which columns of statistics a checkpoint holds depends on the strategy.
   state.statistics =
       make_density_strategy(checkpoint.config, scene.extent)->make_statistics(/*n_gaussians=*/0, torch::kCPU);

@@ -81,7 +81,6 @@ nlohmann::ordered_json scene_fingerprint(const Scene& scene);
 /// The frame of a checkpoint's Gaussians, in which the scene has to be loaded (SceneOptions::frame): that of the world
 /// for checkpoints of early versions. @throws InputError
 CoordinateFrame checkpoint_frame(const nlohmann::ordered_json& header, const std::string& place);
-CoordinateFrame checkpoint_frame(const std::filesystem::path& checkpoint);
 
 /// @throws InputError if a checkpoint with this header was trained on other views than the scene's, or with other poses
 /// or intrinsics. Images need not be loaded.
@@ -95,6 +94,7 @@ std::vector<std::string> scene_changes(const nlohmann::ordered_json& header, con
 // Reads and writes the training state.
 
 struct Checkpoint {
+  nlohmann::ordered_json header;
   TrainConfig config;
   TrainState state;
 };

@@ -121,10 +121,6 @@ CoordinateFrame checkpoint_frame(const Json& header, const std::string& place) {
   return frame;
 }
 
-CoordinateFrame checkpoint_frame(const std::filesystem::path& checkpoint) {
-  return checkpoint_frame(read_checkpoint_header(checkpoint), checkpoint.string());
-}
-
 void check_scene(const Json& header, const Scene& scene, const std::string& place) {
   const std::string remedy = "; resume with the same -s, -i, -r and --eval";
   B3DGS_CHECK(checkpoint_frame(header, place) == scene.frame, place,

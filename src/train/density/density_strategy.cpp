@@ -8,9 +8,9 @@
 namespace b3dgs {
 namespace {
 
-// In the order of the names in src/config.
+// In the order of Strategy.
 constexpr std::array kMakers{make_default_strategy, make_mcmc_strategy, make_budget_strategy};
-static_assert(kMakers.size() == kDensityStrategies.size(), "a strategy for each name");
+static_assert(kMakers.size() == names_of(Strategy{}).size(), "a strategy for each name");
 
 }  // namespace
 
@@ -37,10 +37,7 @@ void DensityStrategy::end_round(int, DensityStatistics& statistics) const {
 }
 
 std::unique_ptr<DensityStrategy> make_density_strategy(const TrainConfig& config, double extent) {
-  for (std::size_t i = 0; i < kMakers.size(); ++i) {
-    if (config.strategy == kDensityStrategies[i]) return kMakers[i](config, extent);
-  }
-  throw LogicError("unknown density strategy: " + config.strategy);
+  return kMakers[static_cast<std::size_t>(config.strategy)](config, extent);
 }
 
 }  // namespace b3dgs

@@ -19,7 +19,7 @@ namespace b3dgs {
 
 /// The options that weight the terms of the loss.
 inline LossWeights loss_weights(const TrainConfig& config) {
-  return {config.lambda_dssim, config.mask_mode == "segment" ? 1.0 : 0.0};
+  return {config.lambda_dssim, config.mask_mode == MaskMode::kSegment ? 1.0 : 0.0};
 }
 
 namespace cpu {

@@ -25,21 +25,22 @@ struct FeatureScene {
 
 /// The features that exclude each other: strategy, views per step, and model of the photographs' colours.
 struct FeatureRow {
-  const char* strategy;
+  Strategy strategy;
   int batch;
   bool has_grid;  // otherwise exposures
 
-  std::string name() const { return strategy + std::to_string(batch); }
+  std::string name() const { return name_of(strategy) + std::to_string(batch); }
 };
 
-inline constexpr FeatureRow kFeatureRows[] = {{"default", 1, false}, {"mcmc", 1, true},  {"budget", 1, false},
-                                              {"default", 3, true},  {"mcmc", 3, false}, {"budget", 3, true}};
+inline constexpr FeatureRow kFeatureRows[] = {{Strategy::kDefault, 1, false}, {Strategy::kMcmc, 1, true},
+                                              {Strategy::kBudget, 1, false},  {Strategy::kDefault, 3, true},
+                                              {Strategy::kMcmc, 3, false},    {Strategy::kBudget, 3, true}};
 
 /// Makes a training of 23 iterations, so that the last step of three views has only two. Checkpoints come before
 /// anything happens, around rounds of density control (10, 15, 20), among the scored steps before them, at an opacity
 /// reset, and after the last round.
 inline TrainConfig every_feature(const FeatureRow& row, const std::filesystem::path& depth_maps) {
-  const bool is_budget = row.strategy == std::string("budget"), is_mcmc = row.strategy == std::string("mcmc");
+  const bool is_budget = row.strategy == Strategy::kBudget, is_mcmc = row.strategy == Strategy::kMcmc;
   TrainConfig config = is_budget ? eventful_budget_config() : eventful_config();
   config.strategy = row.strategy;
   config.iterations = 23;

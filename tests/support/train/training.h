@@ -36,7 +36,7 @@ inline TrainConfig eventful_config() {
 /// Strategy budget: rounds at 10, 15, 20, ... with 3 scored steps before each, removals by weight at 20.
 inline TrainConfig eventful_budget_config() {
   TrainConfig config = eventful_config();
-  config.strategy = "budget";
+  config.strategy = Strategy::kBudget;
   config.iterations = 24;
   config.max_gaussians = 200;
   config.densify_until_iter = 22;
@@ -49,7 +49,7 @@ inline TrainConfig eventful_budget_config() {
 /// Strategy budget from the 60 Gaussians of learnable_scene() to 150, in rounds from iteration 100 on.
 inline TrainConfig growing_budget_config(int iterations, int last_round) {
   TrainConfig config;
-  config.strategy = "budget";
+  config.strategy = Strategy::kBudget;
   config.iterations = iterations;
   config.densify_from_iter = 100;
   config.densify_until_iter = last_round;
@@ -81,7 +81,7 @@ inline Trained train(const TrainConfig& config, const Scene& scene, const std::f
   if (resume.empty()) {
     for (const char* part : {"point_cloud", "checkpoints"}) remove_tree(folder / part);
   }
-  Trainer trainer(config, scene, ModelFolder(folder), hooks);
+  Trainer trainer(finalize(config, scene), scene, ModelFolder(folder), hooks);
   if (!resume.empty()) trainer.resume(resume);
   Trained run;
   run.result = trainer.run();

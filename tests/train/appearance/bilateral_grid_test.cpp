@@ -249,7 +249,8 @@ TEST(BilateralGridTraining, DamagedCheckpointsAreRefused) {
 TEST(BilateralGridTraining, IsRefusedTogetherWithExposures) {
   TrainConfig config;
   config.exposure = config.bilateral_grid = true;
-  EXPECT_TRUE(test::fails_with<InputError>({"--exposure and --bilateral_grid"}, [&] { check_options(config); }));
+  EXPECT_TRUE(
+      test::fails_with<InputError>({"--exposure and --bilateral_grid"}, [&] { check_options(config, torch::kCPU); }));
 }
 
 /// Squared error of `steps` steps on one photograph, whose render does not change, as PSNR.

@@ -143,7 +143,8 @@ TEST(ExposureTraining, MetricsSayHowTheyWereMeasured) {
 TEST(ExposureTraining, OptionsThatDoNotGoTogetherAreRefused) {
   TrainConfig config = exposed_config();
   config.train_test_exp = true;
-  EXPECT_TRUE(test::fails_with<InputError>({"--train_test_exp", "--eval"}, [&] { check_options(config); }));
+  EXPECT_TRUE(
+      test::fails_with<InputError>({"--train_test_exp", "--eval"}, [&] { check_options(config, torch::kCPU); }));
 }
 
 TEST(ExposureTraining, RandomGainsAndTintsCostAtMostThreeTenthsOfADecibel) {

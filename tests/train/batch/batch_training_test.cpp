@@ -39,7 +39,7 @@ TEST(BatchTraining, StopsBetweenSteps) {
     if (progress.iteration >= 10) signal = 2;
   };
   const fs::path folder = temp / "stopped";
-  Trainer trainer(config, scene, ModelFolder(folder), hooks);
+  Trainer trainer(finalize(config, scene), scene, ModelFolder(folder), hooks);
   const TrainResult stopped = trainer.run();
   EXPECT_TRUE(stopped.interrupted);
   EXPECT_EQ(stopped.iteration, 12);

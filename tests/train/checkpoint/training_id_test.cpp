@@ -64,7 +64,7 @@ TEST_F(TrainingId, KeepsTrainingsOutOfEachOthersFolders) {
                                            [&] { resume(a.checkpoint(8), b.root()); }));
   EXPECT_TRUE(test::same(files_of(b.root()), before)) << "the refused training changed files";
   EXPECT_TRUE(test::fails_with<InputError>({b.root().string(), "holds the model of another training"},
-                                           [&] { Trainer(config(), scene, b, {}).run(); }));
+                                           [&] { Trainer(finalize(config(), scene), scene, b, {}).run(); }));
   EXPECT_TRUE(test::same(files_of(b.root()), before)) << "a training from the beginning changed files";
 
   // In an empty folder the training continues under a new ID.
@@ -181,7 +181,7 @@ TEST(DiskSpace, PredictsTheSizesOfTheFiles) {
 
   // Statistics of every strategy, 3D filters, appearance.
   TrainConfig budget = config, filtered = config, grids = config, exposures = config;
-  budget.strategy = "budget";
+  budget.strategy = Strategy::kBudget;
   filtered.antialiasing = true;
   grids.bilateral_grid = true;
   exposures.exposure = true;

@@ -24,7 +24,7 @@ TEST(BudgetOnGpu, PlansTheRoundThatTheCpuPlans) {
   const GaussianTensors host{torch::randn({kCount, 3}),  torch::randn({kCount, 3}) - 2, torch::randn({kCount, 4}),
                              torch::randn({kCount}) * 3, torch::randn({kCount, 1, 3}),  torch::randn({kCount, 3, 3})};
   TrainConfig config;
-  config.strategy = "budget";
+  config.strategy = Strategy::kBudget;
   config.max_gaussians = 9000;
   config.densification_interval = 500;
   for (const std::string split : {"moments", "preserve"}) {

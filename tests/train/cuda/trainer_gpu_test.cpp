@@ -160,7 +160,7 @@ std::vector<double> losses(const TrainConfig& config, const Scene& scene, const 
   std::vector<double> values;
   TrainHooks hooks;
   hooks.on_progress = [&](const TrainProgress& progress) { values.push_back(progress.loss); };
-  Trainer(config, scene, ModelFolder(folder), hooks).run();
+  Trainer(finalize(config, scene), scene, ModelFolder(folder), hooks).run();
   return values;
 }
 
@@ -365,7 +365,8 @@ TEST(TrainerOnGpu, TimesAllStages) {
   TrainConfig config = deterministic_config();
   config.deterministic = false;
   int n_steps = 0, n_rounds = 0;
-  Trainer trainer(config, scene, ModelFolder(temp / "timed"), stage_time_checks(false, n_steps, n_rounds));
+  Trainer trainer(finalize(config, scene), scene, ModelFolder(temp / "timed"),
+                  stage_time_checks(false, n_steps, n_rounds));
   trainer.run();
   trainer.wait();
   EXPECT_EQ(n_steps, config.iterations);
@@ -379,7 +380,8 @@ TEST(TrainerOnGpu, LearnsTheSameWhileStagesAreTimed) {
   const TrainConfig config = deterministic_config();
   int n_steps = 0, n_rounds = 0;
   // With --deterministic, a view's gradients are kept before the optimizer's kernel sums them.
-  Trainer trainer(config, scene, ModelFolder(temp / "timed"), stage_time_checks(true, n_steps, n_rounds));
+  Trainer trainer(finalize(config, scene), scene, ModelFolder(temp / "timed"),
+                  stage_time_checks(true, n_steps, n_rounds));
   const TrainResult timed = trainer.run();
   trainer.wait();
   EXPECT_EQ(n_steps, config.iterations);
@@ -408,7 +410,7 @@ TEST(TrainerOnGpu, StepsAskForNoMemoryOnceSizesAreSteady) {
   config.densify_until_iter = 0;
   config.kernel = "segmented";
   config.position_lr_init = config.position_lr_final = config.scaling_lr = config.opacity_lr = config.rotation_lr = 0;
-  Trainer trainer(config, scene, ModelFolder(temp / "model"), {});
+  Trainer trainer(finalize(config, scene), scene, ModelFolder(temp / "model"), {});
   trainer.run(30);
   const MemoryUse before = torch_memory_use();
   trainer.run(90);
@@ -432,7 +434,7 @@ TEST(TrainerOnGpu, CheckpointsWrittenInTheBackgroundAreThoseOfTheirIterations) {
   const std::vector<int> written = beside.checkpoint_iterations();
   ASSERT_EQ(written.size(), 14u);
   config.checkpoint_interval = 0;
-  Trainer trainer(config, scene, paused, {});
+  Trainer trainer(finalize(config, scene), scene, paused, {});
   for (const int iteration : written) {
     if (iteration == config.iterations) continue;
     trainer.run(iteration);
@@ -509,7 +511,7 @@ TEST(TrainerOnGpu, CountsTheMemoryThatItTakes) {
   const Scene scene = test::make_tiny_scene();
   const test::TempDir temp;
   TrainConfig config = deterministic_config();
-  Trainer trainer(config, scene, ModelFolder(temp / "model"), {});
+  Trainer trainer(finalize(config, scene), scene, ModelFolder(temp / "model"), {});
   const std::optional<MemoryForecast> forecast = trainer.forecast_memory();
   ASSERT_TRUE(forecast);
   constexpr std::int64_t kFloats = 3 + 3 + 4 + 1 + 3 + 9;  // of a Gaussian of SH degree 1
@@ -558,7 +560,7 @@ int train_until_the_gpu_is_lost() {
     torch::arange(4, on_gpu).index_select(0, torch::full({1}, 9, on_gpu));
   };
   try {
-    Trainer(config, scene, folder, hooks).run();
+    Trainer(finalize(config, scene), scene, folder, hooks).run();
   } catch (const std::exception& error) {
     const std::string message = error.what();
     std::fprintf(stderr, "%s\n", message.c_str());

@@ -25,7 +25,7 @@ using Rows = std::vector<std::int64_t>;
 
 TrainConfig budget_config() {
   TrainConfig config;
-  config.strategy = "budget";
+  config.strategy = Strategy::kBudget;
   config.score_views = 10;
   config.prune_weight = 0.01;
   config.max_gaussians = 1000;
@@ -128,13 +128,13 @@ TEST(BudgetStrategy, DrawsAsOftenAsTheScoresSay) {
 TEST(BudgetStrategy, SplitsAlongTheLongestAxis) {
   const std::int64_t n = 20;
   const BudgetModel model = make_model(n);
-  for (const std::string rule : {"moments", "preserve"}) {
-    SCOPED_TRACE(rule);
+  for (const SplitRule rule : {SplitRule::kMoments, SplitRule::kPreserve}) {
+    SCOPED_TRACE(name_of(rule));
     TrainConfig config = budget_config();
     config.split = rule;
     const DensityRound round = plan_round(config, model, kLastRound);
     ASSERT_EQ(parents_of(round).size(), static_cast<std::size_t>(n));
-    const bool is_far = rule == "moments";
+    const bool is_far = rule == SplitRule::kMoments;
     const double distance = is_far ? 0.8 : 0.5, longest = is_far ? 0.6 : std::sqrt(0.75),
                  opacity = is_far ? 0.5 / 0.6 : 1 / std::sqrt(3) + 0.107 * 0.5;  // of a parent with 0.5
     for (std::int64_t i = 0; i < n; ++i) {
@@ -164,7 +164,7 @@ TEST(BudgetStrategy, SplitsAlongTheLongestAxis) {
 
 /// Root mean square of the difference between the images of a parent and of its two parts, composited, relative to the
 /// parent's image. Seen along the shortest axis.
-double split_image_error(const std::string& rule, double opacity) {
+double split_image_error(SplitRule rule, double opacity) {
   BudgetModel model = make_model(1);
   model.gaussians.means.zero_();
   model.gaussians.log_scales.copy_(torch::tensor({{1.0f, 0.8f, 0.1f}}).log());
@@ -198,8 +198,8 @@ double split_image_error(const std::string& rule, double opacity) {
 TEST(BudgetStrategy, PartsThatPreserveTheImageDo) {
   for (const double opacity : {0.02, 0.3, 0.6, 0.9, 0.99}) {
     SCOPED_TRACE(opacity);
-    EXPECT_LT(split_image_error("preserve", opacity), 0.02 + 0.09 * opacity);
-    EXPECT_GT(split_image_error("moments", opacity), 0.2);
+    EXPECT_LT(split_image_error(SplitRule::kPreserve, opacity), 0.02 + 0.09 * opacity);
+    EXPECT_GT(split_image_error(SplitRule::kMoments, opacity), 0.2);
   }
 }
 
@@ -364,7 +364,7 @@ TEST(BudgetTraining, LearnsASceneWithinItsBudget) {
   std::int64_t most = 0;
   TrainHooks hooks;
   hooks.on_progress = [&](const TrainProgress& progress) { most = std::max(most, progress.n_gaussians); };
-  const TrainResult result = Trainer(config, scene, ModelFolder(temp.path()), hooks).run();
+  const TrainResult result = Trainer(finalize(config, scene), scene, ModelFolder(temp.path()), hooks).run();
   EXPECT_LE(most, 150);
   EXPECT_GT(most, 120);
   EXPECT_GT(result.evaluations.back().second.mean.psnr, 29);

@@ -374,7 +374,7 @@ TEST(McmcNoise, IsTheSameForAnyNumberOfThreadsAndFollowsSeedAndIteration) {
 
 TEST(McmcStrategy, FollowsItsSchedule) {
   TrainConfig config;
-  config.strategy = "mcmc";
+  config.strategy = Strategy::kMcmc;
   config.densify_until_iter = 25000;
   const std::unique_ptr<DensityStrategy> strategy = make_density_strategy(config, /*extent=*/10);
   std::vector<int> rounds;
@@ -394,7 +394,7 @@ TEST(McmcStrategy, FollowsItsSchedule) {
 
 TEST(McmcStrategy, AddsNoiseInProportionToTheLearningRateOfTheMeans) {
   TrainConfig config;
-  config.strategy = "mcmc";
+  config.strategy = Strategy::kMcmc;
   config.seed = 4;
   config.position_lr_max_steps = 1000;
   constexpr double kExtent = 2;

@@ -24,7 +24,7 @@ using test::Trained;
 /// Rounds at 10, 15 and 20, each of which moves some of the 120 Gaussians and adds a twentieth, up to 130.
 TrainConfig mcmc_config() {
   TrainConfig config = test::eventful_config();
-  config.strategy = "mcmc";
+  config.strategy = Strategy::kMcmc;
   config.opacity_lr = 0.05;
   config.opacity_reg = 0.01;
   config.scale_reg = 0.01;
@@ -37,7 +37,7 @@ TrainConfig mcmc_config() {
 TEST(McmcTraining, GrowsToTheLimit) {
   const Scene scene = test::make_tiny_scene();
   const test::TempDir temp;
-  Trainer trainer(mcmc_config(), scene, ModelFolder(temp / "model"), {});
+  Trainer trainer(finalize(mcmc_config(), scene), scene, ModelFolder(temp / "model"), {});
   std::vector<std::int64_t> counts;
   for (const int until : {9, 10, 14, 15, 19, 20}) {
     trainer.run(until);
@@ -52,7 +52,7 @@ TEST(McmcTraining, NeedsALimitOnACpu) {
   TrainConfig config = mcmc_config();
   config.max_gaussians = 0;
   try {
-    Trainer(config, scene, ModelFolder(temp / "model"), {});
+    Trainer(finalize(config, scene), scene, ModelFolder(temp / "model"), {});
     FAIL() << "accepted";
   } catch (const InputError& error) {
     EXPECT_NE(std::string(error.what()).find("--max_gaussians 0: expected a limit on a CPU"), std::string::npos)
@@ -74,7 +74,7 @@ std::pair<std::int64_t, std::int64_t> counts_with(const std::shared_ptr<test::Sh
   const Scene scene = test::make_tiny_scene();
   TrainHooks hooks;
   hooks.memory = memory;
-  const TrainResult result = Trainer(mcmc_config(), scene, ModelFolder(folder), hooks).run();
+  const TrainResult result = Trainer(finalize(mcmc_config(), scene), scene, ModelFolder(folder), hooks).run();
   return {result.n_gaussians, read_checkpoint_header(result.checkpoint).at("held_at").get<std::int64_t>()};
 }
 
@@ -98,17 +98,17 @@ TEST(McmcTraining, CanTakeOverFromAnotherStrategyAndBack) {
   const Scene scene = test::make_tiny_scene();
   const test::TempDir temp;
   TrainConfig config = mcmc_config();
-  config.strategy = "default";
+  config.strategy = Strategy::kDefault;
   config.iterations = 8;
   const fs::path first = train(config, scene, temp / "model").result.checkpoint;
-  config.strategy = "mcmc";
+  config.strategy = Strategy::kMcmc;
   config.iterations = 18;
-  Trainer trainer(config, scene, ModelFolder(temp / "model"), {});
+  Trainer trainer(finalize(config, scene), scene, ModelFolder(temp / "model"), {});
   EXPECT_EQ(trainer.resume(first),
             (std::vector<std::string>{"iterations: 8 -> 18", "strategy: \"default\" -> \"mcmc\""}));
   const fs::path second = trainer.run().checkpoint;
   EXPECT_EQ(trainer.n_gaussians(), 130);
-  config.strategy = "default";
+  config.strategy = Strategy::kDefault;
   config.iterations = 19;
   EXPECT_EQ(train(config, scene, temp / "model", second).result.iteration, 19);
 }

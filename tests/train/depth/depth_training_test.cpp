@@ -112,7 +112,7 @@ TEST(DepthTraining, ChangedMapsAreNoticedByResume) {
     std::string all;
     TrainHooks hooks;
     hooks.on_warning = [&](const std::string& warning) { all += warning + "\n"; };
-    Trainer(config, scene, ModelFolder(temp / "model"), hooks).resume(checkpoint);
+    Trainer(finalize(config, scene), scene, ModelFolder(temp / "model"), hooks).resume(checkpoint);
     return all;
   };
   EXPECT_EQ(warnings(), "");

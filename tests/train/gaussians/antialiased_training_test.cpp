@@ -89,7 +89,7 @@ TEST(AntialiasedTraining, ThePlyRendersAsTheModelThatItWasSavedFrom) {
   TrainConfig config = antialiased_config();
   config.iterations = 9;    // no round of density control at the end
   config.init_scale = 0.1;  // so small that the filters matter
-  Trainer trainer(config, scene, ModelFolder(temp / "model"), {});
+  Trainer trainer(finalize(config, scene), scene, ModelFolder(temp / "model"), {});
   const TrainResult result = trainer.run();
   const double of_model = trainer.evaluate(scene.train).mean.psnr;
 
@@ -116,7 +116,7 @@ TEST(AntialiasedTraining, APlyOfItIsContinuedWithoutItOnlyWithAWarning) {
     TrainHooks hooks;
     hooks.on_warning = [&](const std::string& warning) { all += warning + "\n"; };
     config.antialiasing = antialiasing;
-    Trainer(config, scene, ModelFolder(temp / (antialiasing ? "with" : "without")), hooks).run();
+    Trainer(finalize(config, scene), scene, ModelFolder(temp / (antialiasing ? "with" : "without")), hooks).run();
     return all;
   };
   EXPECT_NE(warnings(false).find("add --antialiasing"), std::string::npos);

@@ -158,7 +158,7 @@ TEST(PoseTraining, FilesOfTheModelHaveTheRefinedPoses) {
   const Scene scene = test::make_tiny_scene();
   const test::TempDir temp;
   TrainConfig config = refining_config();
-  Trainer trainer(config, scene, ModelFolder(temp / "model"), {});
+  Trainer trainer(finalize(config, scene), scene, ModelFolder(temp / "model"), {});
   const TrainResult result = trainer.run();
   const ModelFolder folder(temp / "model");
   PoseState state;

@@ -346,7 +346,7 @@ void check_noise(Communicator& ranks) {
     add_mean_noise(gaussians, /*rate=*/400, /*seed=*/3, /*iteration=*/77, of);
   });
   TrainConfig config;
-  config.strategy = "mcmc";
+  config.strategy = Strategy::kMcmc;
   const std::unique_ptr<DensityStrategy> strategy = make_density_strategy(config, /*extent=*/2);
   check("mcmc", [&](GaussianTensors& gaussians, const torch::Tensor& of) { strategy->after_step(77, gaussians, of); });
 }

@@ -57,7 +57,7 @@ constexpr std::int64_t kSplatsAtATime = 2000000;  // as by default
 Files train(const TrainConfig& config, const Scene& scene, const fs::path& folder, Communicator* ranks,
             const fs::path& resume = {}, TrainHooks hooks = {}, std::int64_t splats_at_a_time = kSplatsAtATime) {
   if (ranks != nullptr) use_rank_team(*ranks, config, hooks, splats_at_a_time);
-  Trainer trainer(config, scene, ModelFolder(folder), hooks);
+  Trainer trainer(finalize(config, scene), scene, ModelFolder(folder), hooks);
   if (!resume.empty()) trainer.resume(resume);
   Files files;
   files.result = trainer.run();
@@ -120,10 +120,10 @@ TrainConfig on_ranks(TrainConfig config) {
   return config;
 }
 
-TrainConfig config_of(const std::string& strategy) {
-  TrainConfig config = strategy == "budget" ? test::eventful_budget_config() : test::eventful_config();
+TrainConfig config_of(Strategy strategy) {
+  TrainConfig config = strategy == Strategy::kBudget ? test::eventful_budget_config() : test::eventful_config();
   config.strategy = strategy;
-  if (strategy == "mcmc") config.max_gaussians = 160;
+  if (strategy == Strategy::kMcmc) config.max_gaussians = 160;
   config.iterations = 23;  // the last step has fewer views
   config.batch = 3;        // with four ranks, one renders nothing
   return on_ranks(config);
@@ -133,8 +133,8 @@ void check_strategy(const TrainConfig& config, const Scene& scene, Communicator&
                     std::int64_t splats_at_a_time = kSplatsAtATime) {
   const SharedFolder folder(ranks);
   const Files alone = train_alone(config, scene, folder / "alone", ranks);
-  expect_same(train(config, scene, folder / "together", &ranks, {}, {}, splats_at_a_time), alone, config.strategy,
-              ranks);
+  expect_same(train(config, scene, folder / "together", &ranks, {}, {}, splats_at_a_time), alone,
+              name_of(config.strategy), ranks);
 }
 
 /// With every feature on, whole and continued: a checkpoint of any number of ranks continues on any other.
@@ -183,13 +183,13 @@ void check_parts(Communicator& ranks) {
   test::TinySceneOptions options;
   options.masked = true;
   const Scene scene = test::make_tiny_scene(options);
-  TrainConfig config = config_of("budget");
+  TrainConfig config = config_of(Strategy::kBudget);
   config.batch = 5;
   for (const std::int64_t splats_at_a_time : {1, 250}) check_strategy(config, scene, ranks, splats_at_a_time);
   config.exposure = true;
   check_strategy(config, scene, ranks, 1);
   config.exposure = false;
-  config.strategy = "default";
+  config.strategy = Strategy::kDefault;
   config.densify_until_iter = 12;
   check_strategy(config, scene, ranks, 1);
 }
@@ -203,7 +203,7 @@ void check_panoramas(Communicator& ranks) {
     expect(splats.n_second > 20 && splats.n_second < splats.size(), "Gaussians across the seam of " + view.name);
   }
   scene.train[1] = test::make_tiny_scene().train[1];
-  for (const char* const strategy : {"default", "mcmc", "budget"}) {
+  for (const Strategy strategy : {Strategy::kDefault, Strategy::kMcmc, Strategy::kBudget}) {
     TrainConfig config = config_of(strategy);
     config.opacity_reg = config.scale_reg = 0.01;  // by the number of splats
     config.test_iterations = {17};
@@ -212,7 +212,7 @@ void check_panoramas(Communicator& ranks) {
     }
   }
   // Poses: on a CPU, sums of parts of splats are rounded otherwise (sum_camera_parts()).
-  TrainConfig config = config_of("default");
+  TrainConfig config = config_of(Strategy::kDefault);
   config.pose_opt = true;
   if (runs_on_gpu()) return check_strategy(config, scene, ranks);
   config.densify_until_iter = 0;
@@ -230,7 +230,7 @@ void check_few(Communicator& ranks) {
   test::TinySceneOptions options;
   options.n_gaussians = 20;
   const Scene scene = test::make_tiny_scene(options);
-  TrainConfig config = config_of("default");
+  TrainConfig config = config_of(Strategy::kDefault);
   config.max_gaussians = RowOwners::kBlock;
   config.checkpoint_iterations = {12};
   config.keep_checkpoints = 2;
@@ -243,7 +243,7 @@ void check_few(Communicator& ranks) {
   memory->bytes = std::int64_t{1} << 40;
   hooks.memory = memory;
   use_rank_team(ranks, config, hooks);
-  Trainer trainer(config, scene, ModelFolder(folder / "later"), hooks);
+  Trainer trainer(finalize(config, scene), scene, ModelFolder(folder / "later"), hooks);
   trainer.resume(half);
   const std::int64_t n = trainer.n_gaussians();
   expect(n != scene.points.size() && n <= RowOwners::kBlock, "density control, " + std::to_string(n) + " Gaussians");
@@ -257,7 +257,7 @@ void check_few(Communicator& ranks) {
 void check_empty(Communicator& ranks) {
   Scene scene = test::make_tiny_scene();
   for (std::size_t i = 1; i < scene.points.positions.size(); i += 3) scene.points.positions[i] += 1000;
-  TrainConfig config = config_of("default");
+  TrainConfig config = config_of(Strategy::kDefault);
   config.densify_from_iter = 100;
   int n_said = 0;
   TrainHooks hooks;
@@ -273,7 +273,7 @@ void check_empty(Communicator& ranks) {
 void check_invalid(Communicator& ranks) {
   const Scene scene = test::make_tiny_scene();
   const SharedFolder folder(ranks);
-  TrainConfig config = config_of("default");
+  TrainConfig config = config_of(Strategy::kDefault);
   config.iterations = 3;
   const fs::path damaged = folder / "damaged.b3dgs";
   if (ranks.is_first()) {
@@ -292,7 +292,7 @@ void check_invalid(Communicator& ranks) {
 
   TrainHooks hooks;
   use_rank_team(ranks, config, hooks);
-  Trainer trainer(config, scene, ModelFolder(folder / "evaluated"), hooks);
+  Trainer trainer(finalize(config, scene), scene, ModelFolder(folder / "evaluated"), hooks);
   trainer.resume(damaged);
   trainer.run(3);
   const Evaluation evaluation = trainer.evaluate(scene.train);
@@ -306,7 +306,7 @@ void check_invalid(Communicator& ranks) {
 void check_stop(Communicator& ranks) {
   const Scene scene = test::make_tiny_scene();
   const SharedFolder folder(ranks);
-  const TrainConfig config = config_of("mcmc");
+  const TrainConfig config = config_of(Strategy::kMcmc);
   const Files alone = train_alone(config, scene, folder / "alone", ranks);
   std::atomic<int> signal{0};
   TrainHooks hooks;
@@ -323,7 +323,7 @@ void check_stop(Communicator& ranks) {
 void check_memory(Communicator& ranks) {
   const Scene scene = test::make_tiny_scene();
   const SharedFolder folder(ranks);
-  TrainConfig config = config_of("default");
+  TrainConfig config = config_of(Strategy::kDefault);
   const bool is_last = ranks.rank() == ranks.size() - 1;
   const auto memory = std::make_shared<test::ShortMemory>();
   memory->rows_that_fit =
@@ -362,7 +362,7 @@ void check_memory(Communicator& ranks) {
 void check_exhausted(Communicator& ranks) {
   const Scene scene = test::make_tiny_scene();
   const SharedFolder folder(ranks);
-  const TrainConfig config = config_of("default");
+  const TrainConfig config = config_of(Strategy::kDefault);
   TrainHooks hooks;
   hooks.memory = std::make_shared<test::ShortMemory>();
   if (ranks.rank() == ranks.size() - 1) dynamic_cast<test::ShortMemory&>(*hooks.memory).n_failures = 1000;
@@ -385,7 +385,7 @@ void check_exhausted(Communicator& ranks) {
 void check_packing(Communicator& ranks) {
   const Scene scene = test::make_tiny_scene();
   const SharedFolder folder(ranks);
-  TrainConfig config = config_of("default");
+  TrainConfig config = config_of(Strategy::kDefault);
   config.iterations = 9;
   const Files alone = train_alone(config, scene, folder / "alone", ranks);
   bool is_armed = false;
@@ -405,7 +405,7 @@ void check_packing(Communicator& ranks) {
 void check_failure(Communicator& ranks) {
   const Scene scene = test::make_tiny_scene();
   const SharedFolder folder(ranks);
-  TrainConfig config = config_of("default");
+  TrainConfig config = config_of(Strategy::kDefault);
   config.checkpoint_interval = 6;
   const int last = ranks.size() - 1;
   TrainHooks hooks;
@@ -445,7 +445,7 @@ void check_failure(Communicator& ranks) {
 void check_evaluation(Communicator& ranks) {
   const Scene scene = test::make_tiny_scene();
   const SharedFolder folder(ranks);
-  TrainConfig config = config_of("default");
+  TrainConfig config = config_of(Strategy::kDefault);
   config.test_iterations = {17};
   const Files alone = train_alone(config, scene, folder / "alone", ranks);
   TrainHooks hooks;
@@ -476,7 +476,7 @@ void check_evaluation(Communicator& ranks) {
 
   TrainHooks quiet;
   use_rank_team(ranks, config, quiet);
-  Trainer trainer(config, scene, ModelFolder(folder / "goes on"), quiet);
+  Trainer trainer(finalize(config, scene), scene, ModelFolder(folder / "goes on"), quiet);
   trainer.run(12);
   expect_failure(cause, others + cause, [&] {
     trainer.evaluate(scene.test, [](std::size_t, const View&, const RenderedView&, const std::optional<ImageQuality>&) {
@@ -495,7 +495,7 @@ void check_evaluation(Communicator& ranks) {
 void check_loss(Communicator& ranks) {
   const Scene scene = test::make_tiny_scene();
   const SharedFolder folder(ranks);
-  TrainConfig config = config_of("default");
+  TrainConfig config = config_of(Strategy::kDefault);
   config.iterations = 3;
   const fs::path first =
       ranks.exchange("checkpoint", train(config, scene, folder / "model", &ranks).result.checkpoint.string()).front();
@@ -536,7 +536,7 @@ void check_scenes(Communicator& ranks) {
     Scene scene = test::make_tiny_scene();
     if (ranks.rank() == last) change.apply(scene);
     try {
-      train(config_of("default"), scene, folder / "model", &ranks);
+      train(config_of(Strategy::kDefault), scene, folder / "model", &ranks);
       expect(false, change.part);
     } catch (const InputError& error) {
       const std::string message = error.what();

@@ -89,8 +89,9 @@ TEST_F(FrameTraining, ResultsAreTheSameInEveryUnitPlaceAndOrientation) {
   const double c = std::cos(1.0), s = std::sin(1.0);
   const std::array<double, 9> turn{c, -s, 0, s, c, 0, 0, 0, 1};
   const Scene given = load_moved("given", {});
-  for (const std::string strategy : {"budget", "mcmc"}) {
-    config_.strategy = strategy;
+  for (const Strategy own : {Strategy::kBudget, Strategy::kMcmc}) {
+    config_.strategy = own;
+    const std::string strategy = name_of(own);
     const test::Trained base = test::train(config_, given, folder_ / ("model_" + strategy));
     const double psnr = base.result.evaluations.back().second.mean.psnr;
     const SplatCloud cloud = read_splat_ply(base.result.ply);

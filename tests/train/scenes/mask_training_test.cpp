@@ -140,7 +140,7 @@ TEST(MaskTraining, SegmentedBackgroundBecomesEmpty) {
   config.densify_from_iter = 1000;
   config.init_opacity = 0.6;
   const test::Trained ignored = test::train(config, scene, temp / "ignored");
-  config.mask_mode = "segment";
+  config.mask_mode = MaskMode::kSegment;
   const test::Trained segmented = test::train(config, scene, temp / "segmented");
   const double before = mean_empty_alpha(ignored.result.ply, scene.test);
   const double after = mean_empty_alpha(segmented.result.ply, scene.test);
@@ -161,7 +161,7 @@ TEST(MaskTraining, SegmentModeWorksFromCoarseToFineAndInBatches) {
   config.coarse_until = 150;
   config.batch = 2;
   const test::Trained ignored = test::train(config, scene, temp / "ignored");
-  config.mask_mode = "segment";
+  config.mask_mode = MaskMode::kSegment;
   const test::Trained segmented = test::train(config, scene, temp / "segmented");
   EXPECT_LT(mean_empty_alpha(segmented.result.ply, scene.test), 0.5 * mean_empty_alpha(ignored.result.ply, scene.test));
 }

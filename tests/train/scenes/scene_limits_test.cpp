@@ -35,7 +35,7 @@ std::vector<std::string> warnings_of_training(const Scene& scene, TrainConfig co
   std::vector<std::string> warnings;
   TrainHooks hooks;
   hooks.on_warning = [&](const std::string& text) { warnings.push_back(text); };
-  Trainer(config, scene, ModelFolder(folder.path()), hooks).run();
+  Trainer(finalize(config, scene), scene, ModelFolder(folder.path()), hooks).run();
   return warnings;
 }
 
@@ -98,11 +98,11 @@ TEST(SceneOptions, OfTheTrainingAreThoseTheSceneIsReadWith) {
   config.eval = true;
   const test::TempDir folder;
   const Scene scene = load_scene(scene_options(config));
-  EXPECT_NO_THROW(Trainer(config, scene, ModelFolder(folder.path()), {}));
+  EXPECT_NO_THROW(Trainer(finalize(config, scene), scene, ModelFolder(folder.path()), {}));
   const auto refuses = [&](TrainConfig other, const std::string& name) {
     return test::fails_with<InputError>(
         {"the scene was not read with the options of the training: " + name, "load it with scene_options(config)"},
-        [&] { Trainer(other, scene, ModelFolder(folder.path()), {}); });
+        [&] { Trainer(finalize(other, scene), scene, ModelFolder(folder.path()), {}); });
   };
   TrainConfig other = config;
   other.resolution = -1;
@@ -118,7 +118,7 @@ TEST(SceneOptions, OfTheTrainingAreThoseTheSceneIsReadWith) {
   EXPECT_TRUE(refuses(other, "masks"));
   other = config;
   other.source_path += "/";
-  EXPECT_NO_THROW(Trainer(other, scene, ModelFolder(folder.path()), {}));
+  EXPECT_NO_THROW(Trainer(finalize(other, scene), scene, ModelFolder(folder.path()), {}));
 }
 
 TEST(ComputeThreads, AreNotThousands) {

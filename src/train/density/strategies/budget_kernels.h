@@ -5,6 +5,7 @@
 #include <cmath>
 #include <cstdint>
 
+#include "config/choices.h"
 #include "core/random.h"
 #include "train/density/density_kernels.h"
 
@@ -26,13 +27,6 @@ B3DGS_HD void draw_parent_key(const ParentKeyArgs& args, std::int64_t i) {
   const double uniform = (bits + 0.5) * 0x1p-32;
   args.keys[i] = static_cast<float>(std::log(uniform) / static_cast<double>(args.scores[row]));
 }
-
-/// Where the two parts of a split Gaussian are placed on its longest axis (--split). Both rules preserve its mean and
-/// covariance.
-enum class SplitRule {
-  kMoments,   // far apart (0.8^2 + 0.6^2 = 1)
-  kPreserve,  // close enough to render like the parent
-};
 
 struct SplitShape {
   double distance;              // of a part from its parent, in standard deviations along the longest axis

@@ -119,7 +119,7 @@ class BudgetStrategy final : public DensityStrategy {
     const torch::Tensor kept = rows_of(stays);
     round.edit.sources = torch::cat({kept, parents, parents});
     round.edit.n_kept = kept.size(0);
-    add_parts(gaussians, parents, config_.split == "moments" ? SplitRule::kMoments : SplitRule::kPreserve, round.edit);
+    add_parts(gaussians, parents, config_.split, round.edit);
     round.n_split = parents.size(0);
     round.n_pruned = n - n_stay;
     return round;
