@@ -3,7 +3,6 @@
 #include <utility>
 
 #include "core/check.h"
-#include "model/formats/splat_formats.h"
 #include "raster/kernels.h"
 #include "train/device.h"
 #include "train/evaluate.h"
