@@ -5,6 +5,7 @@
 #include <type_traits>
 #include <utility>
 
+#include "app/report/page_data.h"
 #include "config/train_options.h"
 #include "core/check.h"
 #include "core/options/command_line.h"

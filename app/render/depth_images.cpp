@@ -11,7 +11,7 @@
 namespace b3dgs {
 namespace {
 
-constexpr std::int64_t kSamples = 20000;   // number of examined Gaussians
+constexpr std::int64_t kDepthSamples = 20000;   // number of examined Gaussians
 constexpr double kLeastLogitOpacity = -2;  // more transparent ones do not form a surface
 constexpr std::size_t kPixelSamples = 10000;
 constexpr float kOpaque = 0.5f;
@@ -40,7 +40,7 @@ Image8 colored(const cv::Mat& grey, int map) {
 
 DepthRange visible_depth_range(const SplatCloud& splats, const std::vector<Camera>& cameras, double near_plane) {
   std::vector<double> depths;
-  const std::int64_t stride = std::max<std::int64_t>(1, splats.size() / kSamples);
+  const std::int64_t stride = std::max<std::int64_t>(1, splats.size() / kDepthSamples);
   const std::size_t camera_stride = std::max<std::size_t>(1, cameras.size() / 50);
   for (std::size_t c = 0; c < cameras.size(); c += camera_stride) {
     const Camera& camera = cameras[c];
