@@ -11,8 +11,8 @@
 namespace b3dgs {
 namespace {
 
-constexpr std::int64_t kDepthSamples = 20000;   // number of examined Gaussians
-constexpr double kLeastLogitOpacity = -2;  // more transparent ones do not form a surface
+constexpr std::int64_t kDepthSamples = 20000;  // number of examined Gaussians
+constexpr double kLeastLogitOpacity = -2;      // more transparent ones do not form a surface
 constexpr std::size_t kPixelSamples = 10000;
 constexpr float kOpaque = 0.5f;
 constexpr double kPercentile = 0.02;
