@@ -70,9 +70,14 @@ Json curves_of(const TrainHistory& history) {
   return curves;
 }
 
-/// Returns "" if the file has been deleted since, and the report is written without it.
+/// Returns "" if the file is not a readable image, and the report is written without it.
 std::string picture(const std::filesystem::path& file) {
-  return std::filesystem::exists(file) ? data_uri(read_image(file, false)) : "";
+  if (!std::filesystem::exists(file)) return "";  // also if no file was named
+  try {
+    return data_uri(read_image(file, false));
+  } catch (const InputError&) {
+    return "";
+  }
 }
 
 /// Returns "24 photographs, 240 x 160 px", from the model's cameras.json, or "" if that cannot be read.
@@ -197,8 +202,12 @@ RunInfo read_run_info(const ModelFolder& folder) {
     info.iteration = json.value("iteration", 0);
     info.held_out = json.value("held_out", false);
     for (const Json& preview : json.value("previews", Json::array())) {
-      const auto picture_at = [&](const char* key) {
-        return file_in(report_folder(folder), preview.at(key).get<std::string>(), file.string() + ": " + key);
+      const auto picture_at = [&](const char* key) -> fs::path {
+        try {
+          return file_in(report_folder(folder), preview.at(key).get<std::string>(), file.string() + ": " + key);
+        } catch (const InputError&) {  // a link, or outside of the folder: the report is written without it
+          return {};
+        }
       };
       info.previews.push_back(
           {preview.at("view"), preview.value("psnr", 0.0), picture_at("truth"), picture_at("render")});

@@ -71,8 +71,8 @@ nlohmann::ordered_json history_json(const TrainHistory& history);
 /// Returns a run as the page draws it: its name and seed, history_json(), "kernel_periods" and "resumes".
 nlohmann::ordered_json run_data(const std::string& name, std::int64_t seed, const TrainHistory& history);
 
-/// Returns one entry per view: the photograph and the renders of all runs, as data URIs. Missing images are left out.
-/// @throws IoError, InputError if an image exists but cannot be read
+/// Returns one entry per view: the photograph and the renders of all runs, as data URIs. An image is "" if it is
+/// missing or damaged.
 struct NamedInfo {
   std::string name;
   const RunInfo& info;

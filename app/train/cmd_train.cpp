@@ -280,6 +280,10 @@ int run_train(const std::vector<std::string>& words) {
   const RankPlan plan = plan_ranks(options.rank, device);
   check_view_options(options, plan);
   if (plan.n_to_start > 0) {
+    if (!options.config.empty() && !std::filesystem::is_regular_file(options.config)) {
+      input_error("--config ", options.config,
+                  " can be read only once, but each rank reads it; write it to a file, or ", "train on one rank");
+    }
     StatusLine silent = StatusLine::silent();
     // An error in the options appears once, not for each rank.
     make_plan(line, silent, options, given, plan.n_to_start, device);

@@ -91,7 +91,7 @@ TEST(ChangedOptions, AreThoseThatDifferFromTheDefaults) {
       << "scene and device are shown elsewhere";
 }
 
-TEST(RunInfoFile, NamesNoPicturesOutsideOfTheReport) {
+TEST(RunInfoFile, LeavesOutPicturesOutsideOfTheReportAndDamagedOnes) {
   test::TempDir temp;
   const ModelFolder folder(temp / "model");
   const std::filesystem::path secret = temp / "private.png", report = report_folder(folder);
@@ -106,11 +106,16 @@ TEST(RunInfoFile, NamesNoPicturesOutsideOfTheReport) {
   EXPECT_EQ(read_with("own.png", "own.png").previews.at(0).photograph, report / "own.png");
   for (const std::string& name : {secret.string(), std::string("../../private.png"), std::string("link.png")}) {
     for (const bool is_truth : {true, false}) {
-      EXPECT_TRUE(
-          test::fails_with<InputError>({"run.json", is_truth ? "truth" : "render", "expected the name of a file in"},
-                                       [&] { is_truth ? read_with(name, "own.png") : read_with("own.png", name); }));
+      const Preview read = (is_truth ? read_with(name, "own.png") : read_with("own.png", name)).previews.at(0);
+      EXPECT_EQ(read.photograph, is_truth ? std::filesystem::path() : report / "own.png") << name;
+      EXPECT_EQ(read.render, is_truth ? report / "own.png" : std::filesystem::path()) << name;
+      const Json shown = previews_data({{"run", read_run_info(folder)}}).at(0);
+      EXPECT_EQ(shown["photograph"] == "", is_truth) << name;
+      EXPECT_EQ(shown["renders"][0]["image"] == "", !is_truth) << name;
     }
   }
+  test::write_bytes(report / "damaged.png", "no image");
+  EXPECT_EQ(previews_data({{"run", read_with("damaged.png", "own.png")}}).at(0)["photograph"], "");
 }
 
 }  // namespace
