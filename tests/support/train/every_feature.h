@@ -6,6 +6,7 @@
 #include <string>
 #include <vector>
 
+#include "core/config.h"
 #include "support/train/appearance.h"
 #include "support/train/depth_maps.h"
 #include "support/train/training.h"

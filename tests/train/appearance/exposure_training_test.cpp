@@ -6,6 +6,7 @@
 #include <nlohmann/json.hpp>
 
 #include "core/check.h"
+#include "core/config.h"
 #include "core/files/folders.h"
 #include "support/expect_error.h"
 #include "support/same.h"
@@ -36,7 +37,7 @@ TEST(ExposureTraining, WithARateOfZeroTheGaussiansAreThoseOfATrainingWithout) {
     const Trained without = train(config, scene, temp / "without");
     config.exposure = true;
     config.exposure_lr_init = config.exposure_lr_final = 0;
-    EXPECT_TRUE(test::same(train(config, scene, temp / "with").ply, without.ply)) << config.strategy;
+    EXPECT_TRUE(test::same(train(config, scene, temp / "with").ply, without.ply)) << name_of(config.strategy);
   }
 }
 

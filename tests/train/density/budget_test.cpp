@@ -1,5 +1,6 @@
 // Strategy budget: its parts against plain formulas, and whole trainings.
 
+#include "core/config.h"
 #include "train/density/strategies/strategies.h"
 
 #include <gtest/gtest.h>

@@ -17,6 +17,7 @@
 #include <vector>
 
 #include "core/check.h"
+#include "core/config.h"
 #include "dist/communicator.h"
 #include "multi/rank_team.h"
 #include "multi/rows.h"

@@ -4,6 +4,7 @@
 #include <array>
 #include <cmath>
 
+#include "core/config.h"
 #include "model/cameras/cameras_json.h"
 #include "model/formats/splat_formats.h"
 #include "scene/cameras/coordinate_frame.h"
