@@ -11,7 +11,7 @@
 namespace b3dgs {
 namespace {
 
-/// The smaller of two limits on the number of Gaussians; 0 = no limit.
+/// Returns the smaller of two limits on the number of Gaussians, where 0 means no limit.
 std::int64_t smaller_limit(std::int64_t a, std::int64_t b) {
   return a == 0 || b == 0 ? std::max(a, b) : std::min(a, b);
 }
@@ -40,12 +40,12 @@ void DensityControl::run() {
 
 void DensityControl::run_round(int iteration) {
   state_.view_ratios.begin_round();
-  const auto together = [&](MemoryRemedy remedy) -> MemoryRemedy {  // all processes try again if it has helped one
+  const auto together = [&](MemoryRemedy remedy) -> MemoryRemedy {  // all processes retry if it helped any of them
     return [this, remedy = std::move(remedy)] { return team_.max("remedy", remedy() ? 1 : 0) != 0; };
   };
   const std::vector<MemoryRemedy> remedies{together(training_.wait_for_files()), together(training_.free_scratch())};
-  // The second try prunes but does not grow the model. Its total may be unchanged, yet one of several processes may
-  // hold more: the third try adds none.
+  // The second attempt prunes but does not grow the model. Even with an unchanged total, one of several processes may
+  // then need more memory, so the third attempt adds no Gaussians at all.
   for (int n_failures = 0;; ++n_failures) {
     try {
       with_remedies(remedies, [&] { plan_and_apply(iteration, /*adds=*/n_failures < 2); });
@@ -71,15 +71,14 @@ void DensityControl::plan_and_apply(int iteration, bool adds) {
 }
 
 bool DensityControl::can_grow_again(std::int64_t capacity) const {
-  // With less capacity, the count would be held again in every round.
+  // Growing for less than 5 % would start and end a cap in every round.
   constexpr double kWorthwhile = 1.05;
-  // A deterministic training must not depend on how much memory is free.
   if (training_.config.deterministic || growth_has_failed_) return false;
   return capacity == 0 || static_cast<double>(capacity) > kWorthwhile * static_cast<double>(state_.held_at);
 }
 
 void DensityControl::hold_count(std::int64_t count) {
-  constexpr double kNoteworthy = 0.99;  // of the count logged before
+  constexpr double kNoteworthy = 0.99;  // caps of at least this fraction of the previous one are not logged
   const std::int64_t before = std::exchange(state_.held_at, count);
   if (before > 0 && static_cast<double>(count) >= kNoteworthy * static_cast<double>(before)) return;
   training_.recorder.say("held at " + format_count(count) + " Gaussians: GPU memory");

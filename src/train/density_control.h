@@ -11,33 +11,33 @@ namespace b3dgs {
 
 class DensityControl {
  public:
-  /// Both must outlive this.
+  /// Both arguments must outlive this object.
   DensityControl(Training& training, Team& team) : training_(training), state_(training.state), team_(team) {}
 
-  /// Does the density control that falls on the iterations of the last step and has not been done yet. If a round, or
-  /// the views after it, would not fit into memory, the number of Gaussians is held and training continues with the
-  /// existing ones.
+  /// Runs the density control that is due after the last step and has not been done yet. If a round, or the views after
+  /// it, would not fit into memory, the number of Gaussians is capped and training continues.
   void run();
 
  private:
-  /// Adds fewer or no Gaussians if memory is short.
+  /// Plans and applies one round. If memory is short, it adds fewer Gaussians or none.
   void run_round(int iteration);
   void plan_and_apply(int iteration, bool adds);
-  /// Whether the hold can end now that there is memory for `capacity` Gaussians (0 = any number).
+  /// Returns whether the cap can be lifted, given memory for `capacity` Gaussians (0 = no limit).
   bool can_grow_again(std::int64_t capacity) const;
-  /// The model does not grow beyond `count` until there is memory for more. Logged at the start of a hold and when it
-  /// drops by over 1 %.
+  /// Caps the number of Gaussians at `count` until there is memory for more. Logs the start of a cap, and a later cap
+  /// only if it is over 1 % lower.
   void hold_count(std::int64_t count);
 
   Training& training_;
   TrainState& state_;  // training_.state
   Team& team_;
-  bool growth_has_failed_ = false;  // in this session, although memory had seemed sufficient
+  bool growth_has_failed_ = false;  // in this session, although the forecast allowed it
 };
 
-/// Allocates memory for an edit of this process' rows, if possible with spare capacity, so that most rounds reallocate
-/// nothing. `limit`: of the rows; 0 = none.
+/// Allocates memory for an edit of this process' Gaussians, if possible with spare capacity, so that most rounds
+/// reallocate nothing. `limit` is the maximum number of Gaussians, 0 for no limit. @throws OutOfMemoryError
 void reserve_rows(Training& training, const RowEdit& edit, std::int64_t limit);
+/// Applies the edit of the last reserve_rows() and ends the round of density control of `iteration`.
 void apply_reserved(Training& training, const RowEdit& edit, int iteration);
 
 }  // namespace b3dgs

@@ -20,7 +20,7 @@ namespace {
 
 int default_threads = 0;
 
-/// Why no GPU can be used, or "" if one can be.
+/// Returns why no GPU can be used, or "" if one can be.
 std::string why_no_gpu() {
 #if B3DGS_TORCH_CUDA
   return at::hasCUDA() ? "" : "no GPU found, or its driver does not respond";
@@ -67,7 +67,7 @@ std::string describe_device(const torch::Device& device) {
 }
 
 int set_compute_threads(int n) {
-  constexpr int kFew = 64;  // as for a training that is resumed on a smaller machine
+  constexpr int kFew = 64;  // always allowed, because a training may be resumed on a machine with fewer cores
   set_thread_count(std::min(n > 0 ? n : default_threads, std::max(kFew, 4 * omp_get_num_procs())));
   at::set_num_threads(thread_count());
   return thread_count();

@@ -14,7 +14,7 @@ RenderSettings evaluation_settings(const TrainConfig& config, int sh_degree) {
   settings.culling = config.culling;
   settings.kernel = chooses_kernel(config) ? kStandardKernel : kernel_named(config.kernel);
   settings.deterministic = config.deterministic;
-  settings.depth_gradient = false;  // only --depths needs it, and sets it itself
+  settings.depth_gradient = false;  // only --depths needs it (step_settings())
   return settings;
 }
 
@@ -24,7 +24,7 @@ ColorEvaluation color_evaluation(const TrainConfig& config) {
 
 namespace {
 
-/// Compares one view, and puts the transformed render in the place of `rendered`.
+/// Compares one view, and replaces the colours of `rendered` by the transformed ones.
 std::optional<ImageQuality> compare_view(const View& view, const Image8& truth, const ColorEvaluation& colors,
                                          RenderedView& rendered, const LpipsNetwork* lpips) {
   const torch::Tensor raw = rendered.color;

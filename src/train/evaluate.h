@@ -15,34 +15,37 @@
 
 namespace b3dgs {
 
-/// Settings for deterministic rendering, e.g. for evaluation. `sh_degree` is at most that of the Gaussians.
+/// Returns the settings for renders without random parts, as for evaluation: the configured background and kernel.
+/// `sh_degree` must not exceed that of the Gaussians.
 RenderSettings evaluation_settings(const TrainConfig& config, int sh_degree);
 
-/// What is done about colours that differ from the photographs' because of the cameras' settings.
+/// How to compare renders with photographs whose colours differ because of the cameras' settings.
 struct ColorEvaluation {
-  /// By name of the view: renders of these views are transformed before they are compared.
+  /// Colour transforms by name of the view, applied to the renders of these views before the comparison.
   std::map<std::string, ColorTransform> exposures{};
-  /// All other views are measured on their right half only, with a transform fitted to their left half (fit_colors()).
+  /// Measures all other views on their right half only, after a colour transform fitted to their left half
+  /// (fit_colors()).
   bool fit_left_half = false;
-  /// Also computes ImageQuality::corrected_psnr, with a transform fitted to the pixels that are measured.
+  /// Also computes ImageQuality::corrected_psnr, with a colour transform fitted to the measured pixels.
   bool corrected_psnr = false;
 };
 
-/// Without transforms of views: what these options say about the others.
+/// Returns the settings that follow from the options, without `exposures`.
 ColorEvaluation color_evaluation(const TrainConfig& config);
 
-/// Called after each view with the render, in transformed colours, which is valid until it returns. Views without a
-/// valid pixel have no quality.
+/// Called after each view with its render, in transformed colours, which is valid until the function returns. A view
+/// without a valid pixel has no quality.
 using RenderedFn =
     std::function<void(std::size_t index, const View&, const RenderedView&, const std::optional<ImageQuality>&)>;
 
-/// Renders a view, on `device`.
+/// Renders a view on the device passed to evaluate_views().
 using RenderFn = std::function<RenderedView(const CameraView&)>;
 /// Renders a view of the model in training. @throws InvalidGaussianError
 using RenderModelFn = std::function<RenderedView(const CameraView&, const RenderSettings&)>;
 
-/// Renders each view and compares it with its photograph. Views keep their order; those without a valid pixel are left
-/// out of the mean. `lpips`: may be null.
+/// Renders each view and compares it with its photograph. Results are in the order of `views`. Views without a valid
+/// pixel are listed apart and do not count towards the mean. `lpips` may be null.
+/// @throws InputError if a photograph cannot be read
 Evaluation evaluate_views(const RenderFn& render, torch::Device device, const std::vector<View>& views,
                           const RenderedFn& on_rendered = {}, const LpipsNetwork* lpips = nullptr,
                           const ColorEvaluation& colors = {});

@@ -20,8 +20,8 @@ GaussianMemory memory_of_gaussian(Training& training) {
                          keeps_gradients(training) ? training.config.batch : 0);
 }
 
-/// Returns the bytes that the largest view needs for its pixels, regardless of how many Gaussians it sees: those in the
-/// rasterizer, and images beyond those of the last steps.
+/// Returns the memory that the largest view needs for its pixels, in bytes, regardless of how many Gaussians it sees.
+/// Images that the last steps have already allocated count only as far as they still have to grow (--coarse_scale).
 std::int64_t memory_of_images(Training& training) {
   const double taken =
       training.empty_views.n_rendered() == 0 ? 0 : 1.0 / coarse_scale_at(training.config, training.state.iteration);
@@ -56,7 +56,8 @@ std::optional<std::int64_t> gaussian_capacity(Training& training, Team& team) {
         state_bytes(state) + training.rasterizer.memory_bytes() + training.optimizer.kept_bytes();
     const std::int64_t others = std::max<std::int64_t>(0, training.memory->use().in_use - counted);
     count = largest_count(*limit, others + memory_of_images(training), memory_of_gaussian(training));
-    // Scaled to the whole model, as if each process' share stayed the same. The smallest result counts.
+    // Scaled to the whole model, assuming that this process keeps its share. The process with the smallest result
+    // decides.
     const double share = static_cast<double>(n_own) / static_cast<double>(state.n_gaussians());
     if (count != kUnlimited) count = static_cast<std::int64_t>(static_cast<double>(count) / share);
   }

@@ -1,5 +1,5 @@
-// What training minimises: the difference between a render and its photograph, in the colours of its camera, and
-// between its inverse depth and the view's depth map.
+// The training loss. It compares a render, transformed to the colours of the photograph's camera, with the photograph,
+// and its inverse depth with the view's depth map.
 #pragma once
 
 #include <torch/types.h>
@@ -17,30 +17,30 @@
 
 namespace b3dgs {
 
-/// Reuses its buffers from view to view; asynchronous on a GPU.
+/// Computes the loss of a view and its gradient. Buffers are reused from view to view. Asynchronous on a GPU.
 class Objective {
  public:
-  /// Reads the depth maps. `config` must outlive this. @throws InputError if they cannot be used
+  /// Reads the depth maps. `config` must outlive this object. @throws InputError if the depth maps cannot be used
   Objective(const TrainConfig& config, const Scene& scene, torch::Device device, const ProgressFn& progress);
 
-  /// The gradient of the loss with respect to `rendered`, valid until the next call.
+  /// Returns the gradient of the loss with respect to `rendered`, valid until the next call.
   /// @param full_valid  TrainView::valid of the view at its full size
-  /// @param wants_errors  errors() will be asked for
-  /// @param appearance  of all views; steps of this view that were deferred are applied
+  /// @param wants_errors  whether to compute errors()
+  /// @param appearance  state of all views; deferred Adam steps of this view are applied to it
   RenderedViewGrad compare(const TrainView& view, int iteration, const torch::Tensor& full_valid,
                            const RenderedView& rendered, bool wants_errors, AppearanceState& appearance);
 
-  /// Of the last compare(), for which this waits on a GPU.
+  /// Returns the loss of the last compare(). Waits for the GPU.
   double value() const { return loss_.value().loss; }
-  /// [H, W] of the last compare(): by how much each pixel is wrong (loss.h).
+  /// Returns the error of each pixel in the last compare() with `wants_errors`, [H, W] (loss.h).
   const torch::Tensor& errors() const { return error_image_.error(); }
 
-  /// How photographs differ because of their cameras, which is learned with the Gaussians; null = not at all.
+  /// Returns the model of the photographs' colour differences that is learned with the Gaussians, or null if none is.
   AppearanceModel* appearance() { return appearance_ ? &*appearance_ : nullptr; }
-  /// Memory on a GPU for each pixel of the largest view, with that of the render.
+  /// Returns the GPU memory per pixel of the largest view, including the render.
   std::int64_t bytes_per_pixel() const;
   bool has_depths() const { return depth_priors_.has_value(); }
-  /// About depth maps, one line each.
+  /// Returns the warnings about depth maps, one line each.
   std::vector<std::string> warnings() const;
 
  private:

@@ -19,7 +19,8 @@ void StepRecovery::take_step() {
     last_.adam_steps = state.adam.steps;
     try {
       save_statistics();
-      // A process that repeated a common step alone would leave the others waiting. It repeats its own parts of it.
+      // With several processes, one that repeated a joint step alone would leave the others waiting. Each repeats its
+      // own parts of the step instead.
       if (!state.is_whole()) remedies.clear();
       outcome = team_.take_step(last_);
     } catch (const LossError&) {
@@ -82,7 +83,7 @@ void StepRecovery::save_statistics() {
 void StepRecovery::roll_back() {
   training_.timer.cancel();
   TrainState& state = training_.state;
-  if (state.adam.steps != last_.adam_steps) {  // begin_adam_step() was called: Gaussians may have changed
+  if (state.adam.steps != last_.adam_steps) {  // Adam has begun, so Gaussians may have changed
     training_.is_consistent = false;
     return;
   }
@@ -95,7 +96,7 @@ void StepRecovery::roll_back() {
 
 void StepRecovery::remove_invalid_gaussians(const InvalidGaussianError& error) {
   TrainState& state = training_.state;
-  read_losses();  // throws if one is not finite, which would be the cause
+  read_losses();  // throws if a loss is not finite, which would be the cause
   training_.flush();
   training_.is_consistent = false;
   const std::int64_t n = team_.remove_invalid_rows(error.row());

@@ -1,6 +1,6 @@
-// Steps that fail. If one does, the state is rolled back to the end of the step before. Gaussians that cannot be
-// rendered are removed, and for lack of memory the step is taken again while some can be freed. step.h says why that is
-// cheap.
+// Recovery from failed steps. The state is rolled back to the end of the previous step. If Gaussians cannot be
+// rendered, they are removed. If memory is short, the step is repeated as long as some can be freed. step.h explains
+// why a roll-back is cheap.
 #pragma once
 
 #include <cstdint>
@@ -15,15 +15,16 @@ namespace b3dgs {
 
 class StepRecovery {
  public:
-  /// Both must outlive this.
+  /// Both arguments must outlive this object.
   StepRecovery(Training& training, Team& team) : training_(training), team_(team) {}
 
-  /// Takes one step, and repeats it without Gaussians that cannot be rendered, or with more free memory. @throws what
-  /// failed, with the state rolled back; LossError
+  /// Takes one step. Repeats it without Gaussians that cannot be rendered, or with more free memory. @throws the error
+  /// of the step, with the state rolled back; LossError
   void take_step();
-  /// Waits for the losses not yet read, adds them to the average, and moves the poses. @throws LossError
+  /// Reads back the losses of the last step, updates the running average, and applies the pose updates. @throws
+  /// LossError
   void read_losses();
-  /// Repeats `work` without the Gaussians that it cannot render.
+  /// Calls work(), and repeats it without the Gaussians that it cannot render.
   template <class Work>
   auto without_invalid_gaussians(Work&& work) {
     for (;;) {
@@ -34,21 +35,21 @@ class StepRecovery {
       }
     }
   }
-  /// Warns if no Gaussian is visible in half of the training views, or in more than before.
+  /// Warns if no Gaussian is visible in half of the training views, or in more views than at the last warning.
   void warn_of_empty_views(int iteration);
 
  private:
-  /// Keeps a copy of the statistics, if the next step adds to them before it can fail.
+  /// Copies the density statistics if the next step adds to them before its last point of failure.
   void save_statistics();
   void roll_back();
   void remove_invalid_gaussians(const InvalidGaussianError& error);
-  /// Views' sizes, from which memory is planned, and whether they are empty.
+  /// Records the sizes of the views, from which memory is planned, and which of them are empty.
   void note_views(const StepOutcome& outcome);
 
   Training& training_;
   Team& team_;
   LastStep last_;
-  std::vector<torch::Tensor> saved_statistics_;  // as they were before the step; empty = not saved
+  std::vector<torch::Tensor> saved_statistics_;  // copies from before the step; empty: not saved
   std::int64_t n_removed_at_warning_ = 0;
 };
 

@@ -1,5 +1,5 @@
-// Kernels with one thread per Gaussian, draw or pixel. What a thread does is in the header of its subject, where CPU
-// threads call the same function, so that both devices differ by the rounding of elementary functions at most.
+// Kernels with one thread per Gaussian, draw or pixel. Their code is in the header of each subject. CPU threads call
+// the same functions, so that results on both devices differ at most by the rounding of elementary functions.
 
 #include "core/cuda_rows.cuh"
 #include "train/appearance/appearance_kernels.h"
@@ -13,7 +13,7 @@
 
 namespace b3dgs::cuda {
 
-constexpr int kFewThreads = 128, kThreads = 256;  // per block; few where a thread does much
+constexpr int kFewThreads = 128, kThreads = 256;  // threads per block; few if each does much work
 
 B3DGS_ROW_KERNEL(add_view_row, kThreads, AddViewArgs)
 B3DGS_ROW_KERNEL(draw_split_sample, kFewThreads, SplitSampleArgs)

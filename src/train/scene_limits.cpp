@@ -13,7 +13,7 @@
 namespace b3dgs {
 namespace {
 
-/// The options that decide what a scene shows, by name.
+/// Returns the options that determine the content of a scene, by name.
 nlohmann::ordered_json compared_options(const SceneOptions& options) {
   const std::filesystem::path folder = std::filesystem::absolute(options.source_path) / "";
   return {{"source_path", folder.lexically_normal().string()},
@@ -38,7 +38,8 @@ SceneOptions scene_options(const TrainConfig& config) {
   options.white_background = config.white_background;
   options.tracks = !config.depths.empty();
   options.lenses = config.lenses;
-  if (config.antialiasing && config.lenses == "auto") options.lenses = "undistort";  // it needs pinholes
+  if (config.antialiasing && config.lenses == "auto")
+    options.lenses = "undistort";  // filter sizes are known for pinholes only
   options.masks = config.masks;
   options.invert_masks = config.invert_masks;
   options.empty_background = config.mask_mode == MaskMode::kSegment;
@@ -87,11 +88,11 @@ int decay_start(const TrainConfig& config, const Scene& scene) {
 }
 
 Photographs training_photographs(const Scene& scene) {
-  constexpr std::size_t kPoints = 5000, kViews = 500;  // looked at, at equal distances
+  constexpr std::size_t kPoints = 5000, kViews = 500;  // about as many are sampled, at equal distances
   const auto n_points = static_cast<std::size_t>(scene.points.size());
   const std::size_t point_step = std::max<std::size_t>(1, n_points / kPoints);
   const std::size_t view_step = std::max<std::size_t>(1, scene.train.size() / kViews);
-  std::vector<std::vector<std::size_t>> seen;  // by each view
+  std::vector<std::vector<std::size_t>> seen;  // points that each view sees
   std::vector<double> n_views(n_points / point_step + 1);
   for (std::size_t v = 0; v < scene.train.size(); v += view_step) {
     std::vector<std::size_t>& own = seen.emplace_back();
@@ -117,7 +118,7 @@ TrainConfig with_scene_limits(TrainConfig config, const Scene& scene) {
 }
 
 std::string near_plane_warning(const std::vector<float>& points, const std::vector<View>& views, double near_plane) {
-  constexpr std::size_t kPoints = 20000, kViews = 50;  // looked at, at equal distances
+  constexpr std::size_t kPoints = 20000, kViews = 50;  // about as many are sampled, at equal distances
   constexpr double kFewPoints = 0.05;
   const std::size_t n_points = points.size() / 3;
   const std::size_t point_step = std::max<std::size_t>(1, n_points / kPoints);

@@ -1,5 +1,4 @@
-// What the options of a training and its scene have to do with each other: how the scene is read, and the limits that
-// follow from it.
+// Settings of a training that depend on its scene: how the scene is read, and limits that follow from its size.
 #pragma once
 
 #include <cstdint>
@@ -12,38 +11,46 @@
 
 namespace b3dgs {
 
-/// How the scene of these options is read. A scene that is read otherwise does not belong to the training.
+/// Returns the options to read the scene of this training with. A scene read with other options does not belong to the
+/// training.
 SceneOptions scene_options(const TrainConfig& config);
 
-/// @throws InputError if --antialiasing is given and a training view is no pinhole; or if load_scene() has read the
-/// scene with other options than those of the config, which is not checked for scenes that were made otherwise and for
-/// configs that name no scene
+/// Checks that the scene fits the options. Options of load_scene() are compared only if the scene comes from there and
+/// the config names a scene. @throws InputError if --antialiasing is given and the camera of a training view is not a
+/// pinhole, or if load_scene() was called with other options than scene_options(config)
 void check_scene_options(const TrainConfig& config, const Scene& scene);
 
-/// --max_gaussians; without it, --gaussians_per_pixel X for every pixel of one training photograph (of their mean
-/// size). With n < 100 training photographs: X (n / 100)^1.5, where X counts as at most 2.4 n / 100 or, if that is
-/// more, 1.2. No fewer than the scene has points. Returns 0 for no limit.
+/// Returns the maximum number of Gaussians, 0 for no limit. This is --max_gaussians if it is given or
+/// --gaussians_per_pixel is 0, and otherwise
 ///
-/// With few photographs, many Gaussians overfit the training views; with 50 or fewer, more than X = 1.2 allows help on
-/// some scenes and harm on others. Beyond 100, more photographs of a scene do not call for more (docs/benchmarks.md,
-/// Few photographs). Pixels are those of the cameras; masked ones count.
+///   max(Y P, number of points in the scene)
+///
+/// where P is the mean number of pixels of a training photograph, Y is --gaussians_per_pixel X if there are n >= 100
+/// training photographs, and with fewer
+///
+///   Y = min(X, max(1.2, 2.4 n / 100)) (n / 100)^1.5
+///
+/// With few photographs, many Gaussians overfit the training views. With 50 or fewer, a larger X than 1.2 improves some
+/// scenes and harms others. Beyond 100, more photographs of a scene do not need more Gaussians (docs/benchmarks.md, Few
+/// photographs). P is taken from the cameras, so masked pixels count.
 std::int64_t count_limit(const TrainConfig& config, const Scene& scene);
 
-/// The first iteration of the decay by --lr_final_scale: --lr_decay_from_iter, but no later than when each photograph
-/// has been used --lr_decay_from_epoch times (0 = no such limit). The fewer photographs, the fewer
-/// iterations until training overfits them.
+/// Returns the first iteration of the decay by --lr_final_scale. This is --lr_decay_from_iter, but no later than the
+/// iteration at which each photograph has been used --lr_decay_from_epoch times (0 = no such limit), because training
+/// overfits few photographs earlier.
 int decay_start(const TrainConfig& config, const Scene& scene);
 
-/// With the overlap of the training views: of the points that a view sees, the mean number of views that see them too,
-/// averaged over the views. Nothing is known of what hides a point. Without points: as if all views saw the same.
+/// Returns the number of training views and their overlap. For each point that a view sees, it counts the views that
+/// see the point, and averages over the points of a view and then over the views. Occlusion is unknown and ignored. If
+/// no view sees a point, the overlap is that of views that all see the same.
 Photographs training_photographs(const Scene& scene);
 
-/// The options of a training of this scene, with these limits. Applying it again changes nothing. --max_epochs is not
-/// among them: limit_epochs() (config/schedule.h) has to know which options were given, so commands apply it before.
+/// Returns the options with these limits. A second application changes nothing. --max_epochs is not included, because
+/// limit_epochs() (config/schedule.h) has to know which options were given. Commands apply it before this.
 TrainConfig with_scene_limits(TrainConfig config, const Scene& scene);
 
-/// A warning if many of the points ([N, 3]) that training views see are nearer than the near plane, which leaves them
-/// out, or if no view sees any point; otherwise empty. Both are in the frame of the scene.
+/// Returns a warning if over 5 % of the points ([N, 3], in the frame of the scene) that training views see are nearer
+/// than the near plane in most of these views, or if no view sees any point. Otherwise returns "".
 std::string near_plane_warning(const std::vector<float>& points, const std::vector<View>& views, double near_plane);
 
 }  // namespace b3dgs

@@ -1,10 +1,11 @@
 // One step: view, SH degree, forward pass, loss, backward pass with Adam, density statistics.
 //
-// The original 3DGS differs in two places. It runs density control before Adam; that replaces the parameters, so the
-// gradients of such a step are lost. Here they are used. And it skips Adam in the very last iteration; here all
-// iterations are alike, so that a training resumed with more iterations equals one that never stopped. Each affects
-// at most one step in a hundred. As in the original, an iteration's evaluation and PLY show the model before that
-// iteration's density control; otherwise an opacity reset would show in the figures.
+// Two things differ from the original 3DGS. The original runs density control before Adam, which replaces the
+// parameters, so the gradients of such a step are lost. Here Adam comes first and uses them. The original also skips
+// Adam in the very last iteration. Here all iterations are alike, so that a training resumed with more iterations
+// equals one that never stopped. Each difference affects at most one step in a hundred. As in the original, the
+// evaluation and PLY of an iteration show the model before that iteration's density control. Otherwise they would show
+// a model right after an opacity reset.
 #include "train/step.h"
 
 #include <algorithm>
@@ -65,14 +66,14 @@ StepOutcome take_step(Training& training, LastStep& before) {
     RenderSettings settings = step_settings(training, iteration);
     settings.camera_gradient = training.views.poses.refines(view.index, iteration);
     const RenderedView rendered = render_view(view, iteration, [&] {
-      // On a GPU, forward() then also applies deferred updates (DeferredSh is the ColorPass).
+      // On a GPU, forward() then also applies deferred updates, with DeferredSh as the ColorPass.
       settings = optimizer.begin_view(state.gaussians, state.adam, training.kernels.begin_view(iteration, settings));
       return training.rasterizer.forward(state.gaussians, view.camera, settings);
     });
     if (is_kept) optimizer.make_room_for_view(state.gaussians);
     outcome.sizes.push_back(measure_view(training, iteration));
 
-    // The device has finished the view before by now.
+    // By now the device has finished the previous view, so reading its loss costs little.
     training.views.poses.take_queued_steps();
     read_losses(training, before, before.unread_losses);
     read_losses(training, before, outcome.unread_losses);
@@ -101,11 +102,13 @@ void begin_step(Training& training, int last) {
   const TrainConfig& config = training.config;
   TrainState& state = training.state;
   const int from = state.iteration;
-  const auto has_multiple = [&](int interval, int phase) {  // a k in the step with k % interval == phase
+  const auto has_multiple = [&](int interval,
+                                int phase) {  // whether an iteration k of the step has k % interval == phase
     return (last - phase + interval) / interval > (from - phase + interval) / interval;
   };
-  // Consecutive steps are similar, so one in a hundred is timed. Not a multiple of 100: there density control changes
-  // the number of Gaussians, and the next step reallocates. Filters follow the means, which move slowly.
+  // One step in a hundred is timed, because consecutive steps are similar. It is not at a multiple of 100, where
+  // density control may change the number of Gaussians so that the next step reallocates. Filters are updated as
+  // rarely, because the means that they depend on move slowly.
   constexpr int kInterval = 100, kTimedPhase = 50, kFilterPhase = 1;
   if (training.hooks.on_stage_times || has_multiple(kInterval, kTimedPhase)) {
     training.timer.start(StageTimes::Kind::kStep);
@@ -154,7 +157,7 @@ ViewSize measure_view(Training& training, int iteration) {
   const std::int64_t bytes = training.rasterizer.memory_bytes();
   if (bytes != std::exchange(training.view_bytes, bytes)) training.trim_memory();
   ViewSize size = training.rasterizer.view_size();
-  // At its full size, a splat touches at most as many times more tiles.
+  // At full size, a splat touches at most scale^2 times as many tiles.
   const std::int64_t scale = coarse_scale_at(training.config, iteration);
   size.n_pairs *= scale * scale;
   return size;
@@ -177,13 +180,13 @@ RegularizationWeights regularization(const Training& training, const LastStep& b
 
 void finish_step(Training& training, const std::vector<StepView>& views, const torch::Tensor& model_rows) {
   TrainState& state = training.state;
-  if (training.optimizer.n_kept_views() > 0) {  // else backward_and_step() has stepped
+  if (training.optimizer.n_kept_views() > 0) {  // otherwise backward_and_step() has taken the step
     training.optimizer.step_views(adam_rates(training.config, training.scene.extent, state.iteration), state.gaussians,
                                   state.adam, &training.timer);
   }
   training.views.poses.queue_step();
   if (training.device.is_cpu()) training.views.poses.take_queued_steps();
-  // The appearance of each photograph takes a step for each view.
+  // Each photograph's appearance takes one Adam step.
   if (AppearanceModel* const appearance = training.objective.appearance()) {
     training.timer.begin(Stage::kOptimizer);
     for (std::size_t place = 0; place < views.size(); ++place) {
@@ -222,7 +225,7 @@ void add_loss(Training& training, LastStep& before, const StepView& view, double
   }
   double& average = training.state.loss_average;
   average = view.iteration == 1 ? value : 0.4 * value + 0.6 * average;
-  // A roll-back keeps it.
+  // A roll-back to the last step must not undo this.
   if (view.iteration <= before.position.iteration) before.position.loss_average = average;
 }
 

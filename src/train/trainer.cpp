@@ -30,7 +30,7 @@ bool is_out_of_memory(const std::exception& error) {
   if (dynamic_cast<const Error*>(&error) != nullptr) return false;
   return dynamic_cast<const std::bad_alloc*>(&error) != nullptr ||
          dynamic_cast<const c10::OutOfMemoryError*>(&error) != nullptr ||
-         std::strstr(error.what(), "allocate memory") != nullptr ||  // LibTorch's on a CPU
+         std::strstr(error.what(), "allocate memory") != nullptr ||  // LibTorch's message on a CPU
          std::strstr(error.what(), "out of memory") != nullptr;
 }
 
@@ -95,7 +95,7 @@ std::vector<std::string> Trainer::resume(const std::filesystem::path& checkpoint
   if (!config_.antialiasing) state_.gaussians.filters = torch::Tensor();
   team_->distribute_model();
   training_->prepare_appearance();
-  // Another strategy may record something else: it starts a new round of statistics.
+  // Another strategy may have other statistics, so a new round of statistics begins.
   if (read.config.strategy != config_.strategy) {
     state_.statistics = training_->density->make_statistics(state_.gaussians.size(), training_->device);
   }
@@ -103,9 +103,9 @@ std::vector<std::string> Trainer::resume(const std::filesystem::path& checkpoint
   recorder_.resume_from(checkpoint, state_.elapsed_s);
   result_.first_iteration = state_.iteration;
   training_->kernels.restore(state_.kernel_selection, checkpoint.string());
-  std::error_code error;  // ignored: then the folders differ
+  std::error_code error;  // ignored: on an error the folders count as different
   if (std::filesystem::equivalent(read.config.model_path, config_.model_path, error)) {
-    read.config.model_path = config_.model_path;  // the same folder, named in another way
+    read.config.model_path = config_.model_path;  // the same folder under another name
   }
   changed_options_ = config_differences(read.config, config_);
   return changed_options_;
@@ -161,15 +161,15 @@ void Trainer::run_iteration() {
   const bool is_last = state_.iteration == config_.iterations;
   const OutputPlan plan = output_plan(config_, state_.first_of_step(), state_.iteration, !scene_.test.empty());
   const bool uses_device = plan.statistics || plan.evaluate || plan.save;
-  // Reading the loss waits for most of the step on a GPU.
+  // On a GPU, reading the loss waits for most of the step, so it is done only if needed.
   const bool ends = team_->requests().stop;
   if (plan.log || uses_device || plan.checkpoint || ends) time_.train([&] { steps_->read_losses(); });
   if (uses_device || plan.checkpoint || ends) time_.train([&] { training_->flush(); });
   if (uses_device) {
     time_.output([&] { write_outputs(plan); });
   } else if (plan.log) {
-    // The device is still computing. Counting the line as output would mean waiting for the device, and would not count
-    // the part of the step that runs meanwhile.
+    // The device is still computing. Counting the log line as output would mean waiting for the device, and would not
+    // count the part of the step that runs meanwhile.
     time_.train([&] { write_outputs(plan); });
   }
   if (is_last) {
@@ -179,7 +179,7 @@ void Trainer::run_iteration() {
       });
     });
   }
-  // If the last PLY could not be written, density control is left to the resumed training: it writes that PLY first.
+  // If the last PLY could not be written, density control is left to the resumed training, which writes that PLY first.
   if (!is_last || team_->ask_first("files", recorder_.failed_files().empty()))
     time_.train([&] { density_control_->run(); });
   if (training_->hooks.wants_model && training_->hooks.wants_model()) show_model();
@@ -217,7 +217,7 @@ Evaluation Trainer::evaluate(const std::vector<View>& views, const RenderedFn& o
 
 std::filesystem::path Trainer::write_checkpoint() {
   B3DGS_CHECK(has_begun_, "write_checkpoint() before run()");
-  // Files that are still being written are those of a training that goes on.
+  // A failure of files that are still being written is only a warning, as during training.
   recorder_.wait_for_files();
   recorder_.collect_files();
   recorder_.set_ending(true);  // the file is on disk when write_state() returns

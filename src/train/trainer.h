@@ -1,8 +1,8 @@
-// Trains a model, from the start or a checkpoint to its end or a failure: takes the steps and does what is due between
-// them, and writes what the user gets. The public interface.
+// The public interface of training. A Trainer trains a model from the start or from a checkpoint. It takes the steps,
+// does the work that is due between them, and writes all output files.
 //
-//   trainer.cpp          the loop, and what happens when it fails
-//   trainer_outputs.cpp  the start of a session, and what an iteration evaluates, logs and saves
+//   trainer.cpp          the training loop, and the handling of failures
+//   trainer_outputs.cpp  the start of a session, and evaluation, logging and saving
 #pragma once
 
 #include <cstdint>
@@ -40,79 +40,83 @@ class Trainer {
   /// @throws InputError if the file is damaged or does not belong to this scene
   std::vector<std::string> resume(const std::filesystem::path& checkpoint);
 
-  /// Runs to config.iterations (or the stop signal), writing the folder's files on the way. Gaussians that cannot be
-  /// rendered are removed; files that cannot be written on the way cause a warning; training continues in both cases.
-  /// After a stop signal, the model is left as a checkpoint and a PLY.
-  /// An error that ends training leaves a checkpoint of the last complete iteration and names it. If the loss is not
-  /// finite, the model may be damaged: no checkpoint is written, and the error names the last one before.
-  /// @throws InputError if the folder holds the model of another training, or a photograph cannot be read; IoError if
-  /// the last files cannot be written; NumericError with iteration and view; OutOfMemoryError
-  /// With `until` (at most config.iterations), returns after that iteration; call it again to continue. The result is
-  /// the same as that of a single run(). The device has finished when this returns, so that trainers can take turns
-  /// without affecting each other's times.
+  /// Trains to config.iterations, or until the stop signal, and writes the files of the model folder on the way.
+  /// Training continues if Gaussians cannot be rendered, which are removed, and if a file cannot be written on the way,
+  /// which causes a warning. After a stop signal, it writes a checkpoint and a PLY.
+  /// If an error ends the training, the last complete iteration is saved as a checkpoint and the error names it. If the
+  /// loss is not finite, the model may be damaged. Then no checkpoint is written, and the error names the last one
+  /// before.
+  /// With `until` (at most config.iterations), returns after that iteration. Call it again to continue. The result is
+  /// the same as that of a single run(). The device is idle when this returns, so that trainers can take turns without
+  /// affecting each other's times.
+  /// @throws InputError if the folder contains the model of another training, or a photograph cannot be read; IoError
+  /// if the last files cannot be written; NumericError with iteration and view; OutOfMemoryError
   TrainResult run(std::optional<int> until = std::nullopt);
 
-  /// Last iteration done.
+  /// Returns the last completed iteration.
   int iteration() const { return state_.iteration; }
 
-  /// Renders `views` with the current model and computes their PSNR and SSIM; training views with their refined poses.
-  /// Call run() first. Of several processes, all call this together, except in TrainHooks::on_result; the result
-  /// is in the first one.
+  /// Renders `views` with the current model and computes their PSNR and SSIM. Training views have their refined poses.
+  /// Call run() first. With several processes, all call this together, except in TrainHooks::on_result, and the first
+  /// one gets the result.
   Evaluation evaluate(const std::vector<View>& views, const RenderedFn& on_rendered = {});
 
-  /// Writes a checkpoint of the current state and waits for it. Call run() first. @throws IoError
+  /// Writes a checkpoint of the current state, waits for it and returns its path. Call run() first. @throws IoError
   std::filesystem::path write_checkpoint();
 
-  /// The same, and writes the PLY of this iteration, for viewers, unless there is one. A PLY that cannot be written
-  /// causes a warning. Returns the checkpoint. Not with several processes.
+  /// Does the same, and also writes the PLY of this iteration unless it exists. If the PLY cannot be written, this
+  /// causes a warning only. Returns the path of the checkpoint. Not with several processes. @throws IoError
   std::filesystem::path save();
 
-  /// One iteration with its density control, without any output. For benchmarks.
+  /// Takes one step with its density control, without any output. For benchmarks.
   void step();
 
   /// Waits until the device has finished all steps, and reports the remaining stage times.
   void wait();
 
-  /// Where the photographs are stored, on one line: "for training 80 in memory (122.9 MB); for testing none".
+  /// Returns where the photographs are stored, on one line: "for training 80 in memory (122.9 MB); for testing none".
   std::string describe_images() const;
 
   std::int64_t n_gaussians() const { return state_.n_gaussians(); }
-  int sh_degree() const { return state_.sh_degree; }  // currently optimised
+  int sh_degree() const { return state_.sh_degree; }  // optimised at present
 
-  /// GPU memory that training is going to use; nothing on a CPU. Makes the initial Gaussians unless there are some.
+  /// Returns the forecast of the GPU memory, or nothing on a CPU. Creates the initial Gaussians if there are none yet.
   std::optional<MemoryForecast> forecast_memory();
 
  private:
   // trainer.cpp
-  /// Makes the initial Gaussians unless there are some.
+  /// Creates the initial Gaussians if there are none yet.
   void ensure_model();
-  /// One step and everything that is due after it.
+  /// Takes one step, and does everything that is due after it.
   void run_iteration();
+  /// Calls TrainHooks::on_model with the current model.
   void show_model();
   /// Writes a checkpoint if the state is consistent, and throws `cause` with the checkpoint's path.
   [[noreturn]] void end_with_checkpoint(const std::exception& cause);
-  /// The end of the error message: where training can be resumed.
+  /// Writes a checkpoint if the state is consistent. Returns the end of an error message, which says where training can
+  /// be resumed.
   std::string save_last_state();
 
   // trainer_outputs.cpp
   /// Prepares the first step of this session. Does nothing when called again.
   void begin();
-  /// Marks the folder as the one of this training, and sets aside what it holds of later iterations.
+  /// Marks the folder as that of this training, and moves files of later iterations aside.
   void claim_folder();
   void warn_of_disk_space();
-  /// Calls work() in the first process.
+  /// Reads back the losses, then calls work() in the first process.
   void render_on_first(const std::function<void(const RenderModelFn&)>& work);
   void write_outputs(const OutputPlan& plan);
   void log_load(const RenderModelFn& render);
   void log_floaters();
   Evaluation evaluate_with(const RenderModelFn& render, const std::vector<View>& views, const RenderedFn& on_rendered);
   void write_ply();
-  /// cameras.json and poses.json, with the refined poses.
+  /// Writes cameras.json and poses.json with the refined poses, if there are any.
   void write_poses();
   void write_state();
 
   const std::unique_ptr<Training> training_;
-  const TrainConfig& config_;  // these are of training_
+  // Members of training_.
+  const TrainConfig& config_;
   const Scene& scene_;
   TrainState& state_;
   TimeAccount& time_;
@@ -120,11 +124,11 @@ class Trainer {
   std::unique_ptr<Team> team_;
   std::unique_ptr<StepRecovery> steps_;
   std::unique_ptr<DensityControl> density_control_;
-  std::unique_ptr<OwnFiles> own_files_;  // of the folder, while it is written
+  std::unique_ptr<OwnFiles> own_files_;  // marks the folder as in use
   TrainResult result_;
   bool has_begun_ = false;
-  std::filesystem::path resumed_;             // checkpoint
-  std::vector<std::string> changed_options_;  // since that checkpoint was written
+  std::filesystem::path resumed_;             // path of the checkpoint
+  std::vector<std::string> changed_options_;  // compared with that checkpoint
 };
 
 }  // namespace b3dgs

@@ -28,14 +28,14 @@ void Trainer::claim_folder() {
   folder.write_inputs(config_, scene_);
   write_poses();
   if (!state_.poses.is_defined()) folder.clear(folder.poses());
-  // Those of an earlier session; each PLY keeps its own beside it.
+  // Exposures of an earlier session. Each PLY keeps its own copy beside it.
   if (!state_.appearance.exposures.defined()) folder.clear(folder.exposures());
 }
 
 void Trainer::warn_of_disk_space() {
   const std::int64_t n = state_.n_gaussians();
   FirstFiles files{n, ply_bytes(n, config_.sh_degree), checkpoint_bytes(state_)};
-  if (config_.antialiasing && !state_.gaussians.filters.defined()) {  // until the first step
+  if (config_.antialiasing && !state_.gaussians.filters.defined()) {  // computed in the first step
     files.checkpoint_bytes += n * static_cast<std::int64_t>(sizeof(float));
   }
   const std::filesystem::path& root = training_->folder.root();
@@ -68,13 +68,13 @@ void Trainer::begin() {
                                  ", Adam's epsilon / ", root, ", betas to the power of ", config_.batch));
   }
   warn_of_disk_space();
-  // If the session before ended between a step and its density control, what was left of that iteration is done now.
+  // If the previous session ended between a step and its density control, the rest of that iteration is done now.
   const bool is_complete = state_.iteration == config_.iterations;
   const bool wants_ply =
       state_.iteration > 0 && output_plan(config_, state_.first_of_step(), state_.iteration, false).save;
   const bool lacks_ply =
       team_->ask_first("missing PLY", wants_ply && !std::filesystem::exists(training_->folder.ply(state_.iteration)));
-  // A complete training that is resumed in another folder has its files there, too.
+  // A complete training that is resumed in another folder writes its files there, too.
   const bool lacks_checkpoint = team_->ask_first(
       "missing checkpoint",
       state_.n_density_pending > 0 || !std::filesystem::exists(training_->folder.checkpoint(state_.iteration)));
@@ -93,12 +93,13 @@ void Trainer::render_on_first(const std::function<void(const RenderModelFn&)>& w
   team_->render_on_first(work);
 }
 
-/// How uneven the load of some views is: always the same views, so that the log shows the effect of training only.
+/// Logs how uneven the load of some views is. These are always the same views, so that the log shows the effect of
+/// training only.
 void Trainer::log_load(const RenderModelFn& render) {
   constexpr int kMostViews = 4;
   const int n = std::min(kMostViews, training_->views.size());
   RenderSettings settings = evaluation_settings(config_, state_.sh_degree);
-  settings.kernel = kernel_named(training_->kernels.kernel());  // the tiles are those that training blends
+  settings.kernel = kernel_named(training_->kernels.kernel());  // so that tiles are those of training
   settings.keep_for_backward = false;
   std::vector<ViewLoad> loads;
   for (int i = 0; i < n; ++i) {
@@ -125,7 +126,7 @@ void Trainer::log_floaters() {
     recorder_.log_event(
         state_.iteration, "floaters",
         {{"unseen", count.unseen}, {"one_view", count.one_view}, {"close", count.close}, {"large", count.large}});
-  } catch (const OutOfMemoryError&) {  // the model that has been trained is worth more than this count
+  } catch (const OutOfMemoryError&) {  // a failure of this count must not end the training
     recorder_.say("floaters were not counted: not enough memory");
   } catch (const std::exception& error) {
     recorder_.say("floaters were not counted: " + first_line(error.what()));

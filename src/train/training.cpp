@@ -24,7 +24,7 @@ void wait_for(torch::Device device) {
   if (device.is_cuda()) torch::cuda::synchronize();
 }
 
-/// Returns the largest view, with the lens that has the most splats for a Gaussian.
+/// Returns the camera with the most pixels, combined with the lens that needs the most splats per Gaussian.
 CameraView find_largest(const std::vector<CameraView>& views) {
   CameraView largest = *std::max_element(views.begin(), views.end(), [](const CameraView& a, const CameraView& b) {
     return std::int64_t{a.width} * a.height < std::int64_t{b.width} * b.height;
@@ -63,7 +63,7 @@ Training::Training(const FinalConfig& final_config, const Scene& of, ModelFolder
       time(hooks.clock_s ? hooks.clock_s : steady_clock_s, [where = device] { wait_for(where); }),
       recorder({config, folder, hooks, state, time, *memory, timer, scene.frame}, whole_device) {
   for (const std::string& warning : objective.warnings()) recorder.warn(warning);
-  hold_images(scene.test, hooks.on_loading);  // in the host memory that the training views have left
+  hold_images(scene.test, hooks.on_loading);  // in the host memory that the training views leave free
   if (views.size() == 0) input_error(scene.source_path, ": no training views");
   std::vector<CameraView> cameras;
   for (const View& view : scene.train) cameras.push_back(to_camera_view(view.camera));
@@ -78,7 +78,7 @@ std::string Training::resume_words(const std::filesystem::path& checkpoint) cons
 
 std::string Training::last_checkpoint() const {
   if (!hooks.make_team) return recorder.last_checkpoint();
-  const std::vector<int> iterations = folder.checkpoint_iterations();  // the first process has written them
+  const std::vector<int> iterations = folder.checkpoint_iterations();  // written by the first process
   if (iterations.empty()) return "; last checkpoint: none was written";
   const std::filesystem::path last = folder.checkpoint(iterations.back());
   return "; last checkpoint: " + last.string() + ", " + resume_words(last);
@@ -103,7 +103,7 @@ void Training::update_filters(bool is_due) {
 MemoryRemedy Training::wait_for_files() {
   return [this] {
     if (!recorder.is_writing()) return false;
-    recorder.wait_for_files();  // frees the copies on the device that they are written from
+    recorder.wait_for_files();  // frees the copies on the device that the files are written from
     return true;
   };
 }
@@ -118,7 +118,7 @@ MemoryRemedy Training::free_scratch() {
 
 MemoryRemedy Training::release_photographs() {
   return [this] {
-    // About the size of the model's largest tensor, since the next views may need that much again.
+    // The next views may need as much as the model's largest tensor, which is about a quarter of the state.
     constexpr std::int64_t kAtLeast = std::int64_t{256} << 20;
     const std::int64_t freed = views.images.release_resident(std::max(kAtLeast, state_bytes(state) / 4));
     if (freed == 0) return false;

@@ -1,4 +1,5 @@
-// Shared by the parts of a training. A Trainer owns it, and it outlives everything that refers to it.
+// State and services shared by the parts of a training. A Trainer owns it, and it outlives everything that refers to
+// it.
 #pragma once
 
 #include <filesystem>
@@ -32,36 +33,36 @@ struct Training {
   /// @throws InputError as Trainer does
   Training(const FinalConfig& final_config, const Scene& scene, ModelFolder folder, TrainHooks hooks);
 
-  /// Whether the user has asked for an end.
+  /// Returns whether the stop signal is set.
   bool is_stopped() const { return hooks.stop_signal != nullptr && hooks.stop_signal->load() != 0; }
 
-  /// How to continue from a checkpoint.
+  /// Returns the advice how to continue from a checkpoint: "continue with --resume PATH".
   std::string resume_words(const std::filesystem::path& checkpoint) const;
-  /// "; last checkpoint: PATH", to be appended to an error.
+  /// Returns "; last checkpoint: PATH", to append to an error message.
   std::string last_checkpoint() const;
 
-  /// Makes the appearance state, unless that of a checkpoint fits; drops it if no option asks for it.
+  /// Creates the appearance state unless that of a checkpoint fits. Drops it if no option needs it.
   void prepare_appearance();
-  /// With --antialiasing, computes the filters of the Gaussians if that is due or rows have changed. All processes call
-  /// it together.
+  /// With --antialiasing, computes the 3D filters of the Gaussians if an update is due or Gaussians were added or
+  /// removed. All processes call it together.
   void update_filters(bool is_due);
-  /// Applies the deferred optimizer updates, which is part of training.
+  /// Applies the deferred optimizer updates. Its time counts as training.
   void flush() {
     if (state.gaussians.size() > 0) optimizer.flush(state.gaussians, state.adam);
   }
-  /// The state without deferred updates, and with filters for anti-aliasing.
+  /// Returns the state without deferred updates, and with filters for anti-aliasing.
   TrainState& flushed_state() {
     flush();
     update_filters(/*is_due=*/false);
     return state;
   }
 
-  // Remedies for a lack of memory.
+  // Remedies for a lack of memory, in the order in which they are tried.
   MemoryRemedy wait_for_files();
   MemoryRemedy free_scratch();
   MemoryRemedy release_photographs();
   std::vector<MemoryRemedy> remedies() { return {wait_for_files(), free_scratch(), release_photographs()}; }
-  /// Returns memory that the allocator caches beyond a share.
+  /// Returns cached memory to the device if the allocator caches more than a certain share.
   void trim_memory() {
     if (keeps_too_much(memory->use())) memory->release_unused();
   }
@@ -84,18 +85,18 @@ struct Training {
   TrainState state;  // use flushed_state() to read SH coefficients beyond degree 0 or their Adam moments
   TrainingViews views;
   EmptyViews empty_views;
-  CameraView largest_view{};                         // memory is planned for it
-  std::int64_t view_bytes = 0;                       // of the rasterizer's buffers after the last view
+  CameraView largest_view{};                         // memory is planned for this view
+  std::int64_t view_bytes = 0;                       // size of the rasterizer's buffers after the last view
   std::optional<SmoothingFilter> smoothing_filter;   // with --antialiasing
-  SmoothingFilter::FindLargest find_largest_filter;  // of several processes
+  SmoothingFilter::FindLargest find_largest_filter;  // with several processes only
   StageTimer timer;
   TimeAccount time;
   TrainRecorder recorder;
-  nlohmann::ordered_json fingerprint;  // of the scene, for checkpoints; null until the first step
-  bool is_consistent = true;           // `state`; false while, or after, a change to it was interrupted halfway
+  nlohmann::ordered_json fingerprint;  // identifies the scene in checkpoints; null until the first step or resume()
+  bool is_consistent = true;           // false while `state` is being changed, and after a change that failed halfway
 };
 
-/// Identifies the scene in a checkpoint.
+/// Returns the data that identify the scene, and with --depths the depth maps, in a checkpoint.
 nlohmann::ordered_json scene_identity(const Training& training);
 
 }  // namespace b3dgs

@@ -59,7 +59,7 @@ TrainView ViewReducer::reduce(const TrainView& view, const Image8* mask, int sca
     args.reduced_valid = valid_.data_ptr<std::uint8_t>();
   }
   if (view.empty.defined()) {
-    // Only pixels all of whose parts are empty.
+    // A reduced pixel is empty if all pixels that it covers are.
     reduced.empty = view.empty.slice(0, 0, height * scale)
                         .slice(1, 0, width * scale)
                         .reshape({height, scale, width, scale})

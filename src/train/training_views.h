@@ -1,5 +1,5 @@
-// The training views as a step uses them: the photograph on the device, the camera with its refined pose, and both at a
-// part of their size while training goes from coarse to fine (--coarse_scale, src/config/coarse_schedule.h).
+// Training views as a step uses them: the photograph on the device, and the camera with its refined pose. While
+// training goes from coarse to fine (--coarse_scale, src/config/coarse_schedule.h), both are reduced in size.
 #pragma once
 
 #include <torch/types.h>
@@ -20,19 +20,19 @@
 
 namespace b3dgs {
 
-/// The view at 1 / scale of its size. A point that projects to (x, y) then projects to (x / scale, y / scale); pixel
-/// (i, j) covers the scale x scale pixels whose mean reduce_pixel() takes. Pixels left over at the right and at the
-/// bottom are outside.
+/// Returns the camera for an image reduced by the factor `scale`. A point that projects to (x, y) then projects to (x /
+/// scale, y / scale), and pixel (i, j) covers the scale x scale pixels that reduce_pixel() averages. Remaining pixels
+/// at the right and the bottom are cut off.
 CameraView reduced_camera(const CameraView& camera, int scale);
 
-/// Reuses its buffers from step to step.
+/// Reduces views. Buffers are reused from step to step.
 class ViewReducer {
  public:
   explicit ViewReducer(torch::Device device) : device_(device) {}
 
-  /// The view with reduced camera, photograph and mask, valid until the next call, on the current stream. `mask` is the
-  /// host's copy of view.valid, by which its reduced pixels are counted without waiting for a GPU; null if all pixels
-  /// count. It must stay alive and unchanged as long as this. Scale 1 returns the view itself. Asynchronous on a GPU.
+  /// Returns the view with reduced camera, photograph and mask, valid until the next call, on the current stream.
+  /// `mask` is the host's copy of view.valid, or null if all pixels count. The reduced pixels are counted on it without
+  /// waiting for a GPU. It must outlive this object unchanged. Scale 1 returns the view itself. Asynchronous on a GPU.
   TrainView reduce(const TrainView& view, const Image8* mask, int scale);
 
  private:
@@ -40,12 +40,12 @@ class ViewReducer {
 
   torch::Device device_;
   torch::Tensor truth_, truth_room_, valid_, valid_room_;
-  std::map<std::pair<const Image8*, int>, std::int64_t> n_valid_;  // of a mask at a scale
+  std::map<std::pair<const Image8*, int>, std::int64_t> n_valid_;  // by mask and scale
 };
 
 class TrainingViews {
  public:
-  /// `config`, `scene` and `poses` must outlive this. `budget_bytes`: of photographs that stay on a GPU.
+  /// `config`, `scene` and `poses` must outlive this object. `budget_bytes` limits the photographs that stay on a GPU.
   TrainingViews(const TrainConfig& config, const Scene& scene, PoseState& poses, torch::Device device,
                 std::int64_t budget_bytes, const ProgressFn& progress)
       : poses(config, scene, poses),
@@ -56,16 +56,17 @@ class TrainingViews {
 
   std::int32_t size() const { return images.size(); }
 
-  /// The next `n` views of a training.
+  /// Returns the next `n` views in this order.
   std::vector<std::int32_t> upcoming(const ViewOrder& order, std::size_t n) const {
     return order.upcoming(config_.seed, images.size(), n);
   }
 
-  /// The view for this iteration, valid until the next call; `next`: the views that will be taken after it.
+  /// Returns the view for this iteration, valid until the next call. `next` lists the views that will be used after it,
+  /// to be read ahead.
   /// @throws InputError if the photograph cannot be read
   TrainView take(std::int32_t view, int iteration, const std::vector<std::int32_t>& next);
 
-  /// The camera that take() would return.
+  /// Returns the camera that take() would return.
   CameraView camera(std::int32_t view, int iteration);
 
   PoseRefiner poses;
@@ -79,17 +80,17 @@ class TrainingViews {
   ViewReducer reducer_;
 };
 
-/// The training views in which no Gaussian was visible when they were rendered last.
+/// Counts the training views in which no Gaussian was visible when they were last rendered.
 class EmptyViews {
  public:
-  /// `views` must outlive this.
+  /// `views` must outlive this object.
   explicit EmptyViews(const std::vector<View>& views) : views_(views), is_empty_(views.size()) {}
 
-  /// Adds a view that was rendered. Returns whether it was the last view to be rendered for the first time.
+  /// Records a rendered view. Returns true if as many views have been rendered as there are training views.
   bool add(std::int32_t view, bool is_empty);
-  /// Renders in this session.
+  /// Returns the number of views rendered in this session.
   std::size_t n_rendered() const { return n_rendered_; }
-  /// Returns a warning if half of the views are empty, or more than at the last warning; else "".
+  /// Returns a warning if half of the views are empty, or more than at the last warning. Otherwise returns "".
   std::string take_warning();
 
  private:
