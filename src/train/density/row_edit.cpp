@@ -34,20 +34,20 @@ std::vector<std::int64_t> sizes_with_rows(const torch::Tensor& tensor, std::int6
   return sizes;
 }
 
-/// Rows that fit into the tensor's storage, counted from its first row.
+/// Returns the number of rows that fit into the tensor's storage, counted from its first row.
 std::int64_t stored_rows(const torch::Tensor& tensor) {
   const auto n = static_cast<std::int64_t>(tensor.storage().nbytes() / tensor.itemsize()) - tensor.storage_offset();
   return row_elements(tensor) > 0 ? n / row_elements(tensor) : std::numeric_limits<std::int64_t>::max();
 }
 
-/// The first n_rows of that storage, whatever the tensor's own size.
+/// Returns the first n_rows of that storage, regardless of the tensor's own size.
 torch::Tensor with_rows(const torch::Tensor& tensor, std::int64_t n_rows) {
   B3DGS_CHECK(tensor.is_contiguous() && n_rows <= stored_rows(tensor), n_rows, " rows in storage for ",
               stored_rows(tensor));
   return tensor.as_strided(sizes_with_rows(tensor, n_rows), tensor.strides());
 }
 
-/// Rows moved at a time.
+/// Returns the number of rows to move at a time.
 std::int64_t piece_rows(const torch::Tensor& tensor, std::int64_t piece_elements) {
   return std::max<std::int64_t>(1, piece_elements / std::max<std::int64_t>(1, row_elements(tensor)));
 }
@@ -57,7 +57,7 @@ void edit_tensor(const RowEdit& edit, std::int64_t piece, const torch::Tensor& s
                  bool copies_new) {
   const std::int64_t n_rows = edit.sources.size(0), n_new = n_rows - edit.n_kept, per_row = row_elements(tensor);
   const torch::Tensor elements = scratch.view(tensor.scalar_type());
-  // Copies the rows of sources [begin, end) to the scratch, from its row `at` on.
+  // Copies the rows sources[begin, end) to the scratch memory, starting at its row `at`.
   const auto gather = [&](std::int64_t at, std::int64_t begin, std::int64_t end) {
     torch::Tensor rows =
         elements.slice(0, at * per_row, (at + end - begin) * per_row).view(sizes_with_rows(tensor, end - begin));
@@ -67,7 +67,7 @@ void edit_tensor(const RowEdit& edit, std::int64_t piece, const torch::Tensor& s
   torch::Tensor new_rows;
   if (copies_new) new_rows = gather(0, edit.n_kept, n_rows);
   torch::Tensor result = with_rows(tensor, n_rows);
-  // Kept rows stay in place or move to a lower index: no piece overwrites what a later one reads.
+  // Kept rows stay at their index or move to a lower one, so no piece overwrites rows that a later piece reads.
   for (std::int64_t begin = 0; begin < edit.n_kept; begin += piece) {
     const std::int64_t end = std::min(begin + piece, edit.n_kept);
     result.slice(0, begin, end).copy_(gather(n_new, begin, end));
@@ -99,7 +99,8 @@ void RowEditor::reserve(const RowEdit& edit, std::int64_t n_room, GaussianTensor
                 " rows, but has ", added->size(0), " new values");
   }
   B3DGS_CHECK(n_room >= n_rows, "reserving ", n_room, " rows for an edit of ", n_rows);
-  std::int64_t n_scratch = 0;  // of one tensor: its new rows, which are read before their sources move, and one piece
+  std::int64_t n_scratch =
+      0;  // largest need of a tensor: its new rows, which are read before their sources move, and one piece
   visit_rows(gaussians, adam, statistics, [&](torch::Tensor& tensor) {
     const std::int64_t n_moved = std::min(edit.n_kept, piece_rows(tensor, piece_elements_));
     n_scratch = std::max(n_scratch, (n_new + n_moved) * row_elements(tensor));

@@ -1,5 +1,5 @@
-// Strategy budget for one Gaussian: the key by which parents are drawn, and the two parts that replace a parent. The
-// same arithmetic on CPU and GPU, in double.
+// Strategy budget for one Gaussian: the random key for drawing parents, and the two parts that replace a parent. CPU
+// and GPU compute the same, in double.
 #pragma once
 
 #include <cmath>
@@ -11,16 +11,16 @@
 
 namespace b3dgs {
 
-/// All arrays are on one device.
+/// Arguments of draw_parent_key(). All arrays are on one device.
 struct ParentKeyArgs {
-  const std::int64_t* rows = nullptr;  // [n] candidates
+  const std::int64_t* rows = nullptr;  // [n] indices of the candidates
   const float* scores = nullptr;       // [N] above 0 for candidates
   RandomKey key{};
   float* keys = nullptr;  // [n] out
 };
 
-/// Key ln(u) / score of candidate i, with u uniform in (0, 1). The candidates with the k largest keys are a sample
-/// without replacement, with probabilities proportional to the scores (Efraimidis and Spirakis 2006).
+/// Writes key ln(u) / score of candidate i, with u uniform in (0, 1). The candidates with the k largest keys are a
+/// sample without replacement, with probabilities proportional to the scores (Efraimidis and Spirakis 2006).
 B3DGS_HD void draw_parent_key(const ParentKeyArgs& args, std::int64_t i) {
   const std::int64_t row = args.rows[i];
   const std::uint32_t bits = random_bits(args.key, static_cast<std::uint64_t>(row))[0];
@@ -28,26 +28,29 @@ B3DGS_HD void draw_parent_key(const ParentKeyArgs& args, std::int64_t i) {
   args.keys[i] = static_cast<float>(std::log(uniform) / static_cast<double>(args.scores[row]));
 }
 
+/// The parts of a split Gaussian relative to their parent.
 struct SplitShape {
-  double distance;              // of a part from its parent, in standard deviations along the longest axis
-  double longest;               // factor of that axis
-  double opacity, per_opacity;  // the factor of the parent's opacity o is opacity + per_opacity o
+  double distance;              // from the mean of the parent, in its standard deviations along the longest axis
+  double longest;               // factor of the scale along that axis
+  double opacity, per_opacity;  // the opacity is o (opacity + per_opacity o), where o is the parent's
 };
 
-/// kPreserve: the opacities of the parts that come closest to the parent's image, with both parts and the parent
-/// composited, are 0.577 o for small o and 0.683 o for o = 1; a line fits those between to 2 %. The difference to the
-/// parent's image, root mean square, is then 2 to 11 % of the image; it is 24 to 28 % with kMoments.
+/// With kPreserve, the opacities of the parts are those that approximate the parent's image best, with both parts and
+/// the parent composited. The best opacity is 0.577 o for small o and 0.683 o for o = 1, and a line fits those between
+/// to 2 %. The root mean square difference from the parent's image is then 2 to 11 % of the image. With kMoments, it is
+/// 24 to 28 %.
 B3DGS_HD SplitShape split_shape(SplitRule rule) {
-  if (rule == SplitRule::kMoments) return {0.8, 0.6, 0.5 / 0.6, 0};  // keeps the integral
+  if (rule == SplitRule::kMoments) return {0.8, 0.6, 0.5 / 0.6, 0};  // keeps the integral of opacity
   return {0.5, 0.86602540378443865, 0.57735026918962576, 0.107};     // 1/2, sqrt(3)/2
 }
 
+/// Arguments of make_part(). All arrays are on one device.
 struct PartArgs {
   std::int64_t n_parents = 0;
-  const std::int64_t* parents = nullptr;  // [n_parents] rows
+  const std::int64_t* parents = nullptr;  // [n_parents] indices
   GaussianArrays gaussians{};
   SplitRule rule{};
-  // Out: the first parts of all parents, then the second parts.
+  // Outputs: the first parts of all parents, then the second parts.
   float* out_means = nullptr;            // [2 n_parents, 3] world
   float* out_log_scales = nullptr;       // [2 n_parents, 3]
   float* out_logit_opacities = nullptr;  // [2 n_parents]

@@ -11,8 +11,9 @@
 namespace b3dgs {
 namespace {
 
-/// Scored views that must have seen a Gaussian before it can be pruned for its blend weight, since it may be occluded
-/// in many of them. One that is visible in 30 % of them is occluded in all of 20 random ones with probability 0.0008.
+/// Number of scored views in which a Gaussian must be visible before it can be pruned for its blend weight, because it
+/// may be occluded in many of them. A Gaussian that is unoccluded in 30 % of the views is occluded in all of 20 random
+/// views with probability 0.0008.
 constexpr int kPruneViews = 20;
 
 constexpr const char* kColumnNames[] = {"error_sum", "max_weight", "score_views"};
@@ -22,7 +23,7 @@ auto& column(Statistics& statistics, BudgetColumn which) {
   return statistics.extra.at(static_cast<std::size_t>(which)).values;
 }
 
-/// A value for each of `rows`; those with the largest are the sample.
+/// Returns a random key for each of `rows`. The rows with the largest keys are the sample.
 torch::Tensor draw_keys(const torch::Tensor& rows, const torch::Tensor& scores, const RandomKey& key) {
   torch::Tensor keys = torch::empty({rows.size(0)}, scores.options());
   const ParentKeyArgs args{rows.data_ptr<std::int64_t>(), scores.data_ptr<float>(), key, keys.data_ptr<float>()};
@@ -51,7 +52,7 @@ int last_growth_round(const TrainConfig& config) {
   return (config.densify_until_iter - 1) / config.densification_interval * config.densification_interval;
 }
 
-/// sqrt(t) of budget_growth().
+/// Returns sqrt(t) of budget_growth().
 double budget_progress(const TrainConfig& config, int iteration) {
   const int first = config.densify_from_iter, last = last_growth_round(config);
   if (iteration >= last) return 1;
@@ -59,12 +60,12 @@ double budget_progress(const TrainConfig& config, int iteration) {
   return std::sqrt(static_cast<double>(iteration - first) / (last - first));
 }
 
-/// The next multiple of `interval`, or the iteration itself.
+/// Returns the iteration rounded up to a multiple of `interval`.
 int next_multiple(int iteration, int interval) {
   return (iteration + interval - 1) / interval * interval;
 }
 
-/// Whether Gaussians are pruned for their blend weight in this iteration.
+/// Returns whether Gaussians are pruned for their blend weight in this iteration.
 bool is_weight_prune_round(const TrainConfig& config, int iteration) {
   const std::int64_t until = std::int64_t{config.position_lr_max_steps} * 14 / 15;  // 28,000 of 30,000
   return config.prune_weight > 0 && iteration > config.densify_from_iter && iteration < until &&
@@ -86,7 +87,7 @@ class BudgetStrategy final : public DensityStrategy {
   DensityPlan plan(int iteration) const override {
     DensityPlan plan;
     plan.densify = is_growth_round(config_, iteration) || is_weight_prune_round(config_, iteration);
-    // Also for rounds beyond --iterations: the training may be resumed with more iterations.
+    // This includes rounds beyond --iterations, because the training may be resumed with more iterations.
     const int window_end = next_multiple(iteration, config_.densification_interval);
     plan.score = window_end - iteration < config_.score_views && window_end > config_.densify_from_iter &&
                  (is_growth_round(config_, window_end) ||
@@ -125,8 +126,9 @@ class BudgetStrategy final : public DensityStrategy {
     return round;
   }
 
-  /// What a round has used begins anew: errors in a growth round, weights in a round that removes by weight. The two
-  /// may come apart, and a round that only removes must not leave the next growth round with the errors of a few views.
+  /// Resets the statistics that the round used: errors after a growth round, weights after a round that prunes by
+  /// weight. The two kinds of round may fall on different iterations, and a round that only prunes must not leave the
+  /// next growth round with the errors of a few views.
   void end_round(int iteration, DensityStatistics& statistics) const override {
     const bool keeps_weights = config_.prune_weight > 0 && !is_weight_prune_round(config_, iteration);
     const bool keeps_errors = !is_growth_round(config_, iteration);
@@ -138,8 +140,9 @@ class BudgetStrategy final : public DensityStrategy {
   }
 
  private:
-  /// Rows to split, ascending: of the candidates as many as the budget asks for, and `max_gaussians` (0 = no limit)
-  /// allows beside the `n_stay` rows that stay.
+  /// Returns the indices of the Gaussians to split, ascending. Their number is limited by the budget and by
+  /// `max_gaussians` (0 = no limit), given that `n_stay` Gaussians are not pruned. `n_over_limit` receives the number
+  /// that `max_gaussians` excluded.
   torch::Tensor choose_parents(const DensityStatistics& statistics, const torch::Tensor& stays, int iteration,
                                std::int64_t n_stay, std::int64_t max_gaussians, std::int64_t& n_over_limit) const {
     const torch::Tensor& scores = column(statistics, BudgetColumn::kErrorSum);

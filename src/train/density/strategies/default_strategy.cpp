@@ -12,9 +12,9 @@ namespace b3dgs {
 namespace {
 
 constexpr double kSplitShrink = 0.8 * kSplitSamples;  // divisor of the scales
-constexpr double kPruneWorldSize = 0.1;               // of the scene extent: larger Gaussians are pruned
+constexpr double kPruneWorldSize = 0.1;               // larger Gaussians are pruned; fraction of the scene extent
 
-/// The `room` candidates with the largest gradients; `n_over_limit` is set to the number of the others.
+/// Returns the `room` candidates with the largest gradients. `n_over_limit` receives the number of the others.
 torch::Tensor strongest(const torch::Tensor& candidates, const torch::Tensor& gradients, std::int64_t room,
                         std::int64_t& n_over_limit) {
   const torch::Tensor rows = rows_of(candidates);
@@ -23,7 +23,7 @@ torch::Tensor strongest(const torch::Tensor& candidates, const torch::Tensor& gr
   return torch::zeros_like(candidates).index_fill_(0, largest_rows(rows, gradients.index_select(0, rows), room), 1);
 }
 
-/// One sample of each Gaussian in `rows`: [n, 3], world, on their device.
+/// Returns one sample of each Gaussian in `rows`, [n, 3] in world space, on their device.
 torch::Tensor sample_means(const GaussianTensors& gaussians, const torch::Tensor& rows, int sample, std::int64_t seed,
                            int iteration) {
   torch::Tensor samples = torch::empty({rows.size(0), 3}, gaussians.means.options());
@@ -42,7 +42,7 @@ class DefaultStrategy final : public DensityStrategy {
  public:
   using DensityStrategy::DensityStrategy;
 
-  /// The schedule of the original.
+  /// Returns the plan of the original's schedule.
   DensityPlan plan(int iteration) const override {
     DensityPlan plan;
     if (iteration >= config_.densify_until_iter) return plan;
@@ -65,16 +65,17 @@ class DefaultStrategy final : public DensityStrategy {
     for_rows<add_view_row>(seen.view.radii.is_cuda(), args, seen.view.radii.numel());
   }
 
-  /// In the order of the original: clone small Gaussians with large gradients (exact copies), split large ones (two
-  /// samples of the parent replace it, 1.6 times smaller), then prune old and new rows. Clones of this round are not
-  /// split. If there are more candidates than max_gaussians allows, those with the largest gradients are taken; of
-  /// equal gradients, the first. The samples do not depend on the number of threads.
+  /// Proceeds in the order of the original. Small Gaussians with large gradients are cloned (exact copies), large ones
+  /// are split (two samples of the parent replace it, 1.6 times smaller), and then old and new Gaussians are pruned.
+  /// Clones of this round are not split. If there are more candidates than max_gaussians allows, those with the largest
+  /// gradients are taken, and the first among equals. The samples do not depend on the number of threads.
   DensityRound plan_round(const GaussianTensors& gaussians, const DensityStatistics& statistics, int iteration,
                           std::int64_t max_gaussians) const override {
     const std::int64_t n = gaussians.size();
     const bool prunes_large = iteration > config_.opacity_reset_interval;
     DensityRound round;
-    // The thresholds are converted to the stored form (log scale, logit), not the parameters: comparisons are exact.
+    // Thresholds are converted to the stored form (log scale, logit) instead of converting the parameters, so that
+    // comparisons are exact.
     const torch::Tensor largest = gaussians.log_scales.amax(1);
     const torch::Tensor gradients = statistics.grad_norm_sum / statistics.view_count.clamp_min(1);
     torch::Tensor grows = (gradients >= config_.densify_grad_threshold).logical_and_(statistics.view_count > 0);
@@ -85,7 +86,8 @@ class DefaultStrategy final : public DensityStrategy {
     const torch::Tensor cloned = rows_of(grows.logical_and(is_large.logical_not()));
     const torch::Tensor split = rows_of(grows.logical_and(is_large));
 
-    // Whether a row would be pruned if its scales were divided by `shrink`. Copies have their source's opacity.
+    // Returns which rows would be pruned if their scales were divided by `shrink`. Copies have the opacity of their
+    // source.
     const auto is_pruned = [&](double shrink) {
       torch::Tensor pruned = gaussians.logit_opacities < logit(config_.prune_opacity);
       if (prunes_large && extent_ > 0) pruned.logical_or_(largest > std::log(kPruneWorldSize * extent_ * shrink));
@@ -121,8 +123,8 @@ class DefaultStrategy final : public DensityStrategy {
     return round;
   }
 
-  /// To at most 0.01, with zero Adam moments. Adam's step count, shared by all parameters, is kept, as in the original.
-  /// Updates of opacities are never deferred, so no flush is needed.
+  /// Limits opacities to 0.01 and sets their Adam moments to 0. Adam's step count, which all parameters share, stays
+  /// unchanged, as in the original. Updates of opacities are never deferred, so no flush is needed.
   void lower_opacities(GaussianTensors& gaussians, AdamState& adam) const override {
     constexpr double kResetOpacity = 0.01;
     gaussians.logit_opacities.clamp_max_(logit(kResetOpacity));

@@ -13,7 +13,7 @@
 namespace b3dgs {
 namespace {
 
-/// [N] int64
+/// Returns the weights of all Gaussians in a draw, [N] int64.
 torch::Tensor draw_weights(const torch::Tensor& logit_opacities, float dead_logit) {
   torch::Tensor weights = torch::empty(logit_opacities.sizes(), logit_opacities.options().dtype(torch::kInt64));
   const DrawWeightArgs args{logit_opacities.data_ptr<float>(), dead_logit, weights.data_ptr<std::int64_t>()};
@@ -21,7 +21,8 @@ torch::Tensor draw_weights(const torch::Tensor& logit_opacities, float dead_logi
   return weights;
 }
 
-/// [n_draws] int64 rows, drawn in proportion to `weights` [N] with the random numbers from `first_number` on.
+/// Returns indices [n_draws] int64, drawn in proportion to `weights` [N] with the random numbers from `first_number`
+/// on.
 torch::Tensor draw_rows(const torch::Tensor& weights, std::int64_t n_draws, const RandomKey& key,
                         std::int64_t first_number) {
   const torch::Tensor sums = weights.cumsum(0);
@@ -32,21 +33,21 @@ torch::Tensor draw_rows(const torch::Tensor& weights, std::int64_t n_draws, cons
   return rows;
 }
 
-/// [n] int32, how often each row was drawn.
+/// Returns how often each row was drawn, [n] int32.
 torch::Tensor count_rows(const torch::Tensor& drawn, std::int64_t n) {
   const auto counts = drawn.options().dtype(torch::kInt32);
   return torch::zeros({n}, counts).scatter_add_(0, drawn, torch::ones(drawn.sizes(), counts));
 }
 
-/// What copies differ in from the Gaussian that they are copied from.
+/// The parameters in which copies differ from their source.
 struct Copies {
   torch::Tensor logit_opacities;  // [n]
   torch::Tensor log_scales;       // [n, 3]
 };
 
-/// Copies of `rows` [n] of `from` [N], where n_drawn [N] int32 is the number of copies beside each Gaussian itself.
-/// They have an opacity logit of at least `least_logit`: otherwise they could be dead at birth, and so relocated in the
-/// next round.
+/// Returns copies of the rows `rows` [n] of `from` [N]. n_drawn [N] int32 is the number of copies of each Gaussian
+/// beside itself. Copies have an opacity logit of at least `least_logit`. Otherwise they could be dead at once, and
+/// would be relocated in the next round.
 Copies share(const Copies& from, const torch::Tensor& rows, const torch::Tensor& n_drawn, float least_logit) {
   B3DGS_CHECK(from.logit_opacities.is_contiguous() && from.log_scales.is_contiguous() && rows.is_contiguous(),
               "copies need contiguous tensors");
@@ -107,13 +108,13 @@ DensityRound plan_mcmc_round(const GaussianTensors& gaussians, const McmcRule& r
     round.edit = keep_rows(sources, gaussians.means.options());
     return round;
   }
-  // Each dead Gaussian becomes a copy.
+  // Dead Gaussians become copies of live ones.
   const torch::Tensor replacements = draw_rows(weights, n_dead, key, 0);
   sources.index_copy_(0, dead, replacements);
   const torch::Tensor n_replacements = count_rows(replacements, n);
   const Copies moved = share({gaussians.logit_opacities, gaussians.log_scales}, sources, n_replacements, least_logit);
 
-  // Copies of the result are added.
+  // Further copies of the result are added.
   const auto wanted = static_cast<std::int64_t>(rule.growth * static_cast<double>(n));
   const std::int64_t room = rule.max_gaussians > 0 ? std::max<std::int64_t>(0, rule.max_gaussians - n) : wanted;
   const std::int64_t n_added = std::min(wanted, room);
