@@ -1,5 +1,6 @@
-// Adam on the CPU: one memory-bound pass over parameter, gradient and moments. Blocks have a fixed size in whole
-// vectors, and the last few floats use the same instructions as all others, so no value depends on the threads.
+// Adam on the CPU, in one memory-bound pass over parameter, gradient and moments. The blocks have a fixed size in whole
+// vectors, and the last few floats use the same instructions as all others, so results do not depend on the number of
+// threads.
 
 #include "train/optimizer/adam.h"
 
@@ -36,7 +37,7 @@ HWY_INLINE void step_vector(Tag d, const AdamArgs& args, const AdamRule& rule, f
 
 }  // namespace
 
-/// Floats [begin, end); begin is a multiple of every vector length.
+/// Steps floats [begin, end). `begin` is a multiple of every vector length.
 void adam_range(const AdamArgs& args, const AdamRule& rule, std::int64_t begin, std::int64_t end) {
   const hn::ScalableTag<float> d;
   const auto lanes = static_cast<std::int64_t>(hn::Lanes(d));
@@ -68,7 +69,8 @@ namespace cpu {
 HWY_EXPORT(adam_range);
 
 void adam_step(const AdamArgs& args, const AdamRule& rule) {
-  constexpr std::int64_t kBlock = 1 << 15;  // floats: hides the overhead of the pool, and balances it
+  constexpr std::int64_t kBlock =
+      1 << 15;  // floats; large enough to hide the overhead of the pool, small enough to balance it
   parallel_pool((args.n + kBlock - 1) / kBlock, [&](std::int64_t block, int) {
     HWY_DYNAMIC_DISPATCH(adam_range)(args, rule, block * kBlock, std::min((block + 1) * kBlock, args.n));
   });

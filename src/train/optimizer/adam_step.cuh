@@ -5,9 +5,9 @@
 
 namespace b3dgs::cuda {
 
-/// Multiply-adds are fused as written here, so that every kernel computes the same bits. Square root and division are
-/// the device's fast approximations: the step (not the parameter) has an error of a few ulp. Second moments below 1e-38
-/// are flushed to 0; their root is negligible beside epsilon.
+/// Takes an Adam step of one float. Multiply-adds are fused exactly as written, so that every kernel computes the same
+/// bits. Square root and division are the device's fast approximations, so the step (not the parameter) has an error of
+/// a few ulp. Second moments below 1e-38 are flushed to 0 in the square root, which is negligible beside epsilon.
 __device__ __forceinline__ void step_one(const AdamStepSize& size, float grad, float& param, float& m, float& v,
                                          const AdamRule& rule = {}) {
   m = __fmaf_rn(rule.beta1, m, __fmul_rn(rule.rest1, grad));
@@ -18,7 +18,8 @@ __device__ __forceinline__ void step_one(const AdamStepSize& size, float grad, f
   param = __fsub_rn(param, __fdividef(__fmul_rn(size.step_size, m), divisor));
 }
 
-/// Steps `kFloats` floats of a row. All are read before any is written, so that no load waits for another.
+/// Takes the step of a row of `kFloats` floats. All are read before any is written, so that no load waits for another
+/// one.
 template <int kFloats>
 __device__ __forceinline__ void step_row(const AdamArgs& args, std::int64_t row, const float (&grad)[kFloats],
                                          const AdamRule& rule = {}) {

@@ -1,5 +1,5 @@
-// The gradient of one Gaussian in a step of several views (--batch): the sum over the views, in their order, of what
-// the backward projection makes of their kept splats, wherever they were rendered.
+// The gradient of one Gaussian in a step of several views (--batch). It is the sum, in the order of the views, of the
+// backward projections of its kept splats, regardless of where these were rendered.
 #pragma once
 
 #include <cstdint>
@@ -11,33 +11,34 @@
 
 namespace b3dgs {
 
-/// One view of a step, rendered with N Gaussians.
+/// One view of a step, rendered with N Gaussians into M splats.
 struct BatchView {
   PinholeView view{};
   const SplatRecord* records = nullptr;              // [M]
-  const std::int32_t* record_of_gaussian = nullptr;  // [N] -1 if not seen
+  const std::int32_t* record_of_gaussian = nullptr;  // [N] index into records, -1 if not visible
   RegularizationGrad regularization{};
 };
 
-/// The views are in the struct, for a kernel's arguments.
+/// Arguments of batch_grad(). The views are stored inside the struct, so that it can be a kernel argument.
 struct BatchGradArgs {
   GaussianArrays gaussians{};
-  int sh_degree = 0;  // that was rendered
+  int sh_degree = 0;  // that the views were rendered with
   bool antialiasing = false;
   std::int32_t n_views = 0;
-  const ViewLens* lenses = nullptr;  // [n_views]; null: all are pinholes
+  const ViewLens* lenses = nullptr;  // [n_views], or null if all are pinholes
   BatchView views[kMaxBatch]{};
 };
 
-/// Sum of GaussianGrad over views; SH coefficients beyond degree 0 are apart.
+/// Sum of GaussianGrad over the views, without SH coefficients beyond degree 0.
 struct BatchGrad {
-  bool is_seen = false;  // by any view
+  bool is_seen = false;  // in any view
   Vec3f mean{}, log_scales{}, sh0{};
   Vec4f quat{};
   float logit_opacity = 0;
 };
 
-/// Adds the gradients with respect to SH coefficients above degree 0 of a colour seen along the unit vector `dir`.
+/// Adds the gradients with respect to the SH coefficients above degree 0 to `sums`, given the gradient with respect to
+/// the colour seen along the unit vector `dir`.
 B3DGS_HD void add_sh_rest_grad(int degree, const Vec3f& dir, const Vec3f& grad_color, float* sums) {
   float basis[16]{};
   sh_basis(degree, dir, basis);
@@ -49,9 +50,10 @@ B3DGS_HD void add_sh_rest_grad(int degree, const Vec3f& dir, const Vec3f& grad_c
   }
 }
 
-/// Of Gaussian i, multiplied by `scale`: with 1 / n_views, the gradient of the mean. `rest` [rest_floats(sh_degree)]
-/// must be 0 and receives the *sum* with respect to the SH coefficients above degree 0. `sh_degree` must be that of
-/// `args`, kAntialiasing args.antialiasing, Lens ViewLens or, if all views are pinholes, Pinhole.
+/// Returns the gradient of Gaussian i, multiplied by `scale`. With 1 / n_views, this is the gradient of the mean.
+/// `rest` [rest_floats(sh_degree)] must be 0 and receives the *sum* of the gradients with respect to the SH
+/// coefficients above degree 0, which is not multiplied. `sh_degree` must equal args.sh_degree, and kAntialiasing
+/// args.antialiasing. Lens is ViewLens, or Pinhole if all views are pinholes.
 template <bool kAntialiasing, class Lens>
 B3DGS_HD BatchGrad batch_grad(const BatchGradArgs& args, std::int64_t i, int sh_degree, float scale, float* rest) {
   BatchGrad sum;

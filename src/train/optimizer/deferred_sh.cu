@@ -1,7 +1,7 @@
-// Applies deferred updates of SH coefficients: for the Gaussians that a view sees, before their colours are computed,
-// or for all Gaussians (flush). A block owns a range of Gaussians and lists those with work to do. One thread per
-// listed Gaussian writes its gradients to a row of shared memory; then the block processes all floats of these rows,
-// coalesced, and leaves the coefficients in place of the gradients; then one thread per Gaussian computes its colour.
+// Applies deferred updates of SH coefficients, either to the visible Gaussians before their colours are computed, or to
+// all Gaussians (flush). A block owns a range of Gaussians and lists those with work to do. One thread per listed
+// Gaussian writes its gradients to a row of shared memory. Then the block processes all floats of these rows,
+// coalesced, and replaces the gradients by the coefficients. Finally, one thread per Gaussian computes its colour.
 
 #include "train/optimizer/deferred_sh.h"
 
@@ -15,16 +15,16 @@ namespace b3dgs::cuda {
 namespace {
 
 constexpr int kThreads = 128;
-constexpr int kRows = 64;  // Gaussians per block: few, since its threads wait for one another
+constexpr int kRows = 64;  // Gaussians per block; few, because its threads wait for one another
 
 struct ApplyUpdatesArgs {
   ShRestArrays rests{};
   DeferredUpdate* updates = nullptr;  // [N]
   DeferredSteps steps{};
-  ColorCudaArgs view{};  // used if colours are computed
+  ColorCudaArgs view{};  // only used if colours are computed
 };
 
-/// The rows of a block with work to do, compacted; in shared memory.
+/// Compacted list of the rows of a block that have work to do, in shared memory.
 struct RowList {
   int rows[kRows];
   int of_warp[kThreads / kWarpSize];  // number of rows listed by each warp
@@ -35,8 +35,8 @@ struct ListedRow {
   int n_rows;  // length of the list
 };
 
-/// Builds the list of rows whose threads pass true. Called by all threads of the block; the list can be read after the
-/// next barrier.
+/// Builds the list of the rows whose threads pass true. All threads of the block call this. The list can be read after
+/// the next barrier.
 __device__ __forceinline__ ListedRow list_row(RowList& list, bool is_listed) {
   const auto thread = static_cast<int>(threadIdx.x), own_warp = thread / kWarpSize;
   const unsigned listed = __ballot_sync(kFullWarp, is_listed);
@@ -57,7 +57,7 @@ __device__ __forceinline__ ListedRow list_row(RowList& list, bool is_listed) {
 }
 
 /// Writes the gradients of a Gaussian's first deferred step to `grads` [rest_floats(kShDegree)]. Returns the number of
-/// steps applied so far. Not inlined, so that all kernels compute the same bits.
+/// steps that are already applied. Not inlined, so that all kernels compute the same bits.
 template <int kShDegree>
 __device__ __noinline__ int load_first_gradient(const DeferredUpdate* update, float* grads) {
   const float4 first = reinterpret_cast<const float4*>(update)[0];
@@ -66,9 +66,10 @@ __device__ __noinline__ int load_first_gradient(const DeferredUpdate* update, fl
   return __float_as_int(first.w);
 }
 
-/// Applies the deferred steps of the listed rows, for the degrees optimised by now: those of higher degrees have zero
-/// moments, and a step does not change them. `rests` [n_rows, kActive] holds the gradients of the first deferred step,
-/// and afterwards the coefficients; `n_applied` [n_rows] is the number of steps that are already applied.
+/// Applies the deferred steps of the listed rows, for the degrees that are optimised so far. Coefficients of higher
+/// degrees have zero moments, so a step does not change them. `rests` [n_rows, kActive] contains the gradients of the
+/// first deferred step, which are replaced by the coefficients. `n_applied` [n_rows] is the number of steps that are
+/// already applied.
 template <int kActive>
 __device__ __forceinline__ void apply_updates(const ApplyUpdatesArgs& args, std::int64_t first_row, int n_rows,
                                               const int* rows, const int* n_applied, float* rests) {
@@ -121,7 +122,7 @@ __global__ void __launch_bounds__(kThreads) apply_updates_kernel(const __grid_co
   const ListedRow own = list_row(list, is_listed);
   if (is_listed) {
     n_applied[own.place] = load_first_gradient<kShDegree>(args.updates + i, rests + own.place * kActive);
-    // They count as applied from here on, even if no backward pass follows.
+    // The steps count as applied from here on, even if no backward pass follows.
     if (kColors) {
       *reinterpret_cast<float4*>(args.updates + i) = make_float4(0, 0, 0, __int_as_float(args.steps.n));
     }
@@ -163,7 +164,7 @@ void DeferredSh::begin_view(const ShRestArrays& rests, int sh_degree, const Laun
   }
   sh_degree_ = sh_degree;
   if (rests == rests_) return;
-  rests_ = {};  // until clear() has allocated
+  rests_ = {};  // invalid until clear() has allocated
   clear(rests.n_gaussians, context);
   rests_ = rests;
 }

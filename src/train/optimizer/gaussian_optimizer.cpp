@@ -42,8 +42,8 @@ void add_regularization(const RegularizationGrad& grad, const GaussianTensors& g
   });
 }
 
-/// Gradients of the mean over the views, on the CPU. `out.means2d` is not used. The result does not depend on the
-/// number of threads.
+/// Computes the gradients of the mean over the views on the CPU. `out.means2d` is not used. The result does not depend
+/// on the number of threads.
 void batch_gradients(const BatchGradArgs& args, const GaussianGradArrays& out) {
   constexpr std::int64_t kGrain = 1024;
   const std::int64_t rest = rest_floats(args.gaussians.sh_degree_max);
@@ -204,7 +204,7 @@ void GaussianOptimizer::step_views(const AdamRates& rates, GaussianTensors& gaus
     if (grad_args.lenses != nullptr) {
       constexpr std::int64_t kWords = sizeof(ViewLens) / sizeof(float);
       on_gpu = torch::from_blob(lenses.data(), {n_views, kWords}, torch::kFloat32)
-                   .to(gaussians.means.device(), /*non_blocking=*/true);  // CUDA has its own copy when this returns
+                   .to(gaussians.means.device(), /*non_blocking=*/true);  // CUDA has copied `lenses` when this returns
       args.grad.lenses = reinterpret_cast<const ViewLens*>(on_gpu.data_ptr<float>());
     }
     args.adam = begin_adam_step(scaled, gaussians, state, n_views);

@@ -1,9 +1,9 @@
-// Projection backward and Adam in one kernel: one thread per Gaussian computes its gradient and updates its parameters,
+// Backward projection and Adam in one kernel. One thread per Gaussian computes its gradient and updates its parameters,
 // except for the SH coefficients beyond degree 0, whose updates are deferred (deferred_sh.h).
 //
-// A step must read and write parameters and moments, 24 bytes per float; gradients in memory would add 8. Gradients of
-// means, scales and colours go through shared memory, so that a warp writes whole memory sectors. Barriers: one, after
-// which parameters may be written.
+// A step must read and write parameters and moments, which takes 24 bytes per float. Gradients in memory would add 8.
+// The gradients of means, scales and colours go through shared memory, so that a warp writes whole memory sectors. A
+// single barrier separates reading the parameters from writing them.
 
 #include "train/optimizer/gaussian_step.h"
 
@@ -31,7 +31,7 @@ __device__ __forceinline__ void step_four(const AdamArgs& args, std::int64_t row
   v_at = v;
 }
 
-/// Steps the block's rows of three floats along `grads`, a float at a time.
+/// Steps the block's rows of three floats along `grads`, one float per thread at a time.
 __device__ __forceinline__ void step_threes(const AdamArgs& args, std::int64_t first_row, std::int64_t n_gaussians,
                                             const float* grads) {
   float param[3], m[3], v[3];
@@ -87,12 +87,13 @@ __global__ void __launch_bounds__(kThreads) step_gaussians_kernel(const __grid_c
   step_threes(args.adam[kSh0Group], first_row, n, sh0_grads);
 }
 
-// The same for steps of several views (--batch). SH coefficients beyond degree 0 of the Gaussians that any view sees
-// are stepped by the block together, coalesced; shared memory holds their gradients, up to 45 floats per Gaussian.
-// Barriers: one, between these gradients and the step, since gradients of the means depend on the coefficients.
+// The same for steps of several views (--batch). The SH coefficients beyond degree 0 of the Gaussians that are visible
+// in any view are stepped by the whole block, coalesced. Shared memory contains their gradients, up to 45 floats per
+// Gaussian. A single barrier separates these gradients from the step, because the gradients of the means depend on the
+// coefficients.
 
-/// Steps the SH coefficients beyond degree 0 of the block's rows that are seen, along `rests` (sums over the views).
-/// Each thread reads several coefficients before it steps any: one at a time, it would mostly wait.
+/// Steps the SH coefficients beyond degree 0 of the block's visible rows along `rests` (sums over the views). Each
+/// thread reads several coefficients before it steps any, because otherwise it would mostly wait for memory.
 template <int kActive>
 __device__ __forceinline__ void step_rests(const BatchStepArgs& args, std::int64_t first_row, float scale,
                                            const float* rests, const bool* is_seen) {
