@@ -1,4 +1,4 @@
-// The appearance model on the GPU; what takes a thread per pixel or per element of a grid is in row_kernels.cu.
+// The appearance model on the GPU. Kernels with a thread per pixel or per element of a grid are in row_kernels.cu.
 
 #include "core/cuda_rows.cuh"
 #include "train/appearance/appearance_kernels.h"
@@ -16,7 +16,7 @@ __device__ __forceinline__ Real sum_warp(Real value) {
   return value;
 }
 
-/// A block per kExposureBlock pixels sums its part of the transform's gradient.
+/// Sums the gradient of the transform over kExposureBlock pixels per block.
 __global__ void __launch_bounds__(kThreads) exposure_backward_kernel(const AppearanceArgs args) {
   __shared__ float of_warp[kWarps][kTransformSize];
   float sums[kTransformSize] = {};
@@ -37,7 +37,7 @@ __global__ void __launch_bounds__(kThreads) exposure_backward_kernel(const Appea
   args.sums[static_cast<std::int64_t>(blockIdx.x) * kTransformSize + threadIdx.x] = sum;
 }
 
-/// Adds the parts, a warp per element of the transform.
+/// Adds the sums of all blocks, with one warp per element of the transform.
 __global__ void __launch_bounds__(32 * kTransformSize) exposure_sum_kernel(const AppearanceArgs args) {
   const int element = static_cast<int>(threadIdx.x) / 32, lane = static_cast<int>(threadIdx.x) % 32;
   double sum = 0;
@@ -48,10 +48,12 @@ __global__ void __launch_bounds__(32 * kTransformSize) exposure_sum_kernel(const
   if (lane == 0) args.transform_grad[element] = static_cast<float>(sum);
 }
 
-/// A block per part of a cell sums what its pixels add to the eight vertices around each of them. A thread has one
-/// element of one level, with a sum for each corner of the cell, so that no two threads add to the same sum.
+/// Sums the contributions of the pixels in a part of a cell to the eight vertices around each pixel, with one block per
+/// part. A thread has one element of one level, with a sum for each corner of the cell, so that no two threads add to
+/// the same sum.
 __global__ void __launch_bounds__(kCellThreads) cell_sums_kernel(const AppearanceArgs args) {
-  // Of one pixel per thread: dL/d(its transform), its weights of the four corners, its place among the levels.
+  // For the pixel of each thread: dL/d(its transform), the weights of its four corners, its position between two
+  // levels.
   __shared__ float by_transform[kCellThreads][kTransformSize], by_corner[kCellThreads][4], above[kCellThreads];
   __shared__ int levels[kCellThreads];
   const int cell = static_cast<int>(blockIdx.x), part = static_cast<int>(blockIdx.y);
@@ -106,7 +108,7 @@ __global__ void __launch_bounds__(kThreads) appearance_step_kernel(const Appeara
   step_one(args.adam.size, grad, args.adam.param[i], args.adam.m[i], args.adam.v[i]);
 }
 
-/// A warp per element of a transform.
+/// Subtracts mean_excess() from all exposures, with one warp per element of a transform.
 __global__ void __launch_bounds__(32 * kTransformSize) center_exposures_kernel(const AdamArgs exposures) {
   const int element = static_cast<int>(threadIdx.x) / 32, lane = static_cast<int>(threadIdx.x) % 32;
   const std::int64_t n_views = exposures.n / kTransformSize;

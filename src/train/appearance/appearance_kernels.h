@@ -1,6 +1,6 @@
-// The colour transforms of photographs, forward and backward, without torch: what CPU and GPU share. A transform [3, 4]
-// gives colour' = transform (r, g, b, 1). A photograph has one of them (--exposure), or a bilateral grid of them
-// (--bilateral_grid).
+// Colour transforms of photographs, forward and backward, without torch, shared by CPU and GPU. A transform [3, 4]
+// gives colour' = transform (r, g, b, 1). A photograph has either one transform (--exposure) or a bilateral grid of
+// them (--bilateral_grid).
 #pragma once
 
 #include <cstdint>
@@ -12,42 +12,42 @@ namespace b3dgs {
 
 inline constexpr int kTransformSize = 12;  // [3, 4]
 
-/// All arrays are on one device.
+/// Arguments of the forward and backward pass for one photograph. All arrays are on one device.
 struct AppearanceArgs {
   std::int32_t width = 0, height = 0;        // px
-  const float* transform = nullptr;          // of the photograph: [3, 4], or a grid [levels, height, width, 12]
+  const float* transform = nullptr;          // [3, 4], or a grid [levels, height, width, 12]
   const float* rendered = nullptr;           // [H, W, 3]
-  const std::uint8_t* photograph = nullptr;  // [H, W, 3], for exposures; null: nothing is clipped
+  const std::uint8_t* photograph = nullptr;  // [H, W, 3], for exposures only; null: nothing is clipped
   float* corrected = nullptr;                // [H, W, 3] out of the forward pass
   float* grad = nullptr;                     // [H, W, 3] backward pass: dL/d(corrected) in, dL/d(rendered) out
-  double* sums = nullptr;                    // scratch of the backward pass: [blocks, 12], or [parts, cells, kCellSums]
-  int n_parts = 1;                           // of a cell's sums
-  float variation_weight = 0;                // of a grid's total variation in the loss
-  float* transform_grad = nullptr;           // of the shape of `transform`; out of the backward pass
+  double* sums = nullptr;           // scratch memory of the backward pass: [blocks, 12], or [parts, cells, kCellSums]
+  int n_parts = 1;                  // number of parts that a cell's sums are split into
+  float variation_weight = 0;       // weight of a grid's total variation in the loss
+  float* transform_grad = nullptr;  // out of the backward pass, in the shape of `transform`
 
   B3DGS_HD std::int64_t n_pixels() const { return std::int64_t{width} * height; }
 };
 
 // Exposures
 
-/// Pixels whose part of the transform's gradient is summed at once. The same on every device, so that the order of
-/// sums depends on the image only.
+/// Number of pixels over which the transform's gradient is summed at once. It is the same on every device, so that the
+/// order of the sum depends on the image only.
 inline constexpr std::int64_t kExposureBlock = 4096;
 
 B3DGS_HD std::int64_t exposure_blocks(const AppearanceArgs& args) {
   return (args.n_pixels() + kExposureBlock - 1) / kExposureBlock;
 }
 
-/// Values of a photograph from here on may be clipped: the scene may have been brighter.
+/// Smallest value of a photograph that may be clipped, so that the scene may have been brighter.
 inline constexpr std::uint8_t kClippedValue = 254;
 
-/// Channel i of the transformed colour.
+/// Returns channel i of the transformed colour.
 B3DGS_HD float exposed_value(const AppearanceArgs& args, std::int64_t pixel, int i) {
   const float *color = args.rendered + 3 * pixel, *a = args.transform;
   return a[4 * i] * color[0] + a[4 * i + 1] * color[1] + a[4 * i + 2] * color[2] + a[4 * i + 3];
 }
 
-/// The photograph's value, if it is clipped and `value` is brighter; otherwise `value`.
+/// Returns the photograph's value if it is clipped and `value` is brighter, and otherwise `value`.
 B3DGS_HD float clipped_value(const AppearanceArgs& args, std::int64_t pixel, int i, float value) {
   if (args.photograph == nullptr || args.photograph[3 * pixel + i] < kClippedValue) return value;
   const float most = static_cast<float>(args.photograph[3 * pixel + i]) / 255.0f;
@@ -61,7 +61,8 @@ B3DGS_HD void expose_pixel(const AppearanceArgs& args, std::int64_t pixel) {
   }
 }
 
-/// Replaces the pixel's gradient, and adds its part of dL/d(transform) to `sums`.
+/// Replaces the pixel's gradient by that with respect to the rendered colour, and adds the pixel's contribution to
+/// dL/d(transform) to `sums`.
 template <class Sum>
 B3DGS_HD void expose_pixel_backward(const AppearanceArgs& args, std::int64_t pixel, Sum (&sums)[kTransformSize]) {
   const float *color = args.rendered + 3 * pixel, *a = args.transform;
@@ -76,45 +77,46 @@ B3DGS_HD void expose_pixel_backward(const AppearanceArgs& args, std::int64_t pix
   for (int j = 0; j < 3; ++j) grad[j] = a[j] * g[0] + a[4 + j] * g[1] + a[8 + j] * g[2];
 }
 
-// Bilateral grids (Wang et al. 2024, "Bilateral Guided Radiance Field Processing"): a pixel's transform is interpolated
+// Bilateral grids (Wang et al. 2024, "Bilateral Guided Radiance Field Processing"). A pixel's transform is interpolated
 // trilinearly between the vertices around it, by its position in the image and by the luminance of its rendered colour.
 // The outer vertices are at the image's edges, and at luminances 0 and 1.
 
-inline constexpr int kGridWidth = 16, kGridHeight = 16, kGridLevels = 8;  // vertices; levels of luminance
+inline constexpr int kGridWidth = 16, kGridHeight = 16, kGridLevels = 8;  // number of vertices; levels are of luminance
 inline constexpr int kGridSize = kGridLevels * kGridHeight * kGridWidth * kTransformSize;
 
-/// Columns and rows of cells between the vertices; a pixel belongs to one cell.
+/// Columns and rows of the cells between the vertices. A pixel belongs to one cell.
 inline constexpr int kCellColumns = kGridWidth - 1, kCellRows = kGridHeight - 1;
 inline constexpr int kCells = kCellColumns * kCellRows;
-/// Sums of a cell: by corner (upper left, upper right, lower left, lower right), level and element.
+/// Number of sums of a cell, by corner (upper left, upper right, lower left, lower right), level and element.
 inline constexpr int kCellSums = 4 * kGridLevels * kTransformSize;
 
-/// First pixel of cell `cell` along an axis of `size` px that has `n_cells`: the centre of pixel i is at
-/// (i + 0.5) / size x n_cells, in cells. For `cell` = n_cells: size.
+/// Returns the first pixel of cell `cell` along an axis of `size` px that has `n_cells` cells, or `size` for `cell` =
+/// n_cells. The centre of pixel i is at (i + 0.5) / size x n_cells, in cells.
 B3DGS_HD std::int32_t cell_begin(std::int32_t cell, std::int32_t n_cells, std::int32_t size) {
   const std::int64_t above = std::int64_t{2} * size * cell - n_cells;  // i >= above / (2 n_cells)
   return above <= 0 ? 0 : static_cast<std::int32_t>((above + 2 * n_cells - 1) / (2 * n_cells));
 }
 
-/// A place along one axis: between vertices `index` and index + 1, at `part` of the way.
+/// A position along one axis: between vertices `index` and index + 1, at the fraction `part` of the way.
 struct GridPlace {
   int index = 0;
   float part = 0;
 };
 
-/// Of pixel i of `size`.
+/// Returns the position of pixel i on an axis of `size` px.
 B3DGS_HD GridPlace place_of_pixel(std::int32_t i, std::int32_t size, int n_cells) {
   const std::int64_t doubled = (std::int64_t{2} * i + 1) * n_cells;
   const auto index = static_cast<int>(doubled / (2 * size));
   return {index, static_cast<float>(doubled - std::int64_t{2} * size * index) / static_cast<float>(2 * size)};
 }
 
-/// Weight of a channel in the luminance (ITU-R BT.601).
+/// Returns the weight of a channel in the luminance (ITU-R BT.601).
 B3DGS_HD constexpr float luminance_weight(int channel) {
   return channel == 0 ? 0.299f : channel == 1 ? 0.587f : 0.114f;
 }
 
-/// Place of a colour among the levels. `slope`: its derivative by the luminance, 0 where the luminance is clamped.
+/// Returns the position of a colour between the levels. `slope` receives its derivative with respect to the luminance,
+/// which is 0 where the luminance is clamped.
 B3DGS_HD GridPlace place_of_color(const float* color, float& slope) {
   constexpr int kLast = kGridLevels - 1;
   const float luminance =
@@ -128,7 +130,7 @@ B3DGS_HD GridPlace place_of_color(const float* color, float& slope) {
   return {index, place - static_cast<float>(index)};
 }
 
-/// Where a pixel reads the grid. `slope`: derivative of its place among the levels by its luminance.
+/// Position of a pixel in the grid. `slope` is the derivative of z with respect to the luminance.
 struct PixelPlace {
   GridPlace x{}, y{}, z{};
   float slope = 0;
@@ -142,7 +144,7 @@ B3DGS_HD PixelPlace place_in_grid(const AppearanceArgs& args, std::int64_t pixel
   return at;
 }
 
-/// Interpolated in x and y between four vertices of level `level`; `element` is of the transform.
+/// Returns element `element` of the transform, interpolated in x and y between the four vertices of level `level`.
 B3DGS_HD float grid_in_level(const float* grid, int level, const PixelPlace& at, int element) {
   const float* const upper =
       grid + ((level * kGridHeight + at.y.index) * kGridWidth + at.x.index) * kTransformSize + element;
@@ -167,7 +169,8 @@ B3DGS_HD void correct_pixel(const AppearanceArgs& args, std::int64_t pixel) {
   }
 }
 
-/// Replaces one pixel's gradient. The rendered colour acts through the transformed colour and through the luminance.
+/// Replaces one pixel's gradient by that with respect to the rendered colour, which acts through the transformed colour
+/// and through the luminance.
 B3DGS_HD void correct_pixel_backward(const AppearanceArgs& args, std::int64_t pixel) {
   const float* const color = args.rendered + 3 * pixel;
   float* const grad = args.grad + 3 * pixel;
@@ -186,8 +189,8 @@ B3DGS_HD void correct_pixel_backward(const AppearanceArgs& args, std::int64_t pi
   for (int k = 0; k < 3; ++k) grad[k] = sums[k] + luminance_weight(k) * by_luminance;
 }
 
-/// Derivative of the total variation by element `i` of the grid. The total variation is, summed over the three axes,
-/// the mean squared difference between neighbours along the axis.
+/// Returns the derivative of the total variation with respect to element `i` of the grid. The total variation is the
+/// mean squared difference between neighbours along an axis, summed over the three axes.
 B3DGS_HD float variation_grad(const float* grid, int i) {
   constexpr int kSteps[3] = {kTransformSize, kTransformSize * kGridWidth, kTransformSize * kGridWidth * kGridHeight};
   constexpr int kSizes[3] = {kGridWidth, kGridHeight, kGridLevels};
@@ -211,7 +214,7 @@ B3DGS_HD void write_grid_grad(const AppearanceArgs& args, std::int64_t index) {
   const int x = vertex % kGridWidth, y = vertex / kGridWidth % kGridHeight, level = vertex / (kGridWidth * kGridHeight);
   double sum = 0;
   for (int corner = 0; corner < 4; ++corner) {
-    const int column = x - corner % 2, row = y - corner / 2;  // the cell of which this vertex is that corner
+    const int column = x - corner % 2, row = y - corner / 2;  // the cell whose corner `corner` is this vertex
     if (column < 0 || column >= kCellColumns || row < 0 || row >= kCellRows) continue;
     for (int part = 0; part < args.n_parts; ++part) {
       const std::int64_t cell = std::int64_t{part} * kCells + row * kCellColumns + column;
@@ -223,7 +226,7 @@ B3DGS_HD void write_grid_grad(const AppearanceArgs& args, std::int64_t index) {
 
 // Adam steps
 
-/// A step of the transforms in `adam`, of which some elements may have no gradient but move by their moments, as with
+/// An Adam step of the transforms in `adam`. Elements without a gradient still move by their moments, as with
 /// torch.optim.Adam.
 struct AppearanceStepArgs {
   AdamArgs adam{};                        // `grad` is used on the CPU only
@@ -231,8 +234,8 @@ struct AppearanceStepArgs {
   const float* transform_grad = nullptr;  // [n_grads]
 };
 
-/// What is to be subtracted from element `k` of all exposures so that their mean is the identity, from the sum of these
-/// elements. Brighter transforms with a darker model would fit the photographs as well, and the first steps, when
+/// Returns the value to subtract from element `k` of all exposures so that their mean is the identity, given the sum of
+/// these elements. Brighter transforms with a darker model would fit the photographs as well, and the first steps, when
 /// renders are still dark, would lead there.
 B3DGS_HD float mean_excess(const AdamArgs& exposures, int k, double sum) {
   const double identity = k % 5 == 0 ? 1 : 0;  // elements 0, 5 and 10
@@ -241,26 +244,26 @@ B3DGS_HD float mean_excess(const AdamArgs& exposures, int k, double sum) {
 
 /// Steps without gradient that a grid has missed. A grid is read only when its photograph is in use, but its elements
 /// move by their moments in every step. The missed steps are applied before the grid is read. After kMost of them the
-/// moments have all but vanished (0.9^100 = 3e-5): the elements stay, and the moments shrink as if the remaining steps
-/// had been applied.
+/// moments have all but vanished (0.9^100 = 3e-5). From then on the elements stay the same, and the moments decay as if
+/// the remaining steps had been applied.
 struct MissedSteps {
   static constexpr int kMost = 100;
   AdamArgs adam{};  // the grid
-  int n = 0;        // to be applied one by one
+  int n = 0;        // number of steps to apply one by one
   AdamStepSize sizes[kMost] = {};
-  float m_factor = 1, v_factor = 1;  // of those after them
+  float m_factor = 1, v_factor = 1;  // decay over the steps after these
 };
 
 namespace cuda {
 
-// Everything is asynchronous, and sums have a fixed order.
+// All functions are asynchronous, and sums have a fixed order.
 
-/// Replaces `grad` and writes `transform_grad`.
+/// Replaces `grad` and writes `transform_grad`, for exposures.
 void exposure_backward(const AppearanceArgs& args, cudaStream_t stream);
 
-/// Writes the sums of all parts of cells.
+/// Writes the sums of all parts of all cells.
 void sum_cells(const AppearanceArgs& args, cudaStream_t stream);
-/// AppearanceArgs::n_parts of sum_cells().
+/// AppearanceArgs::n_parts for sum_cells().
 inline constexpr int kCellParts = 8;
 
 void appearance_step(const AppearanceStepArgs& args, cudaStream_t stream);

@@ -42,7 +42,7 @@ void center_exposures(const AdamArgs& exposures) {
   }
 }
 
-/// What the pixels of a cell add to the vertices around it.
+/// Sums the contributions of a cell's pixels to the vertices around it.
 void sum_cell(const AppearanceArgs& args, int cell) {
   const int column = cell % kCellColumns, row = cell / kCellColumns;
   double sums[kCellSums] = {};
@@ -182,7 +182,7 @@ AdamArgs AppearanceModel::adam_args(std::int32_t view, AppearanceState& state) c
 void AppearanceModel::begin_step(std::int32_t view, int iteration, AppearanceState& state) {
   if (!has_grids()) return;
   std::int64_t& last = state.last_steps.at(static_cast<std::size_t>(view));
-  // Before its first step, a grid's moments are 0.
+  // The moments of a grid are 0 before its first step, so it has missed nothing.
   const std::int64_t n_missed = last == 0 ? 0 : state.steps - last;
   last = state.steps;
   if (n_missed <= 0) return;
@@ -256,7 +256,7 @@ Exposures read_exposures(const std::filesystem::path& path) {
   for (const auto& [name, rows] : json.items()) {
     try {
       const auto transform = rows.get<ColorTransform>();
-      if (Json(transform) == rows) {  // of a longer list, the conversion takes the beginning
+      if (Json(transform) == rows) {  // the conversion ignores the end of longer lists
         exposures[name] = transform;
         continue;
       }
