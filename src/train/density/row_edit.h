@@ -66,9 +66,9 @@ std::int64_t row_elements(const torch::Tensor& tensor);
 struct RowEdit {
   torch::Tensor sources;              // [M] int64, index before the edit of the row that each row is copied from
   std::int64_t n_kept = 0;            // number of kept rows, at most M
-  torch::Tensor new_means;            // [M - n_kept, 3] of the new rows, instead of the source's
-  torch::Tensor new_log_scales;       // [M - n_kept, 3] of the new rows, instead of the source's
-  torch::Tensor new_logit_opacities;  // [M - n_kept] replace their opacities; undefined: keep these
+  torch::Tensor new_means;            // [M - n_kept, 3] means of the new rows, instead of those of the sources
+  torch::Tensor new_log_scales;       // [M - n_kept, 3] their scales
+  torch::Tensor new_logit_opacities;  // [M - n_kept] their opacities; undefined: those of the sources
 };
 
 /// Returns the edit that keeps the rows `rows` ([n] int64, ascending) and adds none. `floats` is the type and device of
