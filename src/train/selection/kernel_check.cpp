@@ -19,7 +19,7 @@ KernelRule rule_of(const TrainConfig& config) {
     use(ForwardKernel::kCombined, ForwardKernel::kSharedMemory, KernelPolicy::kPublished);
   } else if (config.kernel != kAdaptive) {
     rule.first = config.kernel;
-  } else if (config.deterministic) {  // times differ from run to run, and kernels differ in rounding
+  } else if (config.deterministic) {  // no timing, because times differ from run to run and kernels differ in rounding
     use(kStandardKernel, ForwardKernel::kSegmented, KernelPolicy::kFixed);
   } else {
     use(ForwardKernel::kSegmented, kStandardKernel, KernelPolicy::kAdaptive);
@@ -41,7 +41,7 @@ RenderSettings KernelCheck::begin_view(int iteration, RenderSettings settings) {
 
 void KernelCheck::time_blends(const std::function<void(ForwardKernel)>& blend) {
   const ForwardKernel in_use = kernel_named(selector_.kernel()), other = kernel_named(selector_.other());
-  if (!views_.empty() && views_.back().iteration == iteration_) views_.pop_back();  // the step failed
+  if (!views_.empty() && views_.back().iteration == iteration_) views_.pop_back();  // the step failed and is repeated
   TimedView view;
   view.iteration = iteration_;
   view.other_first = views_.size() % 2 == 0;
@@ -50,7 +50,7 @@ void KernelCheck::time_blends(const std::function<void(ForwardKernel)>& blend) {
   view.marks[1] = clock_();
   blend(view.other_first ? in_use : other);
   view.marks[2] = clock_();
-  if (!view.other_first) blend(in_use);  // whose result counts
+  if (!view.other_first) blend(in_use);  // the step continues with this result
   // The first launch of a kernel loads its code, so it is not counted.
   if (std::exchange(is_warm_, true)) views_.push_back(std::move(view));
 }

@@ -1,6 +1,6 @@
-// Times both kernels of a training on the views of its own steps, and lets KernelSelector decide. In a check, the
-// forward blend of a view is queued by both kernels, between marks. Projection and lists are shared, and the step goes
-// on with the result of the kernel in use, so nothing but time depends on it.
+// Times both kernels of a training on the views of its own steps, and lets KernelSelector decide between them. In a
+// check, the forward blend of a view is queued with both kernels, between time marks. They share projection and lists,
+// and the step continues with the result of the current kernel, so the check affects nothing but time.
 #pragma once
 
 #include <functional>
@@ -20,26 +20,27 @@ namespace b3dgs {
 
 class KernelCheck {
  public:
-  /// `machine`: name of the CPU or GPU. `clock`: of the device.
+  /// `machine` is the name of the CPU or GPU, and `clock` the clock of the device.
   KernelCheck(const TrainConfig& config, std::string machine, StageClock clock);
   KernelCheck(const KernelCheck&) = delete;
 
-  /// The kernel in use.
+  /// Returns the current kernel.
   const std::string& kernel() const { return selector_.kernel(); }
 
-  /// Settings for rendering the training view of an iteration, valid until the next call. Views come in their order;
-  /// a view that failed comes again.
+  /// Returns the settings for rendering the training view of an iteration, valid until the next call. Views must be
+  /// passed in the order of their iterations. A view is passed again if its step failed.
   RenderSettings begin_view(int iteration, RenderSettings settings);
 
-  /// Decides if a check is complete, that is, if the view of `next_iteration` does not belong to it. Waits for the
-  /// blend of the last view, which a GPU has done by the time the host begins another step.
+  /// Decides on the kernel if a check is complete, that is, if the view of `next_iteration` does not belong to it.
+  /// Waits for the blend of the last view, which a GPU has finished by the time the host begins another step.
   std::optional<KernelDecision> decide(int next_iteration);
-  /// The same also if more views belong to it: training ends.
+  /// Does the same even if the check is incomplete, because training ends.
   std::optional<KernelDecision> finish(int next_iteration);
 
-  /// The state, for checkpoints. A check that is under way continues with the views after a resume.
+  /// Returns the state for checkpoints. A check that is interrupted by the end of a session continues with its next
+  /// views after a resume.
   nlohmann::ordered_json to_json() const { return selector_.to_json(machine_); }
-  /// @throws InputError naming `place`
+  /// Restores the state of a checkpoint. @throws InputError naming `place`
   void restore(const nlohmann::ordered_json& json, const std::string& place) {
     selector_.restore(json, machine_, place);
   }
@@ -56,12 +57,13 @@ class KernelCheck {
   const std::string machine_;
   const StageClock clock_;
   const BlendRunner run_blend_ = [this](const auto& blend) { time_blends(blend); };
-  std::vector<TimedView> views_;  // of the check under way
-  int iteration_ = 0;             // of the view that was begun
+  std::vector<TimedView> views_;  // views of the current check
+  int iteration_ = 0;             // iteration of the last begin_view()
   bool is_warm_ = false;          // both kernels have run in this process
 };
 
-/// Fields of the log's "load_statistics" line: distributions over the tiles and pixels of all views together.
+/// Returns the fields of the log's "load_statistics" line: distributions over the tiles and pixels of all views
+/// together.
 nlohmann::ordered_json load_json(const std::vector<ViewLoad>& loads);
 
 }  // namespace b3dgs
