@@ -10,11 +10,11 @@ class GpuMemory final : public MemorySource {
  public:
   explicit GpuMemory(double limit_gb) : limit_bytes_(static_cast<std::int64_t>(std::min(1e9 * limit_gb, 9e18))) {
     extend_torch_memory_in_place();
-    allocate_tensor({1}, torch::kCUDA);  // initialises the allocator: only then a limit can be set
+    allocate_tensor({1}, torch::kCUDA);  // initialises the allocator, before which no limit can be set
     limit_torch_memory(limit_bytes_);
   }
   std::optional<std::int64_t> limit() override {
-    // The driver needs some memory itself, for kernels that are loaded later and for events.
+    // The driver itself needs some memory, for kernels that are loaded later and for events.
     constexpr std::int64_t kForTheDriver = 64 << 20;
     const std::int64_t reached = torch_memory_use().reserved + device_memory_size().free;
     const std::int64_t all = std::max<std::int64_t>(0, reached - kForTheDriver);
@@ -67,9 +67,9 @@ std::int64_t state_bytes(const TrainState& state) {
 
 GaussianMemory gaussian_memory(const TrainState& state, const ViewMemory& view, const ViewRatios& ratios,
                                int n_kept_views) {
-  // 8: gradient with respect to the projected centre; 32: DeferredUpdate (optimizer/deferred_sh.h).
+  // 8 bytes for the gradient with respect to the projected centre, 32 for a DeferredUpdate (optimizer/deferred_sh.h).
   constexpr double kStep = 8 + 32;
-  // A round's masks, thresholds and indices, before the row edit allocates.
+  // Masks, thresholds and indices of a round, before the row edit allocates.
   constexpr double kPlan = 64;
   const auto row_bytes = [](const torch::Tensor& tensor) {
     return static_cast<double>(static_cast<std::int64_t>(tensor.itemsize()) * row_elements(tensor));
@@ -82,14 +82,14 @@ GaussianMemory gaussian_memory(const TrainState& state, const ViewMemory& view, 
   });
   memory.step = kStep;
   if (n_kept_views > 0) {
-    // Of each view, kept splats and their indices (raster/args.h), with a quarter to spare; a copy of the
-    // statistics.
+    // For each view the kept splats and their indices (raster/args.h), and a copy of the statistics, all with a quarter
+    // to spare.
     constexpr double kSpare = 1.25, kIndex = 4, kRecord = 48;
     memory.step += kSpare * n_kept_views * (kIndex + kRecord * ratios.splats());
     for (const torch::Tensor* column : state.statistics.all()) memory.step += kSpare * row_bytes(*column);
   }
-  // Between two rounds, and after the last one, Gaussians grow and become more opaque: pairs increase although the
-  // count does not.
+  // Gaussians grow and become more opaque between two rounds and after the last one, so the number of pairs increases
+  // although the number of Gaussians does not.
   constexpr double kPairGrowth = 1.25;
   memory.view = view.bytes(1, kPairGrowth * ratios.pairs());
   memory.round = kPlan + largest;
