@@ -13,7 +13,7 @@
 namespace b3dgs {
 namespace {
 
-/// Work on the CPU is done when its function returns.
+/// A mark on the CPU, where work is done when its function returns.
 class HostMark final : public StageMark {
  public:
   bool is_reached() const override { return true; }
@@ -34,7 +34,8 @@ class DeviceMark final : public StageMark {
   bool is_reached() const override {
     const cudaError_t code = cudaEventQuery(event_.get());
     if (code != cudaErrorNotReady) B3DGS_CUDA_CHECK(code);
-    if (code != cudaSuccess) cudaGetLastError();  // clears the code, which is no error, for the next launch check
+    if (code != cudaSuccess)
+      cudaGetLastError();  // clears the code, which is not an error, before the next launch check
     return code == cudaSuccess;
   }
   void wait() const override { B3DGS_CUDA_CHECK(cudaEventSynchronize(event_.get())); }
