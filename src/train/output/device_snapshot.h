@@ -12,15 +12,15 @@
 
 namespace b3dgs::cuda {
 
-/// Copies of arrays of bytes in device memory. Destroying it returns their memory to the system, not to a caching
-/// allocator; no reads may be in progress.
+/// Copies of byte arrays in device memory. The destructor returns their memory to the system, not to a caching
+/// allocator. No reads may be in progress then.
 struct DeviceSnapshot {
   MemoryOnDevice memory;
   std::vector<std::string_view> arrays;
 };
 
-/// Copies the arrays after all work queued on `stream` so far; asynchronous. Null if less than twice their size is
-/// free: training may need the same amount for itself.
+/// Copies the arrays after all work queued on `stream` so far. Asynchronous. Returns null if less than twice their size
+/// is free, because training may need the same amount for itself.
 inline std::unique_ptr<DeviceSnapshot> make_device_snapshot(const std::vector<std::string_view>& arrays,
                                                             cudaStream_t stream) {
   constexpr std::size_t kAlignment = 256;  // bytes
@@ -32,7 +32,7 @@ inline std::unique_ptr<DeviceSnapshot> make_device_snapshot(const std::vector<st
   auto snapshot = std::make_unique<DeviceSnapshot>();
   try {
     snapshot->memory = make_memory_on_device(wanted);
-  } catch (const OutOfMemoryError&) {  // others have taken it since
+  } catch (const OutOfMemoryError&) {  // taken by other processes in the meantime
     return nullptr;
   }
   std::uint8_t* to = snapshot->memory.get();
@@ -46,7 +46,7 @@ inline std::unique_ptr<DeviceSnapshot> make_device_snapshot(const std::vector<st
   return snapshot;
 }
 
-/// Copies to the host through two pinned buffers, on a stream of its own. For one thread at a time.
+/// Copies to the host through two pinned buffers, on a separate stream. For one thread at a time.
 class DeviceReader {
  public:
   static constexpr std::size_t kPieceBytes = std::size_t{4} << 20;
@@ -57,13 +57,13 @@ class DeviceReader {
     }
   }
 
-  /// Reads from now on see the result of all work queued on `stream` so far. Asynchronous.
+  /// Makes later reads wait for all work queued on `stream` so far. Asynchronous.
   void follow(cudaStream_t stream) {
     B3DGS_CUDA_CHECK(cudaEventRecord(reached_.get(), stream));
     B3DGS_CUDA_CHECK(cudaStreamWaitEvent(stream_.get(), reached_.get(), 0));
   }
 
-  /// Calls take(piece, bytes) for one piece after the other, while the next one is being copied.
+  /// Calls take(piece, bytes) for each piece in order, while the next one is being copied.
   void read(const void* device, std::size_t bytes, const std::function<void(const void*, std::size_t)>& take) {
     const std::size_t n_pieces = (bytes + kPieceBytes - 1) / kPieceBytes;
     const auto size_of = [&](std::size_t piece) { return std::min(kPieceBytes, bytes - piece * kPieceBytes); };
@@ -88,7 +88,7 @@ class DeviceReader {
   };
   Piece pieces_[2];
   Event reached_;
-  Stream stream_;  // last: its copies end first
+  Stream stream_;  // declared last, so that its copies end before the buffers are freed
 };
 
 }  // namespace b3dgs::cuda

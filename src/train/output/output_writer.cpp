@@ -27,7 +27,7 @@ void read_host(const char* array, std::size_t bytes, const TakePiece& take) {
   }
 }
 
-/// `arrays`: the columns of a SplatCloud, and its filters if it has any.
+/// Appends all rows of the model to the file. `arrays` are the columns of a SplatCloud, and its filters if it has any.
 void append_rows(SplatPlyWriter& file, std::int64_t n, int sh_degree, const std::vector<Bytes>& arrays,
                  const ReadPieces& read) {
   constexpr std::int64_t kBlock = 16384;
@@ -74,7 +74,7 @@ void OutputWriter::add(WrittenFile file, std::function<void()> work) {
     } catch (const std::exception& error) {
       file.error = file.path.string() + ": could not be written: " + first_line(error.what());
     }
-    work = {};  // frees its memory before it counts as done
+    work = {};  // frees the memory of `work` before the file counts as done
     const std::lock_guard lock(mutex_);
     done_.push_back(std::move(file));
   });
@@ -110,7 +110,7 @@ void OutputWriter::write_from_device(const WrittenFile& file, const Content& con
   std::shared_ptr<cuda::DeviceSnapshot> snapshot;
   if (may_copy) snapshot = cuda::make_device_snapshot(arrays, stream);
   if (snapshot == nullptr) {
-    wait();  // until the background thread no longer uses the reader
+    wait();  // the background thread may still be using the reader
     reader_->follow(stream);
     content.fill(arrays, read);
     return add(file, content.commit);

@@ -1,9 +1,9 @@
 // Writes checkpoints and PLYs in the background.
 //
-// On a GPU the tensors are copied within device memory if there is room, and a background thread writes the copy to the
-// file in pieces, so that training continues at once. Without room, and on a CPU (where a copy would be a second model
-// in the same memory), the training thread writes the pieces from the tensors themselves to the system's page cache,
-// and the background thread only waits for the disk. There is never a second copy of the model in host memory.
+// If GPU memory suffices, the tensors are copied within it and a background thread writes the copy to the file in
+// pieces, so that training continues at once. Otherwise, and on a CPU (where a copy would be a second model in the same
+// memory), the training thread writes the pieces from the tensors themselves to the system's page cache, and the
+// background thread only waits for the disk. There is never a second copy of the model in host memory.
 #pragma once
 
 #include <filesystem>
@@ -31,12 +31,12 @@ struct WrittenFile {
   Kind kind = Kind::kCheckpoint;
   int iteration = 0;
   std::filesystem::path path;
-  std::string error;  // why it could not be written; empty = written
+  std::string error;  // why the file could not be written; empty: it was written
 };
 
 class OutputWriter {
  public:
-  using Bytes = std::string_view;  // of a tensor, in the memory of its device
+  using Bytes = std::string_view;  // data of a tensor in the memory of its device
 
   explicit OutputWriter(torch::Device device) : device_(device) {}
   /// Waits until all files are written.
@@ -44,11 +44,11 @@ class OutputWriter {
   OutputWriter(const OutputWriter&) = delete;
   OutputWriter& operator=(const OutputWriter&) = delete;
 
-  /// The tensors may change as soon as these return. `may_copy`: they may be copied within GPU memory. Files are
-  /// written in the order of the calls.
+  /// Write a file. The tensors may change as soon as the call returns. `may_copy` allows to copy them within GPU
+  /// memory. Files are written in the order of the calls.
   void write_checkpoint(const WrittenFile& file, const nlohmann::ordered_json& header,
                         const std::vector<CheckpointTensor>& tensors, bool may_copy);
-  /// `frame` is that of the Gaussians.
+  /// `frame` is the frame of the Gaussians.
   void write_ply(const WrittenFile& file, const GaussianTensors& gaussians, const CoordinateFrame& frame,
                  bool may_copy);
 
@@ -57,7 +57,7 @@ class OutputWriter {
     if (queue_ != nullptr) queue_->finish();
   }
 
-  /// Files that have been written, or could not be, for whatever reason, since the last call.
+  /// Returns the files that have been written, or could not be for any reason, since the last call.
   std::vector<WrittenFile> take();
 
  private:
@@ -74,7 +74,7 @@ class OutputWriter {
   std::shared_ptr<cuda::DeviceReader> reader_;
   std::mutex mutex_;
   std::vector<WrittenFile> done_;     // guarded by mutex_
-  std::unique_ptr<TaskQueue> queue_;  // with a thread, since the first file
+  std::unique_ptr<TaskQueue> queue_;  // created with its thread for the first file
 };
 
 }  // namespace b3dgs

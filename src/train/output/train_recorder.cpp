@@ -101,7 +101,7 @@ void TrainRecorder::add_stage_times(const std::vector<StageTimes>& known) {
 
 bool TrainRecorder::has_room_for_copy(std::int64_t bytes) const {
   const std::optional<std::int64_t> limit = source_.memory.limit();
-  // The same amount again is left to the training.
+  // Leaves the same amount of memory to the training.
   return !is_end() && (!limit || *limit - source_.memory.use().reserved >= 2 * bytes);
 }
 
@@ -147,7 +147,7 @@ void TrainRecorder::collect_files() {
 void TrainRecorder::handle(const WrittenFile& file) {
   const TrainState& state = source_.state;
   const bool is_checkpoint = file.kind == WrittenFile::Kind::kCheckpoint;
-  if (file.error.empty()) {  // perhaps at the second try
+  if (file.error.empty()) {  // an earlier attempt may have failed
     std::vector<std::filesystem::path>& missing = outputs_.not_written;
     missing.erase(std::remove(missing.begin(), missing.end(), file.path), missing.end());
     const auto is_this = [&](const WrittenFile& other) { return other.path == file.path; };
@@ -161,7 +161,7 @@ void TrainRecorder::handle(const WrittenFile& file) {
     return;
   }
   outputs_.not_written.push_back(file.path);
-  // A training that is stopped is continued from its checkpoint; its PLY is only for viewers.
+  // A stopped training continues from its checkpoint. Its PLY is only for viewers.
   const bool is_needed = is_checkpoint ? is_end() : is_complete();
   if (is_needed && file.iteration == state.iteration) {
     failed_.push_back(file);
@@ -201,7 +201,7 @@ std::string TrainRecorder::remedy() const {
   if (command.empty() && has_checkpoint) command = "--resume auto";
   text += last_checkpoint() + "; ";
   if (!command.empty()) return text + "continue with " + command;
-  // A new training in this folder would need --overwrite, and replace what it holds.
+  // A new training in this folder would need --overwrite, and would replace the existing model.
   return text + "start the training again" + (folder.holds_model() ? " in another folder (-m)" : "");
 }
 
@@ -213,7 +213,7 @@ namespace {
 
 using Json = nlohmann::ordered_json;
 
-/// Lines of iterations up to the given one. Incomplete lines, left by a crash, are dropped.
+/// Returns the lines up to the given iteration. Incomplete lines, which a crash leaves behind, are dropped.
 std::string lines_until(const std::filesystem::path& path, int iteration) {
   std::istringstream file(read_file_if_there(path).value_or(""));
   std::string kept;
