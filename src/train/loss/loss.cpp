@@ -47,7 +47,7 @@ void ImageLoss::add_alpha(const torch::Tensor& alpha, const torch::Tensor& empty
   place_tensor(alpha_grad_, alpha_grad_room_, alpha.sizes(), alpha.options());
   alpha_grad_.copy_(empty).mul_(weight / (255.0 * static_cast<double>(alpha.numel())));
   if (device_.is_cpu()) {
-    // In one order, so that the value does not depend on the number of threads.
+    // Sums in a fixed order, so that the value does not depend on the number of threads.
     const float *alphas = alpha.data_ptr<float>(), *weights = alpha_grad_.data_ptr<float>();
     double sum = 0;
     for (std::int64_t i = 0; i < alpha.numel(); ++i) sum += double{alphas[i]} * weights[i];

@@ -1,6 +1,7 @@
-// L1 + D-SSIM on the GPU: one kernel computes SSIM's partial derivatives and each block's sums, a second one the
-// gradient and the value. A block owns one channel of 32 x 32 pixels and filters rows, then columns, in shared memory.
-// Shared-memory loads limit it, so a thread filters four adjacent outputs at once: 14 values for 44 products.
+// L1 + D-SSIM on the GPU. The first kernel computes SSIM's partial derivatives and the sums of each block, and the
+// second one the gradient and the value. A block owns one channel of 32 x 32 pixels and filters rows, then columns, in
+// shared memory. Loads from shared memory limit the speed, so a thread filters four adjacent outputs at once, with 14
+// loads for 44 products.
 //
 //   1st kernel   rendered, truth  ->  four maps, filtered  ->  three partial derivatives of SSIM, sums of blocks
 //   2nd kernel   partial derivatives  ->  filtered  ->  gradient of the rendered image; block 0: value
@@ -13,19 +14,19 @@ namespace {
 
 constexpr int kSide = 32;
 constexpr int kThreads = 256;
-constexpr int kBlocks = 4;  // resident per multiprocessor; limits the registers
+constexpr int kBlocks = 4;  // blocks resident per multiprocessor, which limits the registers
 constexpr int kRadius = kSsimRadius;
 constexpr int kHalo = kSide + 2 * kRadius;
-constexpr int kRun = 4;  // adjacent outputs that a thread filters at once
+constexpr int kRun = 4;  // number of adjacent outputs that a thread filters at once
 static_assert(kSide * kSide == kRun * kThreads, "one run of a column per thread");
 constexpr int kRunInputs = kRun + 2 * kRadius;
 
-/// Rows start at multiples of 16 bytes.
+/// Row length in floats, rounded up so that rows start at multiples of 16 bytes.
 constexpr int kPitch = (kHalo + 3) / 4 * 4;
 using HaloPlane = float[kHalo][kPitch];
 using RowPlane = float[kHalo][kSide];
 
-/// Weight of tap k of the window. Loops over k are unrolled, so this is an immediate operand.
+/// Returns the weight of tap k of the window. Loops over k are unrolled, so this is an immediate operand.
 __device__ __forceinline__ constexpr float window(int k) {
   return ssim_weight(k < kRadius ? kRadius - k : k - kRadius);
 }
@@ -44,7 +45,7 @@ __device__ __forceinline__ Run filter_run(const float (&in)[kRunInputs]) {
   return run;
 }
 
-/// Loads the inputs of a run in a row; `from` is aligned to 16 bytes.
+/// Loads the inputs of a run in a row. `from` is aligned to 16 bytes.
 __device__ __forceinline__ void load_run(const float* from, float (&in)[kRunInputs]) {
   static_assert(kRunInputs % 4 == 2, "loads of four floats, then one of two");
 #pragma unroll
@@ -79,10 +80,11 @@ __device__ __forceinline__ void for_row_runs(Body&& body) {
   for (int i = static_cast<int>(threadIdx.x); i < kHalo * kRuns; i += kThreads) body(i / kRuns, i % kRuns * kRun);
 }
 
-/// What a block works on. The three blocks of a tile follow each other, so that its cache lines are loaded once.
+/// The channel and tile of a block. The three blocks of a tile are consecutive, so that its cache lines are loaded
+/// once.
 struct ChannelTile {
   int channel;
-  int x, y;  // of the first pixel, px
+  int x, y;  // position of the first pixel, px
 };
 
 __device__ __forceinline__ ChannelTile channel_tile(const LossArgs& args, unsigned block) {
@@ -91,7 +93,7 @@ __device__ __forceinline__ ChannelTile channel_tile(const LossArgs& args, unsign
           static_cast<int>(tile / n_columns) * kSide};
 }
 
-/// Calls body(row, column, pixel) for each pixel of the halo; pixel is -1 outside the image.
+/// Calls body(row, column, pixel) for each pixel of the halo, where pixel is -1 outside the image.
 template <class Body>
 __device__ __forceinline__ void for_halo(const LossArgs& args, const ChannelTile& tile, Body&& body) {
 #pragma unroll 4
@@ -103,7 +105,7 @@ __device__ __forceinline__ void for_halo(const LossArgs& args, const ChannelTile
   }
 }
 
-/// Sum over a block in a fixed order; thread 0 gets the result.
+/// Returns the sum over a block to thread 0, added in a fixed order.
 template <class Real>
 __device__ Real block_sum(Real value, Real* scratch) {
   for (int offset = 16; offset > 0; offset /= 2) value += __shfl_xor_sync(0xffffffffu, value, offset);
@@ -128,22 +130,23 @@ struct BlockLoss {
 
 constexpr int kMaps = 4;  // rendered, truth, the sum of their squares, their product
 
-/// SSIM of one channel of a pixel from the filtered maps. `partials` (the pixel's element in planes of n_pixels)
-/// receives the derivatives with respect to the three maps that depend on the rendered image, times `scale`.
+/// Returns the SSIM of one channel of a pixel, given the filtered maps. `partials` points to the pixel's element in
+/// planes of n_pixels. It receives the derivatives with respect to the three maps that depend on the rendered image,
+/// times `scale`.
 __device__ __forceinline__ float ssim_of(const float (&maps)[kMaps], float scale, float* partials,
                                          std::int64_t n_pixels) {
   const float mu1 = maps[0], mu2 = maps[1], means_squared = mu1 * mu1 + mu2 * mu2, covariance = maps[3] - mu1 * mu2;
   const float a = 2 * mu1 * mu2 + kSsimC1, b = 2 * covariance + kSsimC2;
   const float c = means_squared + kSsimC1, d = maps[2] - means_squared + kSsimC2;
   const float inverse = 1 / (c * d), value = a * b * inverse, inverse_d = c * inverse;
-  // Variance and covariance depend on the mean too: this is the total derivative with respect to the mean.
+  // This is the total derivative with respect to the mean, because variance and covariance depend on the mean, too.
   partials[0] = scale * 2 * ((mu2 * (b - a) - value * d * mu1) * inverse + value * mu1 * inverse_d);
   partials[n_pixels] = -scale * value * inverse_d;
   partials[2 * n_pixels] = scale * 2 * a * inverse;
   return value;
 }
 
-/// Writes the sums of each block, and the partials of each pixel and channel.
+/// Writes the sums of each block and the partial derivatives of each pixel and channel.
 __global__ void __launch_bounds__(kThreads, kBlocks)
     loss_map_kernel(const LossArgs args, float* partials, BlockLoss* sums) {
   __shared__ alignas(16) HaloPlane rendered, truth;  // 0 at invalid pixels and outside the image
@@ -194,7 +197,7 @@ __global__ void __launch_bounds__(kThreads, kBlocks)
   if (threadIdx.x == 0) sums[blockIdx.x] = sum;
 }
 
-/// Adds up the sums of all blocks in a fixed order; called by one block.
+/// Adds up the sums of all blocks in a fixed order. One block calls this.
 __device__ void sum_loss(const LossArgs& args, const BlockLoss* sums, int n_blocks, double* scratch, LossValue* out) {
   double own_l1 = 0, own_ssim = 0;
   for (int i = static_cast<int>(threadIdx.x); i < n_blocks; i += kThreads) {
@@ -208,8 +211,8 @@ __device__ void sum_loss(const LossArgs& args, const BlockLoss* sums, int n_bloc
   *out = values > 0 ? weighted_loss(args.weights, mean_l1, mean_ssim) : LossValue{};
 }
 
-/// Gradient with respect to the rendered image: the partials are filtered again, and the slope of L1 is added. The
-/// first block computes the value at the same time.
+/// Computes the gradient with respect to the rendered image, by filtering the partial derivatives again and adding the
+/// slope of L1. The first block computes the value at the same time.
 __global__ void __launch_bounds__(kThreads, kBlocks)
     loss_grad_kernel(const LossArgs args, const float* partials, const BlockLoss* sums, LossValue* value) {
   __shared__ alignas(16) HaloPlane maps[3];
@@ -254,7 +257,7 @@ __global__ void __launch_bounds__(kThreads, kBlocks)
   }
 }
 
-/// One for each channel of each tile.
+/// Returns the number of blocks, one for each channel of each tile.
 unsigned n_blocks_of(std::int32_t width, std::int32_t height) {
   return 3 * static_cast<unsigned>((width + kSide - 1) / kSide) * static_cast<unsigned>((height + kSide - 1) / kSide);
 }

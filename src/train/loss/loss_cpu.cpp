@@ -1,7 +1,7 @@
 // The loss on the CPU, in bands of rows.
 //
-// The taps of the separable SSIM window are 3 floats apart in an interleaved RGB row. Pass 1 goes down a band: each row
-// is filtered horizontally into a ring of 11 rows, which are then summed vertically. That gives the SSIM of each pixel
+// The taps of the separable SSIM window are 3 floats apart in an interleaved RGB row. Pass 1 goes down a band. It
+// filters each row horizontally into a ring of 11 rows, and sums these vertically. This gives the SSIM of each pixel
 // and its derivatives with respect to the three window means that depend on the rendered image, which are filtered
 // horizontally and stored. Pass 2 filters them vertically, which gives the gradient, because the window is symmetric.
 // Bands overlap by 10 rows in pass 1 and share nothing else.
@@ -31,9 +31,9 @@ constexpr int kRadius = kSsimRadius;
 constexpr int kTaps = 2 * kRadius + 1;
 constexpr std::int64_t kBandRows = 32;
 constexpr std::int64_t kMaxLanes = 16;
-constexpr std::int64_t kPadding = 16;  // floats before and after a row: 3 * kRadius, and whole vectors
+constexpr std::int64_t kPadding = 16;  // floats before and after a row: 3 * kRadius, rounded up to whole vectors
 
-/// An image row in memory that vector loads and stores may overrun: zero padding before and after.
+/// Layout of an image row, with zero padding before and after it so that vector loads and stores may overrun the row.
 struct RowLayout {
   explicit RowLayout(std::int64_t width) : n(3 * width), rounded((n + kMaxLanes - 1) / kMaxLanes * kMaxLanes) {}
   std::int64_t n;        // floats in a row
@@ -58,7 +58,7 @@ namespace hn = hwy::HWY_NAMESPACE;
 using FloatTag = hn::CappedTag<float, kMaxLanes>;
 using FloatVec = hn::Vec<FloatTag>;
 
-/// Bands of one thread.
+/// Computes the bands of one thread.
 class BandLoss {
  public:
   explicit BandLoss(const LossArgs& args)
@@ -69,7 +69,8 @@ class BandLoss {
     std::fill_n(weight(), layout_.n, 1.0f);
   }
 
-  /// Writes SSIM and L1 of rows [begin, end) to sums[row] and, if a gradient is wanted, derivatives to the workspace.
+  /// Writes SSIM and L1 of rows [begin, end) to sums[row]. If a gradient is wanted, also writes derivatives to the
+  /// workspace.
   void value(std::int64_t begin, std::int64_t end, RowSums* sums) {
     for (std::int64_t row = begin - kRadius; row < end + kRadius; ++row) {
       if (row >= 0 && row < args_.height) {
@@ -86,7 +87,7 @@ class BandLoss {
     }
   }
 
-  /// Gradient of rows [begin, end), from the derivatives of all rows.
+  /// Computes the gradient of rows [begin, end) from the derivatives of all rows.
   void gradient(std::int64_t begin, std::int64_t end) {
     const FloatTag d;
     const LossScales scales = loss_scales(args_);
@@ -123,15 +124,15 @@ class BandLoss {
   float* y() { return scratch_row(3); }                            // truth
   float* squares() { return scratch_row(4); }                      // x^2 + y^2
   float* product() { return scratch_row(5); }                      // x y
-  float* derivative(int which) { return scratch_row(6 + which); }  // 3
-  /// Horizontally filtered x, y, squares or product (0-3) of an image row.
+  float* derivative(int which) { return scratch_row(6 + which); }  // which is 0 to 2
+  /// Returns the horizontally filtered x, y, squares or product (`which` 0 to 3) of an image row.
   float* ring(int which, std::int64_t image_row) {
     return scratch_row(9 + kTaps * which + static_cast<int>(image_row % kTaps));
   }
   static constexpr std::int64_t kScratchRows = 9 + 4 * kTaps;
   float* scratch_row(int index) { return scratch_.get() + index * layout_.stride() + kPadding; }
 
-  /// What row_at() gives for each row of the window around an image row; zeros outside the image.
+  /// Rows of the window around an image row, from row_at(). Rows outside the image are zeros.
   using WindowRows = std::array<const float*, kTaps>;
   template <class RowAt>
   WindowRows window_rows(std::int64_t center, RowAt&& row_at) {
@@ -143,7 +144,7 @@ class BandLoss {
     return rows;
   }
 
-  /// A row of horizontally filtered derivatives.
+  /// Returns a row of horizontally filtered derivatives.
   float* workspace_row(int which, std::int64_t row) const {
     return args_.workspace + (which * static_cast<std::int64_t>(args_.height) + row) * layout_.rounded;
   }
@@ -166,7 +167,7 @@ class BandLoss {
     for (std::int64_t i = 0; i < layout_.n; ++i) weight()[i] = valid[i / 3] != 0 ? 1.0f : 0.0f;
   }
 
-  /// Computes squares and product; returns the sum of |x - y|.
+  /// Computes squares and product. Returns the sum of |x - y|.
   double multiply_row() {
     const FloatTag d;
     auto sum = hn::Zero(d);
@@ -182,7 +183,7 @@ class BandLoss {
 
   static HWY_INLINE FloatVec weight_at(int distance) { return hn::Set(FloatTag(), ssim_weight(distance)); }
 
-  /// Horizontal filter. `in` has zero padding; `out` is written in whole vectors.
+  /// Filters a row horizontally. `in` has zero padding. `out` is written in whole vectors.
   void filter_row(const float* in, float* out) const {
     const FloatTag d;
     for (std::int64_t i = 0; i < layout_.rounded; i += static_cast<std::int64_t>(hn::Lanes(d))) {
@@ -204,7 +205,7 @@ class BandLoss {
     return sum;
   }
 
-  /// Returns the sum of SSIM over a row whose neighbours are in the ring; writes derivatives to the workspace.
+  /// Returns the sum of SSIM over a row whose neighbours are in the ring. Writes derivatives to the workspace.
   double ssim_row(std::int64_t center) {
     const FloatTag d;
     std::array<WindowRows, 4> rows;
@@ -230,7 +231,7 @@ class BandLoss {
       const auto inverse = hn::Div(one, hn::Mul(b1, b2));
       const auto weight = hn::Load(d, this->weight() + i);
       const auto ssim = hn::Mul(hn::Mul(a1, a2), inverse);
-      // Past the row's end the windows still overlap the row, hence the weight.
+      // The windows past the row's end still overlap the row, so the weight is needed.
       sum = hn::MulAdd(weight, ssim, sum);
       if (!args_.grad) continue;
       const auto weighted = hn::Mul(weight, inverse);
