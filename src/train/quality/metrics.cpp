@@ -38,7 +38,7 @@ std::optional<ImageQuality> image_quality(const torch::Tensor& rendered, const I
   args.truth = truth.pixels.data();
   args.valid = mask;
   args.n_valid = n_valid;
-  constexpr double kMaxPsnr = 100;  // dB, for identical images: JSON has no infinity
+  constexpr double kMaxPsnr = 100;  // dB, for identical images, because JSON has no infinity
   const double mean_square = static_cast<double>(square_sum) / (255.0 * 255.0 * 3.0 * static_cast<double>(n_valid));
   return ImageQuality{square_sum == 0 ? kMaxPsnr : -10 * std::log10(mean_square), cpu::compute_loss(args).ssim};
 }
@@ -49,7 +49,7 @@ Image8 to_image8(const torch::Tensor& image) {
   Image8 result(static_cast<int>(image.size(1)), static_cast<int>(image.size(0)), image.dim() == 2 ? 1 : 3);
   torch::Tensor value = torch::nan_to_num(image, 0).clamp_(0, 1).mul_(255);
   const torch::Tensor whole = value.floor();
-  // Not round(), for which 126.5 is 126.
+  // Not round(), which rounds 126.5 to 126.
   const torch::Tensor bytes = host_copy(value.sub_(whole).ge_(0.5).add_(whole).to(torch::kUInt8).contiguous());
   std::copy_n(bytes.data_ptr<std::uint8_t>(), bytes.numel(), result.pixels.begin());
   return result;
@@ -63,7 +63,7 @@ torch::Tensor host_copy(const torch::Tensor& tensor) {
 
 namespace {
 
-/// [1, 3, H, W] float in [0, 1].
+/// Returns the image as [1, 3, H, W] float in [0, 1].
 torch::Tensor to_planes(const Image8& image, const Image8* valid, torch::Device device) {
   const auto bytes_of = [](const Image8& of) {
     return torch::from_blob(const_cast<std::uint8_t*>(of.pixels.data()), {of.height, of.width, of.channels},
@@ -113,7 +113,7 @@ ColorTransform fit_colors(const torch::Tensor& rendered, const Image8& truth, co
               "rendered view is ", host.sizes(), ", photograph is ", truth.width, " x ", truth.height, " px");
   const float* colors = host.data_ptr<float>();
   const std::size_t n_pixels = truth.pixels.size() / 3;
-  // Normal equations of what is to be added to kSameColors.
+  // Normal equations of the difference from kSameColors.
   std::array<std::array<double, 4>, 4> products{};
   ColorTransform sides{};
   double n_valid = 0;
@@ -144,7 +144,7 @@ ColorTransform fit_colors(const torch::Tensor& rendered, const Image8& truth, co
 torch::Tensor transform_colors(const torch::Tensor& rendered, const ColorTransform& transform) {
   const torch::Tensor matrix = torch::from_blob(const_cast<double*>(transform[0].data()), {3, 4}, torch::kFloat64)
                                    .to(rendered.device(), torch::kFloat32);
-  // Sums of products, not matmul, which may round inputs on a GPU.
+  // Uses sums of products instead of matmul, which may round its inputs on a GPU.
   torch::Tensor sum = matrix.select(1, 3).expand(rendered.sizes());
   for (int i = 0; i < 3; ++i) sum = sum + rendered.slice(2, i, i + 1) * matrix.select(1, i);
   return sum.contiguous();
