@@ -11,8 +11,8 @@ namespace b3dgs {
 
 inline constexpr double kAdamBeta1 = 0.9;
 inline constexpr double kAdamBeta2 = 0.999;
-inline constexpr double kAdamEpsilon =
-    1e-15;  // as in the original 3DGS, because gradients of a mean over all pixels are tiny
+// As in the original 3DGS, because gradients of a mean over all pixels are tiny.
+inline constexpr double kAdamEpsilon = 1e-15;
 
 /// Coefficients that depend on the number of views of a step (--batch). The default is one view.
 struct AdamRule {
