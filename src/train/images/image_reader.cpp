@@ -7,10 +7,10 @@
 namespace b3dgs {
 
 int reading_threads(ReadingLoad load) {
-  constexpr int kMost = 24;  // decoding a JPEG of 1600 px takes 10 to 15 ms, the fastest steps take 1 ms
+  constexpr int kMost = 24;  // because decoding a JPEG of 1600 px takes 10 to 15 ms, and the fastest steps take 1 ms
   if (load == ReadingLoad::kCpuTraining) return 1;
   int n_threads = thread_count() - 1;
-  // The thread that launches kernels loses time to others on its core, and cores have two hardware threads each.
+  // The thread that launches kernels loses time to other threads on its core, and a core runs two hardware threads.
   if (load == ReadingLoad::kGpuTraining) n_threads = std::max(std::min(n_threads, 7), thread_count() / 2);
   return std::clamp(n_threads, 1, kMost);
 }
@@ -53,7 +53,7 @@ void ImageReader::expect(const std::vector<std::int32_t>& images) {
       if (has_to_be_read(order_.back())) ++n_unread;
     }
   }
-  // A thread for each image; to wake all of them at every step would hold up the training thread.
+  // Wakes one thread per image, because waking all of them at every step would delay the training thread.
   for (std::size_t i = 0; i < std::min(n_unread, threads_.size()); ++i) work_.notify_one();
 }
 
@@ -132,10 +132,10 @@ std::vector<std::uint8_t*> ImageBuffers::allocate() {
 
 void read_in_order(const std::vector<std::shared_ptr<const ViewImage>>& images, int n_threads,
                    const std::function<void(std::size_t, const std::uint8_t*)>& body) {
-  // Images in memory stay there: they are never released while a scene is in use.
+  // Images in memory are never released while a scene is in use.
   std::vector<std::shared_ptr<const Image8>> held;
   std::vector<std::shared_ptr<const ViewImage>> on_disk;
-  std::vector<std::int32_t> left;  // of those on disk
+  std::vector<std::int32_t> left;  // indices of the images on disk that are still to be used
   for (const auto& image : images) {
     held.push_back(image->held());
     if (held.back()) continue;

@@ -16,7 +16,7 @@
 
 namespace b3dgs {
 
-/// Which photograph is in which of a few slots, in GPU or host memory. Only bookkeeping: it moves no bytes.
+/// Keeps track of which photograph is in which of a few slots in GPU or host memory. It moves no data itself.
 class UploadSlots {
  public:
   static constexpr std::int32_t kEmpty = -1;
@@ -29,14 +29,14 @@ class UploadSlots {
 
   std::int32_t view_in(int slot) const { return views_[static_cast<std::size_t>(slot)]; }
 
-  /// Slot of a view; -1 = none.
+  /// Returns the slot of a view, or -1 if it has none.
   int slot_of(std::int32_t view) const {
     const auto it = std::find(views_.begin(), views_.end(), view);
     return it == views_.end() ? -1 : static_cast<int>(it - views_.begin());
   }
 
-  /// Assigns a slot to each of `wanted` (at most as many as there are slots). Wanted views that have a slot keep it.
-  /// Returns the uploads that are needed, in the order of `wanted`.
+  /// Assigns a slot to each of `wanted` (at most as many as there are slots). Wanted views that already have a slot
+  /// keep it. Returns the necessary uploads, in the order of `wanted`.
   std::vector<Upload> assign(const std::vector<std::int32_t>& wanted) {
     B3DGS_CHECK(wanted.size() <= views_.size(), wanted.size(), " views for ", views_.size(), " slots");
     std::vector<Upload> uploads;
@@ -55,20 +55,20 @@ class UploadSlots {
   std::vector<std::int32_t> views_;  // by slot
 };
 
-/// What else the program does while photographs are read.
+/// Other work of the program while photographs are read.
 enum class ReadingLoad { kNothing, kGpuTraining, kCpuTraining };
 
-/// Number of reading threads beside that load.
+/// Returns the number of reading threads to use beside this work.
 int reading_threads(ReadingLoad load);
 
-/// Used by one thread at a time. Its own threads end with it.
+/// Reads images ahead in its own threads, which end with it. May be used by one thread at a time.
 class ImageReader {
  public:
   struct Setup {
     std::vector<std::shared_ptr<const ViewImage>> images;
-    std::vector<std::uint8_t*> buffers;  // at least one, each large enough for any image; they must outlive the reader
+    std::vector<std::uint8_t*> buffers;  // at least one, each large enough for any image; must outlive the reader
     int n_threads = 1;
-    std::function<void(int buffer)> before_write;  // called by a reading thread; may be empty
+    std::function<void(int buffer)> before_write;  // called by a reading thread before it writes; may be empty
   };
 
   explicit ImageReader(Setup setup);
@@ -78,50 +78,50 @@ class ImageReader {
 
   int n_buffers() const { return static_cast<int>(setup_.buffers.size()); }
 
-  /// Announces the images that will be waited for, the next one first. As many as there are buffers are read; buffers
-  /// of other images may be overwritten from now on. Asynchronous.
+  /// Announces the images that wait() will be called for, in this order. As many of them as there are buffers are read.
+  /// Buffers of other images may be overwritten from now on. Asynchronous.
   void expect(const std::vector<std::int32_t>& images);
 
-  /// Whether wait() would return immediately and without an error.
+  /// Returns whether wait() would return immediately and without an error.
   bool is_ready(std::int32_t image) const;
 
-  /// Waits until the image is read and returns the index of its buffer. The image must be ready already, or among those
-  /// that the last expect() assigned a buffer. @throws the exception that reading it has thrown
+  /// Waits until the image is read and returns the index of its buffer. The image must already be ready, or be among
+  /// those that the last expect() assigned a buffer to. @throws the exception that was thrown when it was read
   int wait(std::int32_t image) const;
 
   const std::uint8_t* bytes(int buffer) const { return setup_.buffers[static_cast<std::size_t>(buffer)]; }
 
  private:
   struct Buffer {
-    std::int32_t content = UploadSlots::kEmpty;  // the image that has been read
+    std::int32_t content = UploadSlots::kEmpty;  // image in the buffer
     bool is_written = false;                     // a thread is writing to it
-    std::exception_ptr error;                    // of reading `content`
+    std::exception_ptr error;                    // exception from reading `content`
   };
 
   void stop();
   void run_thread();
   bool has_to_be_read(int buffer) const;
-  /// The buffer of an image that is read; else null.
+  /// Returns the buffer of an image that has been read, or null.
   const Buffer* find_read(std::int32_t image) const;
 
   const Setup setup_;
-  UploadSlots slots_;  // which image belongs in which buffer
+  UploadSlots slots_;  // which image each buffer is for
   mutable std::mutex mutex_;
   mutable std::condition_variable work_, done_;
   std::vector<Buffer> buffers_;  // this and the next two are guarded by mutex_
-  std::vector<int> order_;       // of buffers, the most urgent first
+  std::vector<int> order_;       // buffers, the most urgent first
   bool is_stopping_ = false;
   std::vector<std::thread> threads_;
 };
 
-/// The buffers of a reader: as many as the scene's ImageMemory allows, at most one per image; each large enough for any
-/// of them. They are reserved there while this exists.
+/// Buffers for a reader: as many as the scene's ImageMemory allows, at most one per image, and each large enough for
+/// any of the images. Their memory stays reserved there while this object exists.
 class ImageBuffers {
  public:
   explicit ImageBuffers(const std::vector<std::shared_ptr<const ViewImage>>& images);
   int count() const { return count_; }
-  std::int64_t n_bytes() const { return n_bytes_; }  // of each
-  /// Makes them, in pageable host memory.
+  std::int64_t n_bytes() const { return n_bytes_; }  // per buffer
+  /// Allocates the buffers in pageable host memory.
   std::vector<std::uint8_t*> allocate();
 
  private:

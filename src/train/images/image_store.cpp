@@ -32,7 +32,7 @@ torch::Tensor truth_at(const std::uint8_t* rgb, const TrainView& view, torch::De
   return bytes_at(rgb, {view.camera.height, view.camera.width, 3}, device);
 }
 
-/// Everything except the tensors.
+/// Returns the view without its tensors.
 TrainView make_train_view(const View& view) {
   const int width = view.camera.width, height = view.camera.height;
   B3DGS_CHECK(view.image && view.image->size().width == width && view.image->size().height == height, "view ",
@@ -58,7 +58,7 @@ void add(ImagePlaces::Share& share, const ViewImage& image) {
 
 std::int64_t image_budget(double image_cache_gb, torch::Device device, double gpu_memory_gb) {
   if (image_cache_gb >= 0) return static_cast<std::int64_t>(std::min(1e9 * image_cache_gb, 9e18));
-  if (!kTorchHasCuda || device.is_cpu()) return 0;  // photographs are in host memory anyway
+  if (!kTorchHasCuda || device.is_cpu()) return 0;  // photographs are in host memory
   const auto free = static_cast<double>(device_memory_size().free);
   return static_cast<std::int64_t>((gpu_memory_gb > 0 ? std::min(free, 1e9 * gpu_memory_gb) : free) / 2);
 }
@@ -81,17 +81,17 @@ ImagePlaces places_of(const std::vector<View>& views) {
   return places;
 }
 
-/// Brings views that are not resident: reading threads, and on a GPU an uploader.
+/// Streams views that are not resident, with reading threads and, on a GPU, an uploader.
 struct ImageStore::Streamed {
   explicit Streamed(const Images& images) : buffers(images) {}
 
   ImageBuffers buffers;
 #if B3DGS_TORCH_CUDA
-  std::unique_ptr<cuda::ImageUploader> uploader;  // has them in pinned memory
+  std::unique_ptr<cuda::ImageUploader> uploader;  // has the buffers in pinned memory
   UploadSlots slots{static_cast<int>(kUploadAhead) + 1};
   int slot_in_use = -1;
 #endif
-  std::unique_ptr<ImageReader> reader;  // declared last: ends before its buffers do
+  std::unique_ptr<ImageReader> reader;  // declared last, so that it ends before its buffers are freed
 };
 
 ImageStore::~ImageStore() = default;
@@ -138,7 +138,7 @@ ImageStore::ImageStore(const std::vector<View>& views, torch::Device device, std
       resident.push_back(i);
       resident_images.push_back(images_[i]);
     }
-    // Photographs that are read from disk for this do not stay in host memory.
+    // Photographs that are read from disk here do not stay in host memory.
     read_in_order(resident_images, reading_threads(ReadingLoad::kNothing), [&](std::size_t done, const auto* rgb) {
       TrainView& view = views_[resident[done]];
       view.truth = truth_at(rgb, view, torch::kCPU).to(device);
@@ -185,7 +185,7 @@ ImagePlaces ImageStore::places() const {
 
 std::size_t ImageStore::n_upcoming_wanted() const {
   if (streamed_ == nullptr) return 0;
-  // Enough to name an image for each buffer although some of the upcoming views are resident.
+  // Asks for enough views to find an image for each buffer although some of the views are resident.
   constexpr std::int64_t kMostPerBuffer = 4;
   const std::int64_t n_streamed = size() - n_resident_, n_buffers = streamed_->reader->n_buffers();
   const std::int64_t wanted = (n_buffers * size() + n_streamed - 1) / n_streamed;
@@ -220,7 +220,7 @@ TrainView ImageStore::take_on_gpu(std::int32_t index, const Indices& streamed) {
   const cudaStream_t stream = torch_stream();
   if (s.slot_in_use >= 0) s.uploader->release(std::exchange(s.slot_in_use, -1), stream);
 
-  // This view and the next ones, up to the first that is neither on the device nor ready for upload.
+  // Selects this view and the next ones, up to the first one that is neither on the device nor ready for upload.
   const auto is_here = [&](std::int32_t other) { return s.slots.slot_of(other) >= 0; };
   if (!is_resident(index) && !is_here(index)) {
     reader.expect(streamed);
@@ -235,7 +235,7 @@ TrainView ImageStore::take_on_gpu(std::int32_t index, const Indices& streamed) {
     const int buffer = reader.wait(other);
     s.uploader->upload(buffer, images_[static_cast<std::size_t>(other)]->n_bytes(), slot);
   }
-  // Buffers of uploaded photographs may be reused; before_write makes the reading thread wait for the upload.
+  // Buffers of uploaded photographs may be reused, because before_write makes the reading thread wait for the upload.
   Indices unread;
   for (const std::int32_t other : streamed) {
     if (!is_here(other)) unread.push_back(other);
@@ -259,13 +259,13 @@ std::int64_t ImageStore::release_resident(std::int64_t bytes) {
     freed += images_[static_cast<std::size_t>(i)]->n_bytes();
   }
   if (released.empty()) return 0;
-  // Before photographs are given up, what will bring them back: its buffers take memory, too, which may be missing.
-  release_unused_torch_memory();  // the upload slots are not allocated by LibTorch
+  // Allocates the streaming before photographs are released, because there may be too little memory for its buffers.
+  release_unused_torch_memory();  // because LibTorch does not allocate the upload slots
   std::unique_ptr<Streamed> replacement;
   try {
     replacement = make_streamed(released.back());
   } catch (const OutOfMemoryError&) {
-    return 0;  // the caller has other remedies, and says that memory is short if none helps
+    return 0;  // the caller tries other remedies, and reports if none helps
   } catch (const std::bad_alloc&) {
     return 0;
   }

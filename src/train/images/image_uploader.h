@@ -11,8 +11,8 @@ namespace b3dgs::cuda {
 
 class ImageUploader {
  public:
-  /// Slots on the device and pinned staging buffers on the host, each of `image_bytes`. They are allocated by CUDA
-  /// directly, since LibTorch's allocator may reuse memory while a copy is running. @throws CudaError
+  /// Allocates slots on the device and pinned staging buffers on the host, each of `image_bytes`. CUDA allocates them
+  /// directly, because LibTorch's allocator may reuse memory while a copy is running. @throws CudaError
   ImageUploader(int n_slots, int n_staging, std::int64_t image_bytes)
       : image_bytes_(static_cast<std::size_t>(image_bytes)), stream_(make_stream()) {
     B3DGS_CUDA_CHECK(cudaGetDevice(&device_));
@@ -22,7 +22,7 @@ class ImageUploader {
     for (int i = 0; i < n_staging; ++i) staging_.push_back({make_pinned_memory(image_bytes_), make_event()});
   }
 
-  /// The staging buffers, to be filled by the caller.
+  /// Returns the staging buffers, which the caller fills.
   std::vector<std::uint8_t*> staging() const {
     std::vector<std::uint8_t*> buffers;
     for (const Staging& staging : staging_) buffers.push_back(staging.bytes.get());
@@ -44,17 +44,17 @@ class ImageUploader {
   /// Waits until the last upload from the staging buffer is done, so that it may be overwritten. Any thread may call
   /// this, but not during an upload() from the same buffer.
   void wait_for_upload_of(int buffer) const {
-    B3DGS_CUDA_CHECK(cudaSetDevice(device_));  // is per thread
+    B3DGS_CUDA_CHECK(cudaSetDevice(device_));  // the current device is a setting per thread
     B3DGS_CUDA_CHECK(cudaEventSynchronize(staging_[static_cast<std::size_t>(buffer)].uploaded.get()));
   }
 
-  /// The slot's device memory, complete for work queued on `reader` from now on. Asynchronous.
+  /// Returns the slot's device memory, which is complete for work queued on `reader` from now on. Asynchronous.
   const std::uint8_t* acquire(int slot, cudaStream_t reader) {
     B3DGS_CUDA_CHECK(cudaStreamWaitEvent(reader, slot_at(slot).uploaded.get(), 0));
     return slot_at(slot).bytes.get();
   }
 
-  /// Work queued on `reader` so far is the last that reads the slot. Asynchronous.
+  /// Declares that no work queued on `reader` later reads the slot. Asynchronous.
   void release(int slot, cudaStream_t reader) {
     B3DGS_CUDA_CHECK(cudaEventRecord(slot_at(slot).released.get(), reader));
   }
@@ -74,7 +74,7 @@ class ImageUploader {
   std::size_t image_bytes_ = 0;
   std::vector<Staging> staging_;
   std::vector<Slot> slots_;
-  Stream stream_;  // last: its uploads end first
+  Stream stream_;  // declared last, so that its uploads end before the memory is freed
 };
 
 }  // namespace b3dgs::cuda

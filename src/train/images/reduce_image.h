@@ -1,5 +1,5 @@
-// A photograph at 1 / scale of its size, by the mean over scale x scale pixels (an area filter). The same whole-number
-// arithmetic on CPU and GPU, so both give the same bytes. Focal lengths and principal point are divided by the scale
+// Reduces a photograph to 1 / scale of its size by averaging scale x scale pixels (an area filter). CPU and GPU use the
+// same integer arithmetic, so they give the same bytes. Focal lengths and principal point are divided by the scale
 // (reduced_camera()).
 #pragma once
 
@@ -9,10 +9,10 @@
 
 namespace b3dgs {
 
-/// All arrays are on one device and contiguous. A reduced row has width / scale pixels, a reduced column height /
-/// scale, both rounded down: what is left over at the right and at the bottom is not used.
+/// Arguments of reduce_pixel(). All arrays are on one device and contiguous. A reduced row has width / scale pixels and
+/// a reduced column height / scale, both rounded down. Remaining pixels at the right and the bottom are not used.
 struct ReduceImageArgs {
-  std::int32_t width = 0, height = 0;     // px, of the full image
+  std::int32_t width = 0, height = 0;     // size of the full image, px
   std::int32_t scale = 1;                 // at most 255
   const std::uint8_t* rgb = nullptr;      // [H, W, 3]; null: only the mask is reduced
   const std::uint8_t* valid = nullptr;    // [H, W] 0 = pixel is ignored; null = all count
@@ -24,8 +24,8 @@ struct ReduceImageArgs {
   B3DGS_HD std::int64_t n_reduced() const { return std::int64_t{reduced_width()} * reduced_height(); }
 };
 
-/// Writes reduced pixel `out`: the mean of its valid pixels, rounded to the nearest whole number, halves up; 0 if none
-/// is valid. It counts if at least half of its pixels do.
+/// Writes reduced pixel `out`, the mean of the valid pixels that it covers, rounded to the nearest integer with halves
+/// up, or 0 if none is valid. It counts as valid if at least half of these pixels are.
 B3DGS_HD void reduce_pixel(const ReduceImageArgs& args, std::int64_t out) {
   const std::int64_t x = out % args.reduced_width(), y = out / args.reduced_width();
   std::int32_t sum[3] = {0, 0, 0}, n = 0;
