@@ -15,7 +15,7 @@
 namespace b3dgs {
 namespace {
 
-/// The mean of the two in the middle for an even number.
+/// Returns the median, which for an even number of values is the mean of the two in the middle.
 double median(std::vector<double> values) {
   const std::size_t half = values.size() / 2;
   std::sort(values.begin(), values.end());
@@ -65,7 +65,7 @@ fs::path find_folder(const std::string& folder, const Scene& scene) {
               " or in the current folder)");
 }
 
-/// Bilinear between pixel centres at (i + 0.5, j + 0.5); edges continue outwards.
+/// Interpolates bilinearly between pixel centres at (i + 0.5, j + 0.5). Values at the edges continue outwards.
 double sample(const Depth16& map, double x, double y) {
   const double column = std::clamp(x - 0.5, 0.0, map.width - 1.0), row = std::clamp(y - 0.5, 0.0, map.height - 1.0);
   const int left = std::min(static_cast<int>(column), std::max(0, map.width - 2)),
@@ -79,7 +79,7 @@ double sample(const Depth16& map, double x, double y) {
          v * ((1 - u) * at(left, below) + u * at(right, below));
 }
 
-/// From the points that the view sees and that project into its valid pixels.
+/// Computes the alignment from the points that the view sees and that project into its valid pixels.
 std::optional<DepthAlignment> align_view(const View& view, const Depth16& map, const PointCloud& points) {
   const Camera& camera = view.camera;
   std::vector<double> values, inverse_depths;
