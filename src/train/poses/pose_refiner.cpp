@@ -95,12 +95,13 @@ void PoseRefiner::take_queued_steps() {
 }
 
 void PoseRefiner::take_step(std::int32_t view, int iteration, const CameraGrad& grad) {
-  constexpr double kMostAngle = 3 * kDegree, kMostDistance = 0.03;  // of a correction; times the scene extent
+  constexpr double kMostAngle = 3 * kDegree,
+                   kMostDistance = 0.03;  // limits of a correction; the distance is a fraction of the scene extent
   if (!std::all_of(grad.begin(), grad.end(), [](double value) { return std::isfinite(value); })) return;
   const CameraCorrection before = state_.correction(static_cast<std::size_t>(view));
   const CameraCorrection g = correction_grad(before, {{grad[0], grad[1], grad[2]}, {grad[3], grad[4], grad[5]}});
   const CameraGrad gradients = numbers_of(g);
-  // Each view has its own number of steps, so that its first one is as large as those of other views.
+  // Each view has its own step count, so that its first step is as large as the first steps of other views.
   const std::int32_t t = ++state_.steps.data_ptr<std::int32_t>()[view];
   const double bias1 = 1 - std::pow(kAdamBeta1, t), bias2 = 1 - std::pow(kAdamBeta2, t);
   const double rate =
