@@ -18,32 +18,33 @@ namespace {
 
 using Json = nlohmann::ordered_json;
 
-// Sizes in a shape that differ from training to training: Gaussians, training views, SH coefficients above degree 0.
+// Placeholders for sizes that differ from training to training: Gaussians, training views, SH coefficients above degree
+// 0.
 constexpr std::int64_t kGaussians = -1, kViews = -2, kRest = -3;
 
-/// Which files have a tensor.
+/// In which files a tensor is present.
 enum class Presence {
   kAlways,
-  kLeads,    // some; it says that a part of the state is there
-  kFollows,  // those with a leading tensor of its part, the text before the dot in its name
+  kLeads,    // in some files, where it means that a part of the state is present
+  kFollows,  // in files with a leading tensor of the same part, which is the name up to the dot
 };
 
 enum class Values { kAny, kNotNegative, kFinite };
 
-/// A tensor of the state.
+/// Description of a tensor of the state.
 struct Row {
-  std::string name;  // in the file
+  std::string name;  // name in the file
   torch::Tensor* tensor = nullptr;
   Presence presence = Presence::kAlways;
   std::vector<std::int64_t> shape;
   Values values = Values::kAny;
   torch::ScalarType type = torch::kFloat32;
-  bool is_on_host = false;  // also if the Gaussians are on a GPU
+  bool is_on_host = false;  // even if the Gaussians are on a GPU
 
   std::string part() const { return name.substr(0, name.find('.')); }
 };
 
-/// All tensors of a state, in file order.
+/// Returns all tensors of a state, in file order.
 std::vector<Row> rows_of(TrainState& state) {
   using Shape = std::vector<std::int64_t>;
   constexpr Presence kAlways = Presence::kAlways, kLeads = Presence::kLeads, kFollows = Presence::kFollows;
@@ -66,7 +67,7 @@ std::vector<Row> rows_of(TrainState& state) {
     if (columns[i] == "grad_norm_sum" || row.type == torch::kInt32) row.values = kNotNegative;
     rows.push_back(row);
   }
-  // What only some trainings learn.
+  // Tensors that only some trainings have.
   constexpr torch::ScalarType kFloat = torch::kFloat32, kInt = torch::kInt32;
   constexpr bool kOnHost = true;
   const Shape pose{kViews, kCameraGradients}, exposures{kViews, 3, 4},
@@ -87,7 +88,7 @@ std::vector<Row> rows_of(TrainState& state) {
   return rows;
 }
 
-/// Those that are defined.
+/// Returns the defined tensors of a state, in file order.
 std::vector<Row> defined_rows(const TrainState& state) {
   std::vector<Row> rows = rows_of(const_cast<TrainState&>(state));
   rows.erase(std::remove_if(rows.begin(), rows.end(), [](const Row& row) { return !row.tensor->defined(); }),
@@ -95,8 +96,7 @@ std::vector<Row> defined_rows(const TrainState& state) {
   return rows;
 }
 
-/// Moves the tensors of a file into the state. @throws InputError unless they are those that a state has, in their
-/// order
+/// Moves the tensors of a file into the state. @throws InputError unless they are the tensors of a state, in file order
 void take_tensors(std::vector<std::pair<std::string, torch::Tensor>>& tensors, TrainState& state,
                   const std::string& place) {
   std::set<std::string> parts;
@@ -114,8 +114,8 @@ void take_tensors(std::vector<std::pair<std::string, torch::Tensor>>& tensors, T
   if (next != tensors.size()) input_error(place, ": unknown tensor ", tensors[next].first);
 }
 
-/// @throws InputError unless all tensors, which are on the CPU, have the shapes and types that header and config imply;
-/// or if a count or a sum of squares is negative
+/// Checks the tensors of a state, which are on the CPU. @throws InputError unless they have the shapes and types that
+/// header and config imply, or if a count or a sum of squares is negative
 void check_tensors(const TrainState& state, std::int64_t n, const TrainConfig& config, std::int64_t n_views,
                    const std::string& place) {
   if (state.appearance.exposures.defined() && state.appearance.grids.defined()) {
@@ -175,7 +175,7 @@ Json checkpoint_header(const TrainConfig& config, const TrainState& state, const
               {"kernel_selection", state.kernel_selection},
               {"config", config_to_json(config)},
               {"scene", fingerprint}};
-  // Of several ranks, each has its own.
+  // With several ranks, each has its own ratios, which are not saved.
   if (!state.n_of_all_ranks && !state.view_ratios.is_empty()) header["view_ratios"] = ratios_to_json(state.view_ratios);
   if (state.appearance.is_defined()) header["appearance_steps"] = state.appearance.steps;
   if (state.appearance.grids.defined()) header["appearance_last_steps"] = state.appearance.last_steps;
@@ -185,7 +185,7 @@ Json checkpoint_header(const TrainConfig& config, const TrainState& state, const
 std::vector<CheckpointTensor> checkpoint_tensors(const TrainState& state) {
   std::vector<CheckpointTensor> tensors;
   for (const Row& row : defined_rows(state)) {
-    // The tensors of a checkpoint are written from one device.
+    // All tensors of a checkpoint must be on one device to be written.
     tensors.push_back({{row.name, row.tensor->scalar_type(), row.tensor->sizes().vec()},
                        row.is_on_host ? row.tensor->to(state.gaussians.means.device()) : *row.tensor});
   }
@@ -214,7 +214,7 @@ Checkpoint read_checkpoint(const std::filesystem::path& path, const Scene& scene
   state.appearance.steps = header.appearance_steps;
   state.appearance.last_steps = std::move(header.appearance_last_steps);
   checkpoint.header = std::move(file.header);
-  // Which columns of statistics a checkpoint holds depends on the strategy.
+  // The columns of statistics in a checkpoint depend on the strategy.
   state.statistics =
       make_density_strategy(checkpoint.config, scene.extent)->make_statistics(/*n_gaussians=*/0, torch::kCPU);
   take_tensors(file.tensors, state, place);
@@ -231,7 +231,8 @@ Checkpoint read_checkpoint(const std::filesystem::path& path, const Scene& scene
 
 namespace {
 
-/// Whether --checkpoint_iterations of the training that wrote it names an iteration of the checkpoint's last step.
+/// Returns whether --checkpoint_iterations of the training that wrote the checkpoint names an iteration of its last
+/// step.
 bool was_requested(const Json& header) {
   const int last = header.at("iteration"), n = header.at("step_iterations");
   const auto requested = header.at("config").at("checkpoint_iterations").get<std::vector<int>>();
@@ -250,7 +251,7 @@ void remove_superseded_checkpoints(const ModelFolder& folder, const std::string&
       const std::string other = header.value("training_id", "");
       if ((other.empty() || other == training_id) && !was_requested(header)) own.push_back(folder.checkpoint(*it));
     } catch (const std::exception&) {
-      continue;  // damaged: it cannot be told which training wrote it
+      continue;  // damaged, so the training that wrote it is unknown
     }
   }
   for (std::size_t i = static_cast<std::size_t>(keep); i < own.size(); ++i) remove_own_file(own[i]);

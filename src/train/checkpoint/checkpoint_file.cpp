@@ -16,7 +16,7 @@ using Json = nlohmann::ordered_json;
 constexpr std::array<torch::ScalarType, kCheckpointDtypes.size()> kTorchTypes{torch::kFloat32, torch::kInt32,
                                                                               torch::kInt64};
 
-constexpr std::size_t kTensorOffset =  // without the header
+constexpr std::size_t kTensorOffset =  // bytes before the header
     kCheckpointMagic.size() + 2 * sizeof(std::uint32_t) + sizeof(std::uint64_t);
 
 }  // namespace
@@ -24,7 +24,8 @@ constexpr std::size_t kTensorOffset =  // without the header
 CheckpointFileWriter::CheckpointFileWriter(const std::filesystem::path& path, Json header,
                                            const std::vector<TensorEntry>& tensors)
     : header_(std::move(header)), file_(path) {
-  // Reserves space for checksums with the maximum number of digits: the final header is not longer than this one.
+  // Reserves space for checksums with the maximum number of digits, so that the final header is not longer than this
+  // one.
   constexpr std::uint32_t kLongest = std::numeric_limits<std::uint32_t>::max();
   Json& entries = header_["tensors"] = Json::array();
   for (const TensorEntry& tensor : tensors) {
@@ -38,7 +39,7 @@ CheckpointFileWriter::CheckpointFileWriter(const std::filesystem::path& path, Js
   }
   header_bytes_ = header_text().size();
   file_.write(std::string(kTensorOffset + header_bytes_, ' '));
-  for (Json& entry : entries) entry["crc32"] = 0;  // of zero bytes
+  for (Json& entry : entries) entry["crc32"] = 0;  // checksum of zero bytes
   if (!entries.empty()) left_ = entries[0]["bytes"];
 }
 

@@ -14,7 +14,7 @@ namespace {
 
 using Json = nlohmann::ordered_json;
 
-/// Equal up to rounding: the order of a sum may change from version to version.
+/// Returns whether two extents are equal up to rounding, because the order of a sum may change between versions.
 bool is_same_extent(const Json& before, const Json& after) {
   constexpr double kTolerance = 1e-6;
   const auto a = before.get<double>(), b = after.get<double>();
@@ -29,7 +29,8 @@ Json describe_views(const Scene& scene) {
   return views;
 }
 
-/// Of pose and intrinsics of each training view, rounded to float: a later version may compute them in another order.
+/// Returns a checksum of pose and intrinsics for each training view. Values are rounded to float, because a later
+/// version may compute them in another order.
 Json camera_crcs(const Scene& scene) {
   Json crcs = Json::array();
   for (const View& view : scene.train) {
@@ -44,7 +45,7 @@ Json camera_crcs(const Scene& scene) {
     }
     std::uint32_t crc = 0;
     for (const double value : values) {
-      const float rounded = static_cast<float>(value) + 0.0f;  // -0 is 0
+      const float rounded = static_cast<float>(value) + 0.0f;  // turns -0 into 0
       crc = add_crc(crc, &rounded, sizeof rounded);
     }
     crcs.push_back(crc);
@@ -52,7 +53,7 @@ Json camera_crcs(const Scene& scene) {
   return crcs;
 }
 
-// Of the scene's own points: those found beside them are not looked for again at a resume.
+// Returns a checksum of the scene's own points only. A resumed training does not search the photographs for more.
 std::uint32_t points_crc(const Scene& scene) {
   const auto n = static_cast<std::size_t>(3 * (scene.points.size() - scene.n_added_points));
   return add_crc(add_crc(0, scene.points.positions.data(), n * sizeof(float)), scene.points.colors.data(), n);
@@ -63,14 +64,15 @@ std::string describe_view(const Json& view) {
                         view.at("height").get<int>(), " px");
 }
 
-// "; 2 are missing (00002.png, ...)"; empty if there are no names.
+// Returns "; 2 are missing (00002.png, ...)", or "" if there are no names.
 std::string count_and_first(const std::vector<std::string>& names, const char* what) {
   if (names.empty()) return "";
   return detail::concat("; ", names.size(), names.size() == 1 ? " is " : " are ", what, " (", names[0],
                         names.size() > 1 ? ", ...)" : ")");
 }
 
-// Which of the training views `before` are not among those of the scene, and the other way round; empty if none are.
+// Describes which of the training views `before` are not among those of the scene, and vice versa. Returns "" if there
+// is no difference.
 std::string describe_difference(const Json& before, const Json& after, const Scene& scene) {
   std::set<std::string> old_names, new_names, test_names;
   for (const Json& view : before) old_names.insert(view.at("name").get<std::string>());

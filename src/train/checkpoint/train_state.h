@@ -1,5 +1,5 @@
-// Everything that changes from step to step, and so the content of a checkpoint. Numbers such as the iteration are in
-// StateValues (model/checkpoint/checkpoint_header.h).
+// Everything that changes from step to step, and therefore the content of a checkpoint. Numbers such as the iteration
+// are in StateValues (model/checkpoint/checkpoint_header.h).
 #pragma once
 
 #include <cstdint>
@@ -15,16 +15,16 @@
 namespace b3dgs {
 
 struct TrainState : StateValues {
-  GaussianTensors gaussians;                   // of several processes, each has some of the rows
-  std::optional<std::int64_t> n_of_all_ranks;  // Gaussians of the model, if there are several processes
+  GaussianTensors gaussians;                   // with several processes, each has part of them
+  std::optional<std::int64_t> n_of_all_ranks;  // number of Gaussians of the model, only with several processes
   AdamState adam;
   DensityStatistics statistics;
   PoseState poses;  // with --pose_opt
   AppearanceState appearance;
 
-  /// Gaussians of the model.
+  /// Returns the number of Gaussians of the model.
   std::int64_t n_gaussians() const { return n_of_all_ranks.value_or(gaussians.size()); }
-  /// Whether `gaussians` are all of them.
+  /// Returns whether `gaussians` is the whole model.
   bool is_whole() const { return !n_of_all_ranks; }
 };
 
