@@ -93,10 +93,10 @@ SplatCloud initial_splats(const TrainConfig& config, const Scene& scene) {
 namespace {
 
 constexpr double kSeenWeight = 1.0 / 255, kCloseShare = 0.1, kLargeShare = 0.3;
-constexpr std::int64_t kGaussianColumn = 7;   // of ViewSplats::splats
-constexpr std::int64_t kMaxWeightColumn = 4;  // of Rasterizer::score_splats()
+constexpr std::int64_t kGaussianColumn = 7;   // column of ViewSplats::splats
+constexpr std::int64_t kMaxWeightColumn = 4;  // column of Rasterizer::score_splats()
 
-/// Median depth of the pixels with alpha over 0.5, world units; 0 if there are none.
+/// Returns the median depth of the pixels with alpha over 0.5 in world units, or 0 if there are none.
 torch::Tensor median_depth(const RenderedView& rendered) {
   const torch::Tensor depths = (rendered.depth / rendered.alpha).masked_select(rendered.alpha > 0.5);
   return depths.numel() > 0 ? depths.median() : torch::full({}, 0.0, depths.options());

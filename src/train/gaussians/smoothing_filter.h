@@ -1,4 +1,4 @@
-// The 3D smoothing filters of a model's Gaussians (--antialiasing; raster/math/antialiasing.h).
+// 3D smoothing filters of a model's Gaussians (--antialiasing; raster/math/antialiasing.h).
 #pragma once
 
 #include <cstdint>
@@ -13,14 +13,14 @@ namespace b3dgs {
 /// Computes the filters of all Gaussians from the training views.
 class SmoothingFilter {
  public:
-  /// `near_plane`: world units.
+  /// `near_plane` is in world units.
   SmoothingFilter(const std::vector<CameraView>& views, float near_plane, torch::Device device);
 
-  /// Replaces [1] float, not negative, by its maximum over all ranks.
+  /// Replaces a non-negative float tensor [1] by its maximum over all ranks.
   using FindLargest = std::function<void(torch::Tensor& largest)>;
 
-  /// Sets `gaussians.filters` [N], world units. Asynchronous on a GPU. Gaussians that no view sees get the filter of
-  /// the largest pixel of all: if `gaussians` is a part of the model, `find_largest` is that of all parts.
+  /// Sets `gaussians.filters` [N] in world units. Asynchronous on a GPU. Gaussians that no view sees get the filter of
+  /// the largest pixel. With several ranks, `find_largest` finds the largest pixel of the whole model.
   void compute(GaussianTensors& gaussians, const FindLargest& find_largest = {});
 
  private:

@@ -1,5 +1,5 @@
 // Size of the 3D smoothing filter (raster/math/antialiasing.h), from the finest detail of each Gaussian that any
-// training photograph can show (Mip-Splatting, Yu et al. 2024, section 5.1). The same arithmetic on CPU and GPU.
+// training photograph can show (Mip-Splatting, Yu et al. 2024, section 5.1). CPU and GPU use the same arithmetic.
 #pragma once
 
 #include <cmath>
@@ -11,30 +11,30 @@
 
 namespace b3dgs {
 
-/// The part of a training view that the filter needs.
+/// Data of a training view for the filter.
 struct FilterView {
   ViewTransform<float> transform{};
   float width = 0, height = 0;  // px
 };
 
-/// All arrays are on one device.
+/// Arguments of write_finest_pixel() and write_filter_size(). All arrays are on one device.
 struct SmoothingFilterArgs {
   const float* means = nullptr;  // [N, 3] world
   std::int32_t n_views = 0;
   const FilterView* views = nullptr;
   float near_plane = kNearPlane;   // world units
   float* filters = nullptr;        // [N] out, world units
-  const float* largest = nullptr;  // [1] of finest pixels
+  const float* largest = nullptr;  // [1] largest of the finest pixels
 };
 
 // A view contains a Gaussian if the mean is beyond the near plane and projects into the image, extended by this
-// fraction of its size on each side, since a Gaussian centred outside the image may still be visible.
+// fraction of its size on each side, because a Gaussian centred outside the image may still be visible.
 inline constexpr float kFilterMargin = 0.15f;
-// The filter's variance, as a fraction of the square of the finest pixel size.
+// Variance of the filter as a fraction of the squared finest pixel size.
 inline constexpr float kFilterVariance = 0.2f;
 
-/// Writes the smallest size of a pixel at Gaussian i's depth, over the views that contain it, world units; 0 if none
-/// does.
+/// Writes the smallest size of a pixel at the depth of Gaussian i over the views that contain it, in world units, or 0
+/// if none does.
 B3DGS_HD void write_finest_pixel(const SmoothingFilterArgs& args, std::int64_t i) {
   const Vec3f mean = load3(args.means, i);
   float finest = 0;
@@ -53,7 +53,8 @@ B3DGS_HD void write_finest_pixel(const SmoothingFilterArgs& args, std::int64_t i
   args.filters[i] = finest;
 }
 
-/// Turns the finest pixel into the filter. Where no view contains the Gaussian, the largest of all takes its place.
+/// Converts the finest pixel to the filter. If no view contains the Gaussian, the largest of all finest pixels is used
+/// instead.
 B3DGS_HD void write_filter_size(const SmoothingFilterArgs& args, std::int64_t i) {
   const float finest = args.filters[i], largest = *args.largest;
   args.filters[i] = std::sqrt(kFilterVariance) * (finest > 0 ? finest : largest);
