@@ -1,5 +1,5 @@
-// The model as a whole, of which each rank has some rows: distributed at the start, gathered for PLYs and checkpoints.
-// And density control: each rank plans the same round, from statistics of the whole model.
+// The whole model, of which each rank owns some rows. It is distributed at the start and gathered for PLYs and
+// checkpoints. In density control, each rank plans the same round from statistics of the whole model.
 
 #include <algorithm>
 #include <limits>
@@ -17,7 +17,7 @@ namespace b3dgs {
 
 namespace {
 
-/// All tensors with a row per Gaussian.
+/// Returns all tensors with a row per Gaussian.
 std::vector<torch::Tensor*> row_tensors(TrainState& state) {
   std::vector<torch::Tensor*> tensors;
   const auto add = [&](torch::Tensor& tensor) {
@@ -28,7 +28,7 @@ std::vector<torch::Tensor*> row_tensors(TrainState& state) {
   return tensors;
 }
 
-/// Waits for the device.
+/// Returns a checksum of an edit. Waits for the device.
 std::int64_t checksum_of(const RowEdit& edit) {
   const torch::Tensor weights = torch::arange(1, edit.sources.size(0) + 1, edit.sources.options());
   return 31 * ((edit.sources + 1) * weights).sum().item<std::int64_t>() + edit.n_kept;
@@ -52,7 +52,7 @@ void RankTeam::distribute_model() {
   state_.n_of_all_ranks = state_.gaussians.size();
   owners_ = RowOwners::round_robin(ranks_.rank(), ranks_.size(), state_.gaussians.size(), device);
   for (torch::Tensor* tensor : row_tensors(state_)) *tensor = own_rows(*tensor, owners_).to(device);
-  // The appearance is whole on every rank.
+  // Every rank has the whole appearance state.
   visit_appearance(state_.appearance, [&](const char*, torch::Tensor& tensor) { tensor = tensor.to(device); });
 }
 
@@ -65,10 +65,10 @@ GaussianTensors RankTeam::gather_gaussians() {
 
 void RankTeam::write_checkpoint() {
   const TrainState& own = training_.flushed_state();
-  std::set<const void*> rows;  // tensors of which each rank has a part
+  std::set<const void*> rows;  // tensors that are distributed over the ranks
   for (const torch::Tensor* tensor : row_tensors(state_)) rows.insert(tensor->unsafeGetTensorImpl());
   std::vector<CheckpointTensor> tensors = checkpoint_tensors(own);
-  std::size_t n_read = 0;  // all ranks read all tensors in one order, even if rank 0 cannot write them
+  std::size_t n_read = 0;  // all ranks read all tensors in the same order, even if rank 0 cannot write them
   for (CheckpointTensor& tensor : tensors) {
     const bool has_part = rows.count(tensor.values.unsafeGetTensorImpl()) > 0;
     if (has_part) tensor.entry.shape[0] = state_.n_gaussians();
@@ -117,12 +117,12 @@ DensityRound RankTeam::plan_round(int iteration, std::int64_t limit) {
   DensityStatistics statistics = state_.statistics;
   std::vector<torch::Tensor*> rows = statistics.all();
   allocate_together([&] {
-    constexpr std::int64_t kFloats = 3 + 3 + 4 + 1;  // of a Gaussian, without colours
+    constexpr std::int64_t kFloats = 3 + 3 + 4 + 1;  // per Gaussian, without colours
     training_.memory->allocate({(kFloats + static_cast<std::int64_t>(rows.size())) * n},
                                state_.gaussians.means.options());
   });
   const GaussianTensors& own = state_.gaussians;
-  GaussianTensors gaussians{own.means, own.log_scales, own.quats, own.logit_opacities, {}, {}};  // nobody reads colours
+  GaussianTensors gaussians{own.means, own.log_scales, own.quats, own.logit_opacities, {}, {}};  // colours are not read
   rows.insert(rows.end(), {&gaussians.means, &gaussians.log_scales, &gaussians.quats, &gaussians.logit_opacities});
   for (torch::Tensor* tensor : rows) *tensor = gather_rows(ranks_, *tensor, owners_);
   DensityRound round;

@@ -1,6 +1,6 @@
-// Every rank projects its Gaussians for the views of a step; the splats of a view go to the rank that renders it, which
-// compares it with the photograph and blends backward; the sums of each splat go back to the rank of its Gaussian,
-// which takes the Adam step:
+// Every rank projects its Gaussians for the views of a step. The splats of a view go to the rank that renders it, which
+// compares it with the photograph and runs the backward blend. The sums of each splat go back to the rank that owns its
+// Gaussian, which takes the Adam step:
 //
 //   own Gaussians -> splats -> [rank that renders] -> render, loss, backward blend -> sums -> [own rank] -> Adam
 
@@ -19,7 +19,7 @@ namespace b3dgs {
 
 namespace {
 
-/// Gathers a row for each view from the rank that renders it. `own`: a tensor [n_columns] for each view that this rank
+/// Gathers one row per view from the rank that renders it. `own` are the rows [n_columns] of the views that this rank
 /// renders, in their order. Returns the rows of all views.
 torch::Tensor gather_view_rows(Communicator& ranks, const std::vector<torch::Tensor>& own, std::int64_t n_columns,
                                torch::ScalarType type, const std::vector<int>& renderers) {
@@ -30,24 +30,24 @@ torch::Tensor gather_view_rows(Communicator& ranks, const std::vector<torch::Ten
 
 }  // namespace
 
-/// Views of a step that the ranks take at a time: n_views_at_a_time(), or fewer at the end of a step.
+/// The views of a step that the ranks take at a time. There are n_views_at_a_time(), or fewer at the end of a step.
 struct RankTeam::Part {
   struct View {
     StepView id;
     DensityPlan plan;
     CameraView camera;
     RenderSettings settings;
-    ViewSplats own;             // of the Gaussians of this rank
-    std::int64_t n_splats = 0;  // on all ranks, with second ones of panoramas
+    ViewSplats own;             // splats of the Gaussians of this rank
+    std::int64_t n_splats = 0;  // splats on all ranks, including second ones in panoramas
     bool refines_pose = false;
   };
 
-  std::size_t n_before = 0;  // views of the step before this part
+  std::size_t n_before = 0;  // number of views of the step before this part
   std::vector<View> views;
-  std::vector<ViewSize> sizes;                     // of the views that this rank renders
+  std::vector<ViewSize> sizes;                     // sizes of the views that this rank renders
   std::vector<int> renderers;                      // the rank that renders each view
-  std::vector<std::vector<std::int64_t>> counts;   // by rank: its splats of each view
-  std::vector<torch::Tensor> splat_grads, scores;  // of the views that this rank renders, in their order
+  std::vector<std::vector<std::int64_t>> counts;   // by rank: number of its splats in each view
+  std::vector<torch::Tensor> splat_grads, scores;  // for the views that this rank renders, in their order
   bool has_scores = false, refines_poses = false;
 };
 
@@ -68,7 +68,7 @@ std::vector<std::int32_t> RankTeam::own_views_ahead() {
   for (auto view = upcoming.begin(); view != upcoming.end() && iteration < config_.iterations;) {
     const int n_left = step_end(config_.batch, config_.iterations, iteration) - iteration;
     const auto n = std::min({n_most, static_cast<std::ptrdiff_t>(n_left), upcoming.end() - view});
-    const std::vector<std::int32_t> part(view, view + n);  // of a step
+    const std::vector<std::int32_t> part(view, view + n);  // views of the same step
     const std::vector<int> renderers = render_plan_.renderers(part);
     for (std::size_t v = 0; v < part.size(); ++v) {
       if (renderers[v] == ranks_.rank()) own.push_back(part[v]);
@@ -166,7 +166,7 @@ void RankTeam::check_projections(const std::vector<StepRecord>& records) {
 
 void RankTeam::exchange_records(Part& part, StepRecord record, LastStep& before, std::vector<StepView>& unread) {
   record.asks = {training_.is_stopped(), training_.recorder.is_checkpoint_due()};
-  training_.views.poses.take_queued_steps();  // of the step before: the device has finished it by now
+  training_.views.poses.take_queued_steps();  // of the previous step, which the device has finished by now
   record.rendered = take_rendered();
   const std::vector<StepRecord> records = ranks_.exchange_record("step", record);
   std::vector<RenderedRecord> rendered_before;
@@ -180,7 +180,7 @@ void RankTeam::exchange_records(Part& part, StepRecord record, LastStep& before,
     }
   }
   add_rendered(rendered_before, before, unread);
-  check_projections(records);  // a step that failed is repeated: its counts are not of whole views
+  check_projections(records);  // first, because the counts of a failed step, which is repeated, are incomplete
   for (Part::View& view : part.views) {
     model_ratios_.add(view.n_splats, 0, state_.n_gaussians());
     view.id.is_empty = view.n_splats == 0;
@@ -190,7 +190,7 @@ void RankTeam::exchange_records(Part& part, StepRecord record, LastStep& before,
 void RankTeam::render_own_views(Part& part) {
   const std::vector<ViewSplats> splats = splats_.to_renderers(part.counts);
   std::vector<std::size_t> own;
-  std::vector<std::int32_t> next;  // that this rank renders
+  std::vector<std::int32_t> next;  // views that this rank renders
   for (std::size_t v = 0; v < part.views.size(); ++v) {
     if (part.renderers[v] != ranks_.rank()) continue;
     own.push_back(v);
@@ -227,7 +227,7 @@ void RankTeam::render_view(Part& part, std::size_t v, const ViewSplats& splats, 
   with_remedies(training_.remedies(), [&] {
     const RenderedView rendered =
         b3dgs::render_view(view, iteration, [&] { return rasterizer.forward_splats(splats, view.camera, settings); });
-    read_own_loss();  // of the view before: the next loss takes its place
+    read_own_loss();  // of the previous view, before the next loss overwrites it
     entries = queue_row_entries();
     splat_grads = rasterizer.backward_splats(loss_gradient(training_, view, iteration, rendered, part_view.plan.score));
     if (part.has_scores) {
@@ -265,10 +265,10 @@ void RankTeam::keep_own_splats(Part& part, const RegularizationWeights& weights)
   if (part.refines_poses) gather_pose_gradients(part, grads);
 }
 
-// --- Appearance and poses, of which every rank learns the same ---
+// --- Appearance and poses, which are the same on every rank ---
 
 void RankTeam::gather_pose_gradients(const Part& part, const std::vector<torch::Tensor>& splat_grads) {
-  // The rank that rendered a view adds up the parts of its splats.
+  // The rank that rendered a view adds up the contributions of its splats.
   std::vector<torch::Tensor> columns;
   for (std::size_t v = 0; v < part.views.size(); ++v) {
     const Part::View& view = part.views[v];
@@ -301,7 +301,7 @@ void RankTeam::gather_appearance_gradients(const Part& part) {
   }
 }
 
-// --- What ranks tell each other of the views of the step before: losses and counted work ---
+// --- Exchange of the losses and counted work of the previous views ---
 
 torch::Tensor RankTeam::queue_row_entries() const {
   const torch::Tensor entries = training_.rasterizer.row_entries();
@@ -313,7 +313,7 @@ torch::Tensor RankTeam::queue_row_entries() const {
 void RankTeam::read_own_loss() {
   if (!unread_view_) return;
   const auto [v, entries] = *std::exchange(unread_view_, std::nullopt);
-  rendered_.losses[v] = training_.objective.value();  // queued behind the entries, which are there, too
+  rendered_.losses[v] = training_.objective.value();  // queued after the entries, so these have arrived, too
   const auto* const counts = entries.data_ptr<std::int64_t>();
   rendered_.entries[v] = std::accumulate(counts, counts + entries.size(0), std::int64_t{0});
 }

@@ -1,5 +1,5 @@
 // The start of a training on several ranks, and renders of the whole model. While rank 0 evaluates or counts the load,
-// the others project their Gaussians on its request.
+// the other ranks project their Gaussians on its request.
 #include "multi/rank_team.h"
 
 #include "core/json_text.h"
@@ -13,7 +13,7 @@ namespace {
 
 using Json = nlohmann::ordered_json;
 
-/// A list of [what, value]. What is named after a view comes after its name.
+/// Returns a description of the scene as a list of [what, value]. Entries about a view follow the entry with its name.
 Json describe(const Scene& scene, const Json& fingerprint) {
   Json rows = Json::array();
   const auto add = [&](const std::string& what, const Json& value) { rows.push_back(Json::array({what, value})); };
@@ -43,10 +43,11 @@ Json describe(const Scene& scene, const Json& fingerprint) {
   return rows;
 }
 
-/// The first difference between two descriptions that differ.
+/// Returns the first difference between two descriptions that differ.
 std::string find_difference(const Json& there, const Json& first) {
   std::size_t i = 0;
-  while (i + 1 < there.size() && dump_json(there[i]) == dump_json(first[i])) ++i;  // as texts: 0.0 is not -0.0
+  while (i + 1 < there.size() && dump_json(there[i]) == dump_json(first[i]))
+    ++i;  // compared as texts, in which 0.0 and -0.0 differ
   const std::string what = there[i][0].get<std::string>();
   const Json &here = there[i][1], &other = first[i][1];
   return here.is_structured() ? what
@@ -61,7 +62,7 @@ void use_rank_team(Communicator& ranks, const TrainConfig& config, TrainHooks& h
     return std::make_unique<RankTeam>(training, ranks, splats_at_a_time);
   };
   if (kTorchHasCuda && config.gpu_memory_gb == 0 && ranks.shares_gpus()) {
-    device_memory_size();  // makes the context of this process, which takes memory itself
+    device_memory_size();  // creates the CUDA context of this process, which takes memory itself
     ranks.barrier("start of the GPU");
     const std::int64_t free = device_memory_size().free;
     ranks.barrier("free GPU memory");
@@ -78,7 +79,8 @@ RankTeam::RankTeam(Training& training, Communicator& ranks, std::int64_t splats_
   B3DGS_CHECK(!training.hooks.wants_model, "a model of several ranks cannot be shown");
   can_save_ = false;
   training.find_largest_filter = [&ranks](torch::Tensor& largest) {
-    const torch::Tensor bits = largest.view(torch::kInt32);  // in the order of the values
+    const torch::Tensor bits =
+        largest.view(torch::kInt32);  // the bits of non-negative floats are ordered like their values
     const std::vector<std::int64_t> ones(static_cast<std::size_t>(ranks.size()), 1);
     largest = ranks.all_gather_rows(bits, ones).amax(0, /*keepdim=*/true).view(torch::kFloat32);
   };
@@ -91,7 +93,7 @@ void RankTeam::render_on_first(const std::function<void(const RenderModelFn&)>& 
   };
   if (renders_on_first_) return work(render_model);
   can_save_ = false;
-  training_.update_filters(/*is_due=*/false);  // all ranks together
+  training_.update_filters(/*is_due=*/false);  // on all ranks together
   if (!is_first_) return serve_renders();
   renders_on_first_ = true;
   RenderRequest end;
@@ -101,7 +103,7 @@ void RankTeam::render_on_first(const std::function<void(const RenderModelFn&)>& 
     renders_on_first_ = false;
     throw;
   } catch (const std::exception& error) {
-    // The others wait for a request. All end together, which leaves a checkpoint.
+    // The other ranks are waiting for a request. All ranks end together, so that a checkpoint can be written.
     renders_on_first_ = false;
     end.kind = RenderRequest::kFailed;
     end.can_save = dynamic_cast<const LossError*>(&error) == nullptr;
@@ -130,7 +132,7 @@ void RankTeam::serve_renders() {
     try {
       project_and_render(request.view, request.settings);
     } catch (const InvalidGaussianError&) {
-      // Rank 0 has it, too, and decides.
+      // All ranks get this error, and rank 0 decides.
     } catch (const OutOfMemoryError&) {
       // Likewise.
     }
@@ -166,7 +168,7 @@ RenderedView RankTeam::project_and_render(const CameraView& view, const RenderSe
     splats_.pack({own}, {0}, owners_.own());
     splats = splats_.to_renderers(counts);
   });
-  if (!lack.empty()) {  // not to be repeated by this rank alone: the others are in the exchange
+  if (!lack.empty()) {  // this rank cannot retry alone, because the others are in the exchange
     ranks_.stop_others(lack);
     throw PeerError(ranks_.rank(), ranks_.size(), lack);
   }

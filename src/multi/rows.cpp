@@ -11,20 +11,20 @@
 namespace b3dgs {
 namespace {
 
-/// How many of the owners each rank is. Waits for the device.
+/// Returns the number of rows of each rank. Waits for the device.
 std::vector<std::int64_t> count(const torch::Tensor& owners, int size) {
   const torch::Tensor counts = torch::bincount(owners, {}, size).cpu();
   const auto* const values = counts.data_ptr<std::int64_t>();
   return {values, values + size};
 }
 
-/// The order in which owners ascend; those of one rank stay in order.
+/// Returns the order that sorts the rows by rank. Rows of one rank stay in order.
 torch::Tensor order_by_rank(const torch::Tensor& owners) {
   return std::get<1>(torch::sort(owners, /*stable=*/true, /*dim=*/0, /*descending=*/false));
 }
 
-/// Writes to `whole`, where that is defined, what exchange(own rows of a piece, counts of all ranks) returns: the rows
-/// of the piece in the order of the ranks.
+/// Gathers the rows in pieces. exchange(own rows of a piece, counts of all ranks) returns the rows of the piece in the
+/// order of the ranks, which are written to `whole` if that is defined.
 template <class Exchange>
 void gather_pieces(const torch::Tensor& own, const RowOwners& owners, std::int64_t piece_bytes,
                    const torch::Tensor& whole, Exchange&& exchange) {
@@ -75,7 +75,7 @@ RowOwners RowOwners::after(const torch::Tensor& sources) const {
 
 OwnRowEdit own_part(const RowEdit& edit, const RowOwners& owners) {
   OwnRowEdit part{owners.after(edit.sources), edit};
-  const torch::Tensor& rows = part.owners.own();  // of the model after the edit
+  const torch::Tensor& rows = part.owners.own();  // indices in the model after the edit
   RowEdit& own = part.edit;
   own.sources = owners.own_rows_of(edit.sources.index_select(0, rows));
   own.n_kept = (rows < edit.n_kept).sum().item<std::int64_t>();

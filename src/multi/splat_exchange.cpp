@@ -78,8 +78,8 @@ void SplatExchange::pack(const std::vector<ViewSplats>& own, const std::vector<i
 }
 
 std::vector<ViewSplats> SplatExchange::to_renderers(const std::vector<std::vector<std::int64_t>>& counts) {
-  // Rows come by rank, those of a rank by view.
-  std::vector<std::vector<RowRange>> lists;  // of each view that this rank renders, by rank
+  // Received rows are ordered by rank, and those of a rank by view.
+  std::vector<std::vector<RowRange>> lists;  // for each view that this rank renders, rows by rank
   receive_.assign(counts.size(), 0);
   std::int64_t n = 0;
   for (std::size_t r = 0; r < counts.size(); ++r) {

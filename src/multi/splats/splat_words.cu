@@ -1,6 +1,7 @@
-// Splats on their way between ranks: a thread per word to pack them, so that neighbours write side by side. To merge
-// them, a thread finds the place of a row, in shared memory; then the block copies its rows, a thread per word, so that
-// neighbours read and write side by side. One barrier.
+// Packing and merging of splats that are exchanged between ranks. Packing has a thread per word, so that neighbouring
+// threads write neighbouring words. In merging, each thread first finds the new position of one row and stores it in
+// shared memory. After a single barrier, the block copies its rows with a thread per word, so that neighbouring threads
+// read and write neighbouring words.
 
 #include "core/cuda_rows.cuh"
 #include "multi/splats/splat_words.h"

@@ -1,5 +1,5 @@
-// Splats on their way between ranks: a row of 32-bit words for each, with the Gaussian's row in the whole model in
-// place of the rank's own. What is computed for a row is the same on CPU and GPU.
+// Format of splats that are exchanged between ranks. Each is a row of 32-bit words, where the Gaussian's index among
+// the rank's own rows is replaced by that in the whole model. The functions here give the same results on CPU and GPU.
 #pragma once
 
 #include <cstddef>
@@ -17,17 +17,17 @@ inline constexpr std::int64_t kGaussianColumn = offsetof(Splat, gaussian) / size
 inline constexpr std::int64_t kExtentColumn = kSplatWords, kRadiusColumn = kExtentColumn + 2;
 inline constexpr std::int64_t kRowWords = kRadiusColumn + 1;
 
-/// Splats of a rank to rows of words.
+/// Arguments for packing the splats of a rank into rows of words.
 struct PackSplatsArgs {
   std::int64_t n_splats = 0;                 // M
   const std::int32_t* splats = nullptr;      // [M, kSplatWords]
   const std::int32_t* extents = nullptr;     // [M, 2]
   const std::int32_t* radii = nullptr;       // [M]
-  const std::int32_t* model_rows = nullptr;  // [own rows] the row of the model that each is
+  const std::int32_t* model_rows = nullptr;  // [own rows] index in the model of each
   std::int32_t* words = nullptr;             // [M, kRowWords] out
 };
 
-/// Word k of the rows.
+/// Writes word k of the rows.
 B3DGS_HD void pack_splat_word(const PackSplatsArgs& args, std::int64_t k) {
   const std::int64_t column = k % kRowWords;
   const std::int64_t row = k / kRowWords;
@@ -43,24 +43,28 @@ B3DGS_HD void pack_splat_word(const PackSplatsArgs& args, std::int64_t k) {
   args.words[k] = word;
 }
 
-/// Splats of one view, of which each rank has sent a list, in the order of the Gaussians: the order of one rank.
+/// Arguments for merging the splats of one view, of which each rank has sent a list. They are sorted by Gaussian, as on
+/// a single rank.
 struct MergeSplatsArgs {
-  static constexpr int kMaxLists = kMaxBatch;  // as many as there can be ranks: each renders a view of a step
+  static constexpr int kMaxLists =
+      kMaxBatch;  // the maximum number of ranks, each of which renders at least one view of a step
 
   const std::int32_t* words = nullptr;  // [rows received, kRowWords]
   int n_lists = 0;
-  std::int64_t begin[kMaxLists]{}, end[kMaxLists]{};  // rows of each list: ascending by Gaussian, which no other has
-  std::int32_t* splats = nullptr;                     // [sum of the lists, kSplatWords] out
-  std::int32_t* extents = nullptr;                    // [.., 2] out
-  std::int32_t* radii = nullptr;                      // [..] out
-  std::int64_t* places = nullptr;                     // [..] out: which row of `words` each is
+  std::int64_t begin[kMaxLists]{},
+      end[kMaxLists]{};             // rows of each list, ascending by Gaussian; no Gaussian is in two lists
+  std::int32_t* splats = nullptr;   // [sum of the lists, kSplatWords] out
+  std::int32_t* extents = nullptr;  // [.., 2] out
+  std::int32_t* radii = nullptr;    // [..] out
+  std::int64_t* places = nullptr;   // [..] out: row in `words` of each splat
 };
 
+/// Position of a splat before and after merging.
 struct MergedPlace {
-  std::int64_t row = 0, place = 0;  // in MergeSplatsArgs::words, and in what is written
+  std::int64_t row = 0, place = 0;  // in MergeSplatsArgs::words, and in the output
 };
 
-/// Of row i of all lists, one after the other.
+/// Returns the position of row i of the concatenated lists.
 B3DGS_HD MergedPlace merged_place(const MergeSplatsArgs& args, std::int64_t i) {
   int own = 0;
   for (; i >= args.end[own] - args.begin[own]; ++own) i -= args.end[own] - args.begin[own];
@@ -68,7 +72,7 @@ B3DGS_HD MergedPlace merged_place(const MergeSplatsArgs& args, std::int64_t i) {
   const std::int32_t gaussian = args.words[at.row * kRowWords + kGaussianColumn];
   for (int list = 0; list < args.n_lists; ++list) {
     if (list == own) continue;
-    std::int64_t low = args.begin[list], high = args.end[list];  // the first row that is not before this one
+    std::int64_t low = args.begin[list], high = args.end[list];  // searches the first row that is not before this one
     while (low < high) {
       const std::int64_t middle = low + (high - low) / 2;
       if (args.words[middle * kRowWords + kGaussianColumn] < gaussian) {
@@ -82,6 +86,7 @@ B3DGS_HD MergedPlace merged_place(const MergeSplatsArgs& args, std::int64_t i) {
   return at;
 }
 
+/// Writes one word of a merged splat, and with the last word its entry in `places`.
 B3DGS_HD void merge_word(const MergeSplatsArgs& args, const MergedPlace& at, std::int64_t column) {
   const std::int32_t word = args.words[at.row * kRowWords + column];
   if (column < kSplatWords) {
@@ -96,7 +101,7 @@ B3DGS_HD void merge_word(const MergeSplatsArgs& args, const MergedPlace& at, std
 
 namespace cuda {
 
-/// All rows; asynchronous. `n_splats`: of all lists.
+/// Merges all rows. `n_splats` is the number in all lists. Asynchronous.
 void merge_splats(const MergeSplatsArgs& args, std::int64_t n_splats, cudaStream_t stream);
 
 }  // namespace cuda
