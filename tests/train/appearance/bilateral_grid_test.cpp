@@ -1,4 +1,4 @@
-// The bilateral grid against grid_sample() of LibTorch in double precision, and trainings with it.
+// Compares the bilateral grid with LibTorch's grid_sample() in double precision, and tests trainings with it.
 #include <gtest/gtest.h>
 
 #include "core/parallel.h"
@@ -35,7 +35,7 @@ AppearanceState random_state(const AppearanceModel& model) {
   return state;
 }
 
-/// The grid [levels, height, width, 12] sliced by an image, double.
+/// Returns the grid [levels, height, width, 12] sliced by an image, in double.
 torch::Tensor sliced(const torch::Tensor& grid, const torch::Tensor& image) {
   const std::int64_t height = image.size(0), width = image.size(1);
   const auto doubles = torch::TensorOptions(torch::kFloat64);
@@ -74,7 +74,7 @@ TEST(BilateralGrid, IsSlicedByPositionAndLuminance) {
   AppearanceModel model(grid_config(), kViews, torch::kCPU);
   const AppearanceState state = random_state(model);
   for (const auto& [height, width] : std::vector<std::pair<int, int>>{{1, 1}, {7, 5}, {66, 90}, {15, 31}}) {
-    const torch::Tensor image = 1.4 * torch::rand({height, width, 3}) - 0.2;  // also beyond black and white
+    const torch::Tensor image = 1.4 * torch::rand({height, width, 3}) - 0.2;  // with values below black and above white
     for (int view = 0; view < kViews; ++view) {
       const torch::Tensor grid = state.grids[view].to(torch::kFloat64);
       EXPECT_TRUE(test::within(model.apply(state, view, image), sliced(grid, image.to(torch::kFloat64)), 1e-5));
@@ -135,7 +135,7 @@ TEST(BilateralGrid, GradientsAreThoseOfFiniteDifferences) {
       [&](const std::vector<double>& x) { return loss(grid.to(torch::kFloat64), like(x, image)); }, to_doubles(image),
       1e-5);
   EXPECT_TRUE(test::gradients_agree(to_doubles(grad), by_image, 1e-4));
-  // A column of vertices that several pixels use.
+  // Tests a column of vertices that several pixels use.
   const torch::Tensor column = grid.select(1, 9).select(1, 10);
   const auto by_column = test::numeric_gradient(
       [&](const std::vector<double>& x) {
@@ -182,7 +182,7 @@ TEST(BilateralGrid, DeferredStepsAreThoseOfAdamOnAllGrids) {
                 v = torch::zeros_like(expected);
   const torch::Tensor image = torch::rand({8, 9, 3});
   for (int t = 1; t <= config.iterations; ++t) {
-    // View 0 often, view 1 now and then, view 2 after more steps than are applied one by one.
+    // View 0 is used often, view 1 now and then, and view 2 after more steps than are applied one by one.
     const int view = t == 5 || t == 390 ? 2 : t % 7 == 0 ? 1 : 0;
     model.begin_step(view, t, state);
     EXPECT_TRUE(test::within(state.grids[view], expected[view], 2e-5)) << "step " << t;
@@ -253,7 +253,7 @@ TEST(BilateralGridTraining, IsRefusedTogetherWithExposures) {
       test::fails_with<InputError>({"--exposure and --bilateral_grid"}, [&] { check_options(config, torch::kCPU); }));
 }
 
-/// Squared error of `steps` steps on one photograph, whose render does not change, as PSNR.
+/// Returns the PSNR after `steps` steps on one photograph, whose render does not change.
 double fitted_psnr(AppearanceModel& model, const torch::Tensor& render, const torch::Tensor& photograph, int steps) {
   AppearanceState state = model.make_state();
   ImageLoss loss(torch::kCPU);
@@ -269,7 +269,7 @@ double fitted_psnr(AppearanceModel& model, const torch::Tensor& render, const to
 }
 
 TEST(BilateralGrid, LearnsShadingThatAnExposureCannot) {
-  // Darker towards the right and in the highlights, as by a lens and by tone mapping.
+  // The photograph is darker towards the right and in the highlights, as with vignetting and tone mapping.
   const Scene scene = test::make_tiny_scene();
   const std::shared_ptr<const Image8> image = scene.train[0].image->read();
   const torch::Tensor bytes = torch::from_blob(const_cast<std::uint8_t*>(image->pixels.data()),
@@ -281,7 +281,7 @@ TEST(BilateralGrid, LearnsShadingThatAnExposureCannot) {
   config.iterations = 400;
   AppearanceModel grid(config, 1, torch::kCPU);
   config.bilateral_grid = false;
-  AppearanceModel exposure(config, 2, torch::kCPU);  // with one view alone, the mean would stay the identity
+  AppearanceModel exposure(config, 2, torch::kCPU);  // two views, because the mean of one would stay the identity
   const double same = fitted_psnr(exposure, render, photograph, 0);
   const double by_exposure = fitted_psnr(exposure, render, photograph, config.iterations);
   const double by_grid = fitted_psnr(grid, render, photograph, config.iterations);

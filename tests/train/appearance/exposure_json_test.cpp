@@ -1,4 +1,4 @@
-// exposure.json.
+// Tests reading and writing of exposure.json.
 #include "train/appearance/appearance_model.h"
 
 #include <gtest/gtest.h>

@@ -1,4 +1,4 @@
-// The exposure model against double-precision references.
+// Compares the exposure model with references in double precision.
 #include "train/appearance/appearance_model.h"
 
 #include <gtest/gtest.h>
@@ -22,7 +22,7 @@ AppearanceState random_exposures(const AppearanceModel& model) {
   return state;
 }
 
-/// transform (r, g, b, 1) of each pixel, double.
+/// Returns transform (r, g, b, 1) of each pixel, in double.
 torch::Tensor exposed(const torch::Tensor& transform, const torch::Tensor& image) {
   const torch::Tensor matrix = transform.to(torch::kFloat64), color = image.to(torch::kFloat64);
   return torch::matmul(color, matrix.slice(1, 0, 3).t()) + matrix.select(1, 3);
@@ -57,7 +57,7 @@ TEST(ExposureModel, GradientsAreThoseOfFiniteDifferences) {
   AppearanceModel model(TrainConfig{}, kPhotographs, torch::kCPU);
   const AppearanceState state = random_exposures(model);
   const torch::Tensor image = torch::rand({6, 5, 3}), weights = torch::randn({6, 5, 3});
-  // A loss that is not linear in the corrected colours.
+  // This loss is not linear in the corrected colours.
   const auto loss = [&](const torch::Tensor& transform, const torch::Tensor& render) {
     return (weights.to(torch::kFloat64) * exposed(transform, render).sin()).sum().item<double>();
   };

@@ -1,4 +1,4 @@
-// Training with --exposure: what it learns, exact resume, files.
+// Tests trainings with --exposure: the learned transforms, exact resume, files.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -26,7 +26,8 @@ using test::Trained;
 TrainConfig exposed_config() {
   TrainConfig config = test::eventful_config();
   config.exposure = true;
-  config.exposure_lr_final = config.exposure_lr_init;  // the rate follows --iterations, which a resume here changes
+  config.exposure_lr_final =
+      config.exposure_lr_init;  // constant, because the rate depends on --iterations, which a resume here changes
   return config;
 }
 
