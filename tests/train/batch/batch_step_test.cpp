@@ -1,4 +1,5 @@
-// A step along several views on the CPU: its gradient and its Adam rule, computed independently in double precision.
+// Compares the gradient and the Adam rule of a step along several views on the CPU with independent computations in
+// double precision.
 #include <gtest/gtest.h>
 
 #include <cmath>
@@ -15,7 +16,8 @@ namespace {
 
 const AdamRates kRates{1e-3, 2e-3, 3e-3, 4e-3, 5e-3, 6e-3};
 
-/// In front of all cameras, except for a fifth behind them and, at index 1, one that only the camera at the side sees.
+/// Returns Gaussians in front of all cameras, except for a fifth behind them, and one at index 1 that only the camera
+/// at the side sees.
 GaussianTensors some_gaussians() {
   constexpr std::int64_t kGaussians = 103;
   GaussianTensors g{torch::randn({kGaussians, 3}) * 0.7, torch::randn({kGaussians, 3}) * 0.3 - 2,
@@ -53,7 +55,7 @@ GaussianTensors copy_of(const GaussianTensors& from) {
   return copy;
 }
 
-/// One step from zero moments along the first `n_views` views.
+/// Takes one step from zero moments along the first `n_views` views.
 AdamState step_along(std::size_t n_views, GaussianTensors& gaussians, const RenderSettings& settings,
                      const RegularizationWeights& weights = {}) {
   AdamState state = make_adam_state(gaussians);
@@ -75,7 +77,7 @@ AdamState step_along(std::size_t n_views, GaussianTensors& gaussians, const Rend
   return state;
 }
 
-/// The mean over views of the gradients of single views, summed in double.
+/// Returns the mean over views of the gradients of single views, summed in double.
 std::vector<torch::Tensor> mean_gradients(std::size_t n_views, const GaussianTensors& gaussians,
                                           const RenderSettings& settings, torch::Tensor* n_seen = nullptr) {
   torch::manual_seed(2);
@@ -143,7 +145,7 @@ TEST(BatchStep, AddsTheRegularizationOfEachViewThatSeesTheGaussian) {
   constexpr double kOpacity = 0.6, kScale = 0.3;
   const AdamState regular = step_along(3, with, settings_of(false), {kOpacity, kScale}),
                   plain = step_along(3, without, settings_of(false));
-  // Of each view: the weight over the number of Gaussians that it sees, for those that it sees.
+  // Each view adds the weight divided by its number of visible Gaussians to those Gaussians.
   torch::manual_seed(2);
   Rasterizer rasterizer(torch::kCPU);
   torch::Tensor share = torch::zeros({start.size()}, torch::kFloat64);
@@ -165,7 +167,8 @@ TEST(BatchStep, AddsTheRegularizationOfEachViewThatSeesTheGaussian) {
 }
 
 TEST(BatchStep, FollowsThePublishedRule) {
-  // Rates times sqrt(n), epsilon over sqrt(n), betas to the power of n; t counts views, also in steps of other sizes.
+  // Rates are multiplied by sqrt(n), epsilon is divided by sqrt(n), and betas are raised to the power of n. t counts
+  // views, also after steps of other sizes.
   torch::manual_seed(3);
   GaussianTensors gaussians = some_gaussians();
   std::array<torch::Tensor, 6> param, m, v;

@@ -1,4 +1,4 @@
-// Trainings with --batch.
+// Tests trainings with --batch.
 #include <gtest/gtest.h>
 
 #include <atomic>
@@ -19,7 +19,7 @@ namespace fs = std::filesystem;
 using test::train;
 using test::Trained;
 
-/// Steps of 3 views, the last one of 2; density control falls within steps.
+/// Returns a config with steps of 3 views, the last one of 2. Density control falls within steps.
 TrainConfig batched_config() {
   TrainConfig config = test::eventful_config();
   config.iterations = 23;
@@ -70,7 +70,7 @@ TEST(BatchTraining, StepsAlongTheSameViewTwiceHaveItsGradient) {
     EXPECT_TRUE(test::within(found, gradient, 2e-6 * gradient.abs().max().item<double>()))
         << GaussianTensors::kNames[i];
   }
-  // With bias correction, the first step has the size of the rate: sqrt(2) times as large.
+  // With bias correction, the first step has the size of the rate, so it is sqrt(2) times as large with two views.
   const torch::Tensor before = torch::logit(torch::full({1}, 0.1)), one = once.gaussians.logit_opacities - before,
                       two = twice.gaussians.logit_opacities - before;
   const torch::Tensor moved = one.abs() > 0.02;
@@ -104,19 +104,20 @@ TEST(BatchTraining, LearnsAsMuchAsWithOneViewAStep) {
 }
 
 TEST(BatchTraining, RollsBackAStepWhoseSecondViewFails) {
-  // A Gaussian that is invalid in one view only: its projection is too large where it comes close to the near plane.
+  // The Gaussian is invalid in one view only, where it is close to the near plane and its projection is too large.
   const Scene scene = test::make_tiny_scene();
   const test::TempDir temp;
   TrainConfig config = batched_config();
   config.iterations = 6;
   const Trained first = train(config, scene, temp / "model");
   Checkpoint read = read_checkpoint(first.result.checkpoint, scene, torch::kCPU);
-  // The second of the next three views.
+  // Finds the second of the next three views.
   ViewOrder order = read.state.view_order;
   order.next(config.seed, static_cast<std::int32_t>(scene.train.size()));
   const auto second = static_cast<std::size_t>(order.next(config.seed, static_cast<std::int32_t>(scene.train.size())));
   const PinholeView view = to_camera_view(scene.train[second].camera);
-  // 0.3 in front of its camera, and 1e9 px large there; behind the others, or too far away to be as large.
+  // The Gaussian is 0.3 in front of its camera, and 1e9 px large there. It is behind the other cameras, or too far away
+  // to be as large.
   const Vec3f forward{view.rotation(2, 0), view.rotation(2, 1), view.rotation(2, 2)};
   read.state.gaussians.means[7] = torch::tensor(
       {view.center.x + 0.3f * forward.x, view.center.y + 0.3f * forward.y, view.center.z + 0.3f * forward.z});
@@ -134,7 +135,7 @@ TEST(BatchTraining, RollsBackAStepWhoseSecondViewFails) {
   EXPECT_EQ(bad.result.n_gaussians, before - 1);
   ASSERT_FALSE(warnings.empty());
   EXPECT_NE(warnings[0].find("after iteration 6: removed 1 Gaussian"), std::string::npos) << warnings[0];
-  // The same without that Gaussian from the start.
+  // Trains without that Gaussian from the start.
   const auto without = [](torch::Tensor& rows) {
     rows = torch::cat({rows.slice(0, 0, 7), rows.slice(0, 8)}).contiguous();
   };
