@@ -48,7 +48,7 @@ TrainState make_state(const Scene& scene) {
   state.statistics.view_count += 7;
   state.view_order.n_refills = 3;
   state.view_order.remaining = {2, 0};
-  state.loss_average = 0.1 + 0.2;  // needs all digits
+  state.loss_average = 0.1 + 0.2;  // needs all digits of a double
   state.elapsed_s = 12.1 + 0.2;
   state.kernel_selection = {{"kernel", "dynamic"}};
   return state;
@@ -203,7 +203,7 @@ TEST_F(CheckpointFiles, WithTensorsThatDoNotFitAreRefused) {
   EXPECT_TRUE(refused(file, "view 99"));
 }
 
-/// Checkpoints that are refused after a change of their contents.
+/// Tests checkpoints that are refused after a change of their contents.
 class ChangedCheckpoints : public CheckpointFiles {
  protected:
   template <class Change>
@@ -260,7 +260,7 @@ TEST_F(ChangedCheckpoints, WithNegativeSumsAreRefused) {
   EXPECT_TRUE(refuses_tensor_value("statistics.view_count", -1));
 }
 
-// Training removes such Gaussians when a view sees them; the checkpoint may be from before that.
+// Training removes such Gaussians once they are visible. The checkpoint may be older.
 TEST_F(ChangedCheckpoints, WithAGaussianThatIsNotFiniteAreRead) {
   CheckpointFile file = read_checkpoint_file(path);
   for (auto& [name, tensor] : file.tensors) {
@@ -315,11 +315,11 @@ TEST(OldCheckpoints, AreRemovedExceptTheNewestOfTheSameTraining) {
     write_checkpoint(folder.checkpoint(iteration), make_config(), state, scene);
   };
   for (const int iteration : {10, 20, 30, 40, 60}) write(iteration, "ours");
-  write(15, "");  // of an early version
+  write(15, "");  // has no training ID
   write(25, "theirs");
   test::write_bytes(folder.checkpoint(5), "damaged");
   test::write_bytes(temp / "checkpoints/notes.txt", "");
-  fs::copy_file(folder.checkpoint(10), folder.checkpoint(12));  // by the user
+  fs::copy_file(folder.checkpoint(10), folder.checkpoint(12));  // a copy made by the user
   remove_superseded_checkpoints(folder, "ours", 40, 2);
   EXPECT_EQ(folder.checkpoint_iterations(), (std::vector<int>{5, 12, 25, 30, 40, 60}));
   EXPECT_TRUE(fs::exists(temp / "checkpoints/notes.txt"));
@@ -342,7 +342,7 @@ TEST(OldCheckpoints, ThatWereRequestedAreKept) {
   for (const int iteration : {10, 15}) write(iteration, 1);
   write(20, 4);                             // 17 to 20
   write(28, 3);                             // 26 to 28
-  config.checkpoint_iterations = {40, 50};  // resumed with others
+  config.checkpoint_iterations = {40, 50};  // resumed with other iterations
   for (const int iteration : {30, 40, 45, 50}) write(iteration, 1);
   remove_superseded_checkpoints(folder, "ours", 50, 2);
   EXPECT_EQ(folder.checkpoint_iterations(), (std::vector<int>{10, 20, 30, 40, 45, 50}));
@@ -383,7 +383,8 @@ TEST_F(CheckpointFiles, TellWhichPhotographsHaveChanged) {
 }
 
 TEST_F(CheckpointFiles, NoticeAnEditThatKeepsTheSizeOfAPhotograph) {
-  // Without compression, a retouched pixel changes bytes in the middle; with it, all that follows.
+  // Without compression, a retouched pixel changes bytes in the middle of the file. With compression, it changes all
+  // following bytes.
   for (const auto& [name, at] : {std::pair{"photo.bmp", 150000}, {"photo.TIF", 150000}, {"photo.jpg", 299999}}) {
     Scene with_file = scene;
     with_file.train[0].file = (folder / name).string();
@@ -395,7 +396,7 @@ TEST_F(CheckpointFiles, NoticeAnEditThatKeepsTheSizeOfAPhotograph) {
     test::write_bytes(with_file.train[0].file, bytes);
     EXPECT_EQ(scene_changes(header, scene_fingerprint(with_file)).size(), 1u) << name;
 
-    nlohmann::ordered_json early = header;  // had the checksum of the first 64 KiB only
+    nlohmann::ordered_json early = header;  // has only the checksum of the first 64 KiB
     early["scene"]["photographs"][0].erase("rest_crc32");
     EXPECT_TRUE(scene_changes(early, scene_fingerprint(with_file)).empty()) << name;
     bytes[0] = 'b';

@@ -1,4 +1,4 @@
-// Model folders, image metrics, and conversions of Gaussians.
+// Tests model folders, image metrics, and conversions of Gaussians.
 
 #include "model/model_folder.h"
 #include "config/train_options.h"
@@ -46,7 +46,7 @@ TEST(ModelFolder, WritesWhatTheOriginalsToolsRead) {
   EXPECT_EQ(cameras[2]["img_name"], "view1.png");
   EXPECT_EQ(cameras[5]["id"], 5);
   EXPECT_EQ(cameras[0]["width"], 60);
-  // View 0 stands at (3, -1, 0) and looks along (-3, 1, 0): the last column of camera-to-world.
+  // View 0 is at (3, -1, 0) and looks along (-3, 1, 0), which is the last column of camera-to-world.
   EXPECT_NEAR(cameras[0]["position"][0], 3, 1e-12);
   EXPECT_NEAR(cameras[0]["position"][1], -1, 1e-12);
   EXPECT_NEAR(cameras[0]["rotation"][0][2], -3 / std::sqrt(10.0), 1e-12);
@@ -55,7 +55,7 @@ TEST(ModelFolder, WritesWhatTheOriginalsToolsRead) {
 
 TEST(ModelFolder, ReadsItsCamerasBack) {
   Scene scene = test::make_tiny_scene();
-  scene.train[0].camera.cx += 3.25;  // the original's cameras.json has no principal point
+  scene.train[0].camera.cx += 3.25;  // not part of the original's cameras.json
   const test::TempDir temp;
   const ModelFolder folder(temp.path());
   folder.write_inputs({}, scene);
@@ -186,7 +186,7 @@ TEST(Metrics, PsnrIsThatOfTheMeanSquaredError) {
   EXPECT_NEAR(image_quality(rendered, truth, nullptr)->ssim, 1, 1e-6);
   rendered[1][2][0] = 51.0f / 255.0f;  // 0.2 in one of 24 values
   EXPECT_NEAR(image_quality(rendered, truth, nullptr)->psnr, -10 * std::log10(0.04 / 24), 1e-9);
-  rendered[1][2][0] = -7.0f;  // clamped before it is compared
+  rendered[1][2][0] = -7.0f;  // is clamped before the comparison
   EXPECT_EQ(image_quality(rendered, truth, nullptr)->psnr, 100);
 }
 
@@ -195,7 +195,7 @@ TEST(Metrics, IgnoreInvalidPixels) {
   torch::Tensor rendered = torch::zeros({2, 4, 3});
   rendered[0][0].fill_(1);
   rendered[1][3][1] = 51.0f / 255.0f;
-  valid.pixels = {0, 255, 255, 0, 255, 255, 0, 255};  // 5 of 8, not the first
+  valid.pixels = {0, 255, 255, 0, 255, 255, 0, 255};  // 5 of 8 are valid, but not the first
   EXPECT_NEAR(image_quality(rendered, truth, &valid)->psnr, -10 * std::log10(0.04 / 15), 1e-9);
 }
 
@@ -224,7 +224,7 @@ TEST(Metrics, RoundToEightBits) {
 }
 
 TEST(Metrics, BytesAreThoseOfLround) {
-  // Around every value that is rounded, and where 255 x is exactly k + 0.5.
+  // Tests values around each rounding threshold, and where 255 x is exactly k + 0.5.
   std::vector<float> values{-1e30f, -0.0f, 1e-40f, INFINITY, -INFINITY, NAN, std::nextafter(1.0f, 0.0f), 1.5f};
   for (int k = 0; k < 256; ++k) {
     float value = (static_cast<float>(k) + 0.5f) / 255.0f;
@@ -253,7 +253,7 @@ TEST(GaussianModel, StartsFromPointsAsTheOriginalDoes) {
   points.positions = {0, 0, 0, 1, 0, 0, 0, 2, 0, 0, 0, 3};
   points.colors = {255, 0, 128, 0, 0, 0, 0, 0, 0, 0, 0, 0};
   const SplatCloud cloud = splats_from_points(points, 2);
-  // Squared distances of the first to the others: 1, 4, 9.
+  // The squared distances from the first point to the others are 1, 4 and 9.
   EXPECT_NEAR(cloud.log_scales[0], 0.5 * std::log(14.0 / 3.0), 1e-6);
   EXPECT_EQ(cloud.log_scales[0], cloud.log_scales[2]);
   EXPECT_NEAR(cloud.logit_opacities[3], std::log(0.1 / 0.9), 1e-6);

@@ -1,4 +1,5 @@
-// Which training a model folder belongs to, and what happens to files of later iterations when one is resumed.
+// Tests which training a model folder belongs to, and that files of later iterations are moved aside when it is
+// resumed.
 
 #include "model/model_folder.h"
 
@@ -30,14 +31,14 @@ using test::Trained;
 
 class TrainingId : public testing::Test {
  protected:
-  /// 20 iterations with checkpoints and PLYs at 8, 16 and 20.
+  /// Returns a config of 20 iterations with checkpoints and PLYs at 8, 16 and 20.
   static TrainConfig config() {
     TrainConfig config = eventful_config();
     config.checkpoint_iterations = config.save_iterations = config.test_iterations = {8, 16};
     config.keep_checkpoints = 9;
     return config;
   }
-  /// Contents of all regular files below a folder, by relative path.
+  /// Returns the contents of all regular files below a folder, by relative path.
   static std::map<std::string, std::string> files_of(const fs::path& folder) {
     std::map<std::string, std::string> files;
     for (const fs::directory_entry& entry : fs::recursive_directory_iterator(folder)) {
@@ -106,7 +107,7 @@ TEST_F(TrainingId, ResumingAnEarlierCheckpointSetsLaterFilesAside) {
   for (std::string line; std::getline(log, line); ++n_lines) EXPECT_GT(nlohmann::json::parse(line)["iteration"], 8);
   EXPECT_GE(n_lines, 3) << "the lines of iterations 10, 16 and 20";
 
-  // Again: files set aside before stay, and later ones go to another folder.
+  // The second time, files that were moved aside before stay, and later ones go to another folder.
   train(shorter, scene, a.root(), a.checkpoint(8));
   EXPECT_TRUE(fs::exists(aside / "checkpoints/iteration_20.b3dgs"));
   EXPECT_TRUE(fs::exists(a.root() / "set_aside/after_iteration_8_2/checkpoints/iteration_12.b3dgs"));
@@ -116,7 +117,7 @@ TEST_F(TrainingId, ResumingTheNewestCheckpointSetsOnlyLaterLogLinesAside) {
   TrainConfig half = config();
   half.iterations = 16;
   train(half, scene, a.root());
-  std::ofstream(a.log(), std::ios::app) << "{\"iteration\": 17}\n";  // what a killed training leaves
+  std::ofstream(a.log(), std::ios::app) << "{\"iteration\": 17}\n";  // as a killed training may leave it
   train(config(), scene, a.root(), a.checkpoint(16));
   const fs::path aside = a.root() / "set_aside/after_iteration_16_1";
   EXPECT_EQ(read_bytes(aside / "train.jsonl"), "{\"iteration\": 17}\n");
@@ -179,7 +180,7 @@ TEST(DiskSpace, PredictsTheSizesOfTheFiles) {
   EXPECT_GT(free_disk_bytes(temp.path()), 0);
   EXPECT_EQ(free_disk_bytes(temp / "none"), -1);
 
-  // Statistics of every strategy, 3D filters, appearance.
+  // Tests the statistics of every strategy, 3D filters and appearance.
   TrainConfig budget = config, filtered = config, grids = config, exposures = config;
   budget.strategy = Strategy::kBudget;
   filtered.antialiasing = true;
