@@ -1,4 +1,4 @@
-// Appearance models on the GPU, against those on the CPU.
+// Compares appearance models on the GPU with those on the CPU.
 #include <gtest/gtest.h>
 
 #include "core/files/folders.h"
@@ -37,7 +37,7 @@ TEST(AppearanceOnGpu, ExposuresAndTheirGradientsAreThoseOfTheCpu) {
     const int view = t * 3 % 5, height = 1 + 37 * t;
     const torch::Tensor image = 1.3 * torch::rand({height, 131, 3}), grad = torch::randn({height, 131, 3});
     const torch::Tensor own_image = image.to(gpu), own_grad = grad.to(gpu), again = own_grad.clone();
-    if (t > 3) {  // some of it clipped, by far enough that rounding does not decide
+    if (t > 3) {  // clipped in part, far enough from the limit that rounding does not matter
       const torch::Tensor photograph = (torch::rand({height, 131, 3}) < 0.5).to(torch::kUInt8) * 255;
       host.set_photograph({});
       const torch::Tensor unsure = (host.apply(state, view, image) - 1).abs() < 1e-4;
@@ -76,7 +76,7 @@ TEST(AppearanceOnGpu, BilateralGridsAndTheirGradientsAreThoseOfTheCpu) {
     host.begin_step(view, t, state);
     device.begin_step(view, t, own);
     EXPECT_TRUE(test::within(own.grids[view].to(torch::kCPU), state.grids[view], 1e-4)) << "step " << t;
-    // From here on with the same grid, so that rounding does not add up.
+    // Copies the grid, so that rounding does not add up.
     own.grids[view].copy_(state.grids[view]);
     EXPECT_TRUE(test::within(device.apply(own, view, own_image).to(torch::kCPU), host.apply(state, view, image), 1e-5));
     host.backward(state, view, image, grad);

@@ -1,4 +1,4 @@
-// Steps along several views on the GPU (--batch): compared with those on the CPU, and deferred updates with immediate
+// Compares steps along several views on the GPU (--batch) with those on the CPU, and deferred updates with immediate
 // ones.
 #include <gtest/gtest.h>
 
@@ -22,7 +22,7 @@ GaussianTensors copy_to(const GaussianTensors& from, torch::Device device) {
   return copy;
 }
 
-/// 4 of 5 are in front of the cameras; not a multiple of the block size.
+/// Returns Gaussians of which 4 of 5 are in front of the cameras. Their number is not a multiple of the block size.
 GaussianTensors some_gaussians() {
   constexpr std::int64_t kGaussians = 1003;
   GaussianTensors g{torch::randn({kGaussians, 3}),          torch::randn({kGaussians, 3}) * 0.3 - 2,
@@ -43,7 +43,6 @@ RenderSettings settings_of(int sh_degree) {
   return settings;
 }
 
-/// Takes a step along `views`.
 void step_along(const std::vector<CameraView>& views, const RenderSettings& settings, const torch::Tensor& image_grad,
                 Rasterizer& rasterizer, GaussianOptimizer& optimizer, GaussianTensors& gaussians, AdamState& state,
                 const RegularizationWeights& weights = {}) {
@@ -89,7 +88,7 @@ TEST(BatchOnGpu, EqualsTheCpu) {
 TEST(BatchOnGpu, UpdatesGiveTheSameBitsWheneverTheyAreFlushed) {
   B3DGS_NEEDS_GPU();
   torch::manual_seed(6);
-  constexpr int kSteps = 80;  // more than can be deferred; the SH degree and the number of views change
+  constexpr int kSteps = 80;  // more than can be deferred, while the SH degree and the number of views change
   GaussianTensors often = copy_to(some_gaussians(), kGpu), late = copy_to(often, kGpu);
   AdamState often_state = make_adam_state(often), late_state = make_adam_state(often);
   Rasterizer rasterizer(kGpu);

@@ -1,4 +1,4 @@
-// Strategy budget on the GPU.
+// Compares strategy budget on the GPU with that on the CPU.
 #include <gtest/gtest.h>
 
 #include "support/approx.h"
@@ -43,7 +43,7 @@ TEST(BudgetOnGpu, PlansTheRoundThatTheCpuPlans) {
                        found = strategy->plan_round(device, device_seen, kPruneRound, 0);
     EXPECT_GT(expected.n_split, 200);
     EXPECT_GT(expected.n_pruned, 200);
-    // Keys may be rounded to the next float, which can change which of two nearly equal ones is drawn.
+    // Keys may be rounded to the next float, which can decide which of two Gaussians with nearly equal keys is drawn.
     EXPECT_EQ(found.n_split, expected.n_split);
     EXPECT_EQ(found.n_pruned, expected.n_pruned);
     ASSERT_EQ(found.edit.n_kept, expected.edit.n_kept);

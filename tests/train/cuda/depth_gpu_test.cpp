@@ -1,4 +1,4 @@
-// Depth priors on the GPU, compared with the CPU and with themselves.
+// Compares depth priors on the GPU with those on the CPU.
 #include <gtest/gtest.h>
 
 #include "support/approx.h"

@@ -1,4 +1,4 @@
-// As every_feature_test.cpp, on a GPU.
+// Runs the tests of every_feature_test.cpp on a GPU.
 #include "support/train/every_feature.h"
 
 #include <gtest/gtest.h>

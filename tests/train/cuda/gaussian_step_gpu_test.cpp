@@ -1,5 +1,5 @@
-// The fused optimizer step on the GPU, compared with its two halves: stored gradients, and Adam on the CPU. Deferred
-// updates, compared with immediate ones.
+// Compares the fused optimizer step on the GPU with its two halves (stored gradients, and Adam on the CPU), and
+// deferred updates with immediate ones.
 #include "train/optimizer/gaussian_optimizer.h"
 
 #include <gtest/gtest.h>
@@ -23,7 +23,7 @@ AdamState copy_to(const AdamState& from, torch::Device device) {
   return {copy_to(from.m, device), copy_to(from.v, device), from.steps};
 }
 
-/// Moments as in the middle of a training: nonzero for all degrees that are optimised by now.
+/// Returns moments as in the middle of a training, which are nonzero for all degrees that are optimised so far.
 AdamState used_moments(const GaussianTensors& gaussians, int sh_degree) {
   AdamState state = make_adam_state(gaussians);
   state.steps = 41;
@@ -34,7 +34,8 @@ AdamState used_moments(const GaussianTensors& gaussians, int sh_degree) {
   return state;
 }
 
-/// 4 of 5 are in view, the others are behind the camera; not a multiple of the block size.
+/// Returns Gaussians of which 4 of 5 are visible and the others are behind the camera. Their number is not a multiple
+/// of the block size.
 GaussianTensors some_gaussians(int sh_degree_max) {
   constexpr std::int64_t kGaussians = 1003;
   const std::int64_t n_rest = (sh_degree_max + 1) * (sh_degree_max + 1) - 1;
@@ -52,7 +53,7 @@ PinholeView view_from(double x, double z) {
 RenderSettings settings_of(int sh_degree) {
   RenderSettings settings;
   settings.sh_degree = sh_degree;
-  settings.deterministic = true;  // same render, same sums
+  settings.deterministic = true;  // for the same render and sums
   return settings;
 }
 
@@ -94,7 +95,7 @@ TEST_P(GaussianStepOnGpu, EqualsGradientsFollowedByAdam) {
   EXPECT_TRUE(
       test::within(statistics.means2d_grad.cpu(), means2d_grad, 1e-6 * means2d_grad.abs().max().item<double>()));
   EXPECT_TRUE(test::same(statistics.radii.cpu(), radii));
-  // Gradients of the two kernels differ by rounding, up to kRounding relative; their squares by twice that.
+  // Gradients of the two kernels differ by relative rounding errors up to kRounding, and their squares by twice that.
   constexpr double kRounding = 1e-5;
   const auto agrees = [](const torch::Tensor& actual, const torch::Tensor& wanted, double allowed) {
     return test::within(actual.cpu(), wanted, allowed * (wanted.numel() > 0 ? wanted.abs().max().item<double>() : 0));
@@ -110,7 +111,7 @@ TEST_P(GaussianStepOnGpu, EqualsGradientsFollowedByAdam) {
   }
 }
 
-/// Whether everything that a step changes is bit-identical.
+/// Returns whether everything that a step changes is bit-identical.
 testing::AssertionResult is_equal(const GaussianTensors& a, const AdamState& a_state, const GaussianTensors& b,
                                   const AdamState& b_state) {
   for (std::size_t i = 0; i < a.all().size(); ++i) {
@@ -150,8 +151,8 @@ TEST(RegularizationOnGpu, EqualsThatOnTheCpu) {
 TEST(DeferredSh, UpdatesGiveTheSameBitsWheneverTheyAreFlushed) {
   B3DGS_NEEDS_GPU();
   torch::manual_seed(6);
-  // More steps than can be deferred at once. Views from the side, in an irregular order, with many Gaussians outside
-  // the frustum; the SH degree rises meanwhile.
+  // Takes more steps than can be deferred at once. Views from the side, in an irregular order, leave many Gaussians
+  // outside the frustum, and the SH degree rises meanwhile.
   constexpr int kSteps = 150;
   GaussianTensors often = copy_to(some_gaussians(3), kGpu), rarely = copy_to(often, kGpu), late = copy_to(often, kGpu);
   AdamState often_state = make_adam_state(often), rarely_state = make_adam_state(often),
@@ -167,7 +168,7 @@ TEST(DeferredSh, UpdatesGiveTheSameBitsWheneverTheyAreFlushed) {
     const auto step = [&](GaussianOptimizer& optimizer, GaussianTensors& gaussians, AdamState& state) {
       rasterizer.forward(gaussians, view, optimizer.begin_view(gaussians, state, settings));
       if (k % 11 == 5 && &optimizer == &rarely_optimizer)
-        optimizer.flush(gaussians, state);  // including Gaussians that a view has just seen
+        optimizer.flush(gaussians, state);  // including Gaussians that are visible in the current view
       return optimizer.backward_and_step(kRates, {image_grad, {}, {}}, gaussians, state, nullptr);
     };
     step(late_optimizer, late, late_state);

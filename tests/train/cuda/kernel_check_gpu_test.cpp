@@ -1,4 +1,4 @@
-// Kernel checks on the GPU, timed by the device.
+// Tests kernel checks on the GPU, timed by the device.
 #include <gtest/gtest.h>
 
 #include <fstream>

@@ -1,4 +1,4 @@
-// Training in the lens of the photographs on the GPU.
+// Tests training with distorted lenses on the GPU.
 #include <gtest/gtest.h>
 
 #include "support/gpu_test.h"

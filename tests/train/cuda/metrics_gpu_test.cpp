@@ -1,4 +1,4 @@
-// Images that are converted to 8 bits on the GPU.
+// Tests the conversion of images to 8 bits on the GPU.
 #include <gtest/gtest.h>
 
 #include "support/gpu_test.h"
@@ -9,7 +9,7 @@ namespace {
 
 TEST(MetricsOnGpu, BytesAreThoseOfTheCpu) {
   B3DGS_NEEDS_GPU();
-  // Every value around which rounding changes, by steps of a fraction of an ulp of 255 x, and what is out of range.
+  // Tests values around each rounding threshold, in steps of a fraction of an ulp of 255 x, and values out of range.
   const torch::Tensor steps = torch::arange(-8, 8, torch::kFloat32).mul(2e-8);
   const torch::Tensor halves = torch::arange(0, 256, torch::kFloat32).add(0.5).div(255);
   const torch::Tensor special = torch::tensor({NAN, INFINITY, -INFINITY, -1.0f, 2.0f, 0.0f, 1.0f, 0.5f}).repeat({2, 1});

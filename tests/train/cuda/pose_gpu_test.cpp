@@ -1,4 +1,4 @@
-// Pose refinement on the GPU, compared with that on the CPU and with itself.
+// Compares pose refinement on the GPU with that on the CPU, and with itself after a resume.
 #include <gtest/gtest.h>
 
 #include "support/approx.h"
@@ -43,14 +43,14 @@ TEST(PosesOnGpu, AreRefinedAsOnTheCpu) {
       config.pose_opt_lr *
       torch::tensor({1.0, 1.0, 1.0, scene.extent, scene.extent, scene.extent}, torch::kFloat64).expand({6, 6});
   EXPECT_GT((expected.abs() / rates).max().item<double>(), 0.9) << "no step was taken";
-  // A step is as large as the rate whatever the size of the gradient, so it can amplify rounding.
+  // A step has the size of the rate for any gradient, so it can amplify rounding.
   EXPECT_TRUE(test::within(found, expected, 0.05 * rates));
 }
 
 TEST(PosesOnGpu, OneThatIsRefinedInTwoIterationsInARowResumesExactlyIfDeterministic) {
   B3DGS_NEEDS_GPU();
   test::TinySceneOptions options;
-  options.n_views = 4;  // 3 are for training, and one is refined
+  options.n_views = 4;  // 3 for training, of which one is refined
   const Scene scene = test::make_tiny_scene(options);
   const test::TempDir temp;
   const TrainConfig config = refining_config();

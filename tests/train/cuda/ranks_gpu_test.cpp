@@ -1,5 +1,5 @@
-// Own rows and splats on the way between ranks: on a GPU as on the CPU. One process does the work of each rank
-// in turn.
+// Compares the distribution of rows and the exchange of splats on a GPU with those on the CPU. One process does the
+// work of each rank in turn.
 #include <gtest/gtest.h>
 #include <torch/types.h>
 
@@ -23,7 +23,7 @@ bool are_same(const torch::Tensor& found, const torch::Tensor& expected) {
   return found.is_cuda() && found.scalar_type() == expected.scalar_type() && torch::equal(found.cpu(), expected);
 }
 
-/// Any row may belong to any rank, as after many edits.
+/// Returns owners as after many edits, where any row may belong to any rank.
 RowOwners random_owners(int rank, const torch::Tensor& sources) {
   return RowOwners::round_robin(rank, kRanks, kRows, sources.device()).after(sources);
 }

@@ -1,4 +1,4 @@
-// Real processes that share GPU 0: dist_rank.cpp and train_together.cpp, with tensors on the GPU.
+// Runs dist_rank.cpp and train_together.cpp as real processes that share GPU 0, with tensors on the GPU.
 #include <gtest/gtest.h>
 
 #include <string>

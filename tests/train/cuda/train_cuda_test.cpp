@@ -1,4 +1,4 @@
-// The parts of training on a GPU that do not use torch.
+// Tests the parts of training on a GPU that do not use torch.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -33,7 +33,7 @@ class GatedStream {
   GatedStream(const GatedStream&) = delete;
   GatedStream& operator=(const GatedStream&) = delete;
 
-  /// Work queued from now on does not start before open().
+  /// Blocks work queued from now on until open().
   void close() {
     is_open_ = false;
     const auto wait = [](void* gate) {
@@ -41,7 +41,7 @@ class GatedStream {
     };
     B3DGS_CUDA_CHECK(cudaLaunchHostFunc(stream_, wait, &is_open_));
   }
-  /// Waits until all queued work is done.
+  /// Unblocks the stream, and waits until all queued work is done.
   void open() {
     is_open_ = true;
     cudaStreamSynchronize(stream_);
@@ -53,7 +53,7 @@ class GatedStream {
   std::atomic<bool> is_open_{true};
 };
 
-/// Bytes that identify image `seed`.
+/// Returns bytes that identify image `seed`.
 std::vector<std::uint8_t> image(int seed, std::size_t n) {
   std::vector<std::uint8_t> bytes(n);
   for (std::size_t i = 0; i < n; ++i) bytes[i] = static_cast<std::uint8_t>(37 * seed + 3 * i + i / 251);
@@ -93,7 +93,7 @@ TEST(DeviceSnapshot, KeepsTheOldValuesWhileTheArraysChange) {
 class ImageUploaderTest : public testing::Test {
  protected:
   static constexpr std::size_t kBytes = 1 << 20;
-  /// The content of a slot as seen by a reader on the stream, after all work queued there.
+  /// Copies the content of a slot to `out`, after all work queued on the stream.
   static void read(const std::uint8_t* slot, const test::DeviceArray<std::uint8_t>& out, cudaStream_t stream) {
     B3DGS_CUDA_CHECK(cudaMemcpyAsync(out.data(), slot, kBytes, cudaMemcpyDeviceToDevice, stream));
   }
@@ -235,7 +235,7 @@ TEST(ReduceImageOnGpu, EqualsThatOfTheCpu) {
       args.reduced = device_reduced.data();
       args.reduced_valid = is_masked ? device_mask.data() : nullptr;
       cuda::for_rows<reduce_pixel>(args, args.n_reduced(), nullptr);
-      if (n_reduced == 0) continue;  // nothing to write, and no error
+      if (n_reduced == 0) continue;  // nothing is written, without an error
       std::vector<std::uint8_t> downloaded(3 * n_reduced + 1);
       device_reduced.download(downloaded.data());
       EXPECT_TRUE(std::equal(expected.begin(), expected.end(), downloaded.begin())) << width << " / " << scale;
@@ -248,7 +248,7 @@ TEST(ReduceImageOnGpu, EqualsThatOfTheCpu) {
 
 struct LossCase {
   std::int32_t width, height;  // px
-  int invalid_of_16;           // invalid pixels of every 16; 0 = no mask
+  int invalid_of_16;           // number of invalid pixels among 16; 0 = no mask
 };
 
 class LossOnGpu : public testing::TestWithParam<LossCase> {};
@@ -264,7 +264,7 @@ TEST_P(LossOnGpu, EqualsThatOfTheCpu) {
   for (std::size_t i = 0; i < n_values; ++i) {
     const auto random = random_uniform(key, i);
     truth[i] = static_cast<std::uint8_t>(255 * random[0]);
-    rendered[i] = 1.5f * random[1] - 0.2f;  // also outside the range of a photograph
+    rendered[i] = 1.5f * random[1] - 0.2f;  // also outside [0, 1]
   }
   for (std::size_t i = 0; i < valid.size(); ++i) valid[i] = static_cast<int>(7 * i % 16) >= image.invalid_of_16 ? 1 : 0;
 
@@ -306,7 +306,7 @@ TEST_P(LossOnGpu, EqualsThatOfTheCpu) {
   EXPECT_LE(apart, 2e-5 * largest);
 }
 
-// Smaller than the window, smaller than a block, slightly more or less than a block, several blocks.
+// Images smaller than the window, smaller than a block, slightly larger or smaller than a block, and of several blocks.
 INSTANTIATE_TEST_SUITE_P(BySize, LossOnGpu,
                          testing::Values(LossCase{1, 1, 0}, LossCase{5, 3, 0}, LossCase{32, 32, 0}, LossCase{31, 33, 5},
                                          LossCase{97, 70, 0}, LossCase{97, 70, 1}, LossCase{64, 41, 12},

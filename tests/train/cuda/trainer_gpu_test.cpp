@@ -1,4 +1,4 @@
-// Training on the GPU, compared with training on the CPU and with itself.
+// Compares training on the GPU with training on the CPU and with itself.
 #include <cuda_runtime_api.h>
 #include <gtest/gtest.h>
 
@@ -43,7 +43,7 @@ TrainConfig on_gpu(TrainConfig config) {
   return config;
 }
 
-/// Deterministic training beyond density control and an opacity reset.
+/// Returns a config of a deterministic training with density control and an opacity reset.
 TrainConfig deterministic_config() {
   TrainConfig config = on_gpu(test::eventful_config());
   config.iterations = 40;
@@ -55,7 +55,7 @@ TEST(FloatersOnGpu, AreThoseOfTheCpu) {
   B3DGS_NEEDS_GPU();
   const Scene scene = test::make_tiny_scene();
   GaussianTensors gaussians = to_tensors(splats_from_points(scene.points, 0), 0, torch::kCPU);
-  gaussians.means[0] = torch::tensor({1000.0f, 0.0f, 0.0f});  // seen by no view
+  gaussians.means[0] = torch::tensor({1000.0f, 0.0f, 0.0f});  // visible in no view
   std::vector<CameraView> views;
   for (const View& view : scene.train) views.push_back(to_camera_view(view.camera));
   Rasterizer on_cpu(torch::kCPU), on_gpu(torch::Device(torch::kCUDA, 0));
@@ -71,7 +71,8 @@ TEST(FloatersOnGpu, AreThoseOfTheCpu) {
 
 TEST(TrainerOnGpu, LearnsAsOnTheCpu) {
   B3DGS_NEEDS_GPU();
-  // dB, mean over the held-out views. Another order of sums (tiles, culling, kernels on the CPU) changes it by 0.01.
+  // In dB, for the mean over the held-out views. Another order of sums (tiles, culling, kernels on the CPU) changes it
+  // by 0.01.
   constexpr double kAllowed = 0.1;
   const Scene scene = test::make_tiny_scene(test::learnable_scene());
   const test::TempDir temp;
@@ -99,7 +100,7 @@ TEST(TrainerOnGpu, GivesTheSameBytesTwiceIfDeterministic) {
   EXPECT_TRUE(test::fails_with<InputError>({"--kernel naive", "sub-tile"}, [&] { train(config, scene, temp / "c"); }));
 }
 
-/// Whether `segmented` cuts lists of a view in the log.
+/// Returns whether `segmented` cuts lists of a view in the log.
 bool has_cut_lists(const fs::path& folder) {
   int n_multiprocessors = 0;
   B3DGS_CUDA_CHECK(cudaDeviceGetAttribute(&n_multiprocessors, cudaDevAttrMultiProcessorCount, 0));
@@ -145,7 +146,7 @@ TEST(TrainerOnGpu, ResumedEqualsUninterruptedIfDeterministic) {
   TrainConfig config = deterministic_config();
   config.image_cache_gb = 0;
   const Trained whole = train(config, scene, temp / "whole");
-  for (const int stop : {10, 13}) {  // at a round of density control, and between
+  for (const int stop : {10, 13}) {  // at a round of density control, and between two rounds
     const fs::path folder = temp / std::to_string(stop);
     config.iterations = stop;
     const fs::path checkpoint = train(config, scene, folder).result.checkpoint;
@@ -154,7 +155,7 @@ TEST(TrainerOnGpu, ResumedEqualsUninterruptedIfDeterministic) {
   }
 }
 
-/// The running average of the loss after each step.
+/// Returns the running average of the loss after each step.
 std::vector<double> losses(const TrainConfig& config, const Scene& scene, const fs::path& folder) {
   remove_tree(folder);
   std::vector<double> values;
@@ -167,7 +168,7 @@ std::vector<double> losses(const TrainConfig& config, const Scene& scene, const 
 TEST(TrainerOnGpu, LearnsTheSameFromPhotographsThatAreUploadedAhead) {
   B3DGS_NEEDS_GPU();
   test::TinySceneOptions options;
-  options.masked = true;  // masks travel too
+  options.masked = true;  // masks are used, too
   const Scene scene = test::make_tiny_scene(options);
   const test::TempDir temp;
   TrainConfig config = deterministic_config();
@@ -236,7 +237,7 @@ TEST(TrainerOnGpu, ReleasesPhotographsWhenMemoryIsNeeded) {
   }
 }
 
-/// Leaves no byte of GPU memory to others.
+/// Allocates all free GPU memory.
 class FullGpu {
  public:
   FullGpu() {
@@ -318,7 +319,7 @@ TEST(TrainerOnGpu, ResumesFromACheckpointOfTheOtherDevice) {
     const fs::path checkpoint = train(starts_on_gpu ? gpu_config : config, scene, temp / name).result.checkpoint;
     expect_same_state(read_checkpoint(checkpoint, scene, torch::kCPU).state,
                       read_checkpoint(checkpoint, scene, gpu).state);
-    // One step on, from the same state, with the same view and background: first moments are sums of gradients.
+    // Takes one more step from the same state, with the same view and background. First moments are sums of gradients.
     config.iterations = gpu_config.iterations = 13;
     const Trained on_cpu = train(config, scene, temp / (name + "_then_cpu"), checkpoint);
     const Trained on_device = train(gpu_config, scene, temp / (name + "_then_gpu"), checkpoint);
@@ -334,7 +335,7 @@ TEST(TrainerOnGpu, ResumesFromACheckpointOfTheOtherDevice) {
   }
 }
 
-/// Hooks that count steps and rounds of density control, and check the times of each step.
+/// Returns hooks that count steps and rounds of density control, and check the times of each step.
 TrainHooks stage_time_checks(bool has_projection_backward, int& n_steps, int& n_rounds) {
   TrainHooks hooks;
   hooks.on_stage_times = [has_projection_backward, &n_steps, &n_rounds](const StageTimes& times) {
@@ -389,7 +390,7 @@ TEST(TrainerOnGpu, LearnsTheSameWhileStagesAreTimed) {
   EXPECT_TRUE(test::same(test::read_bytes(timed.ply), train(config, scene, temp / "untimed").ply));
 }
 
-/// Views of 60 x 44 and of 48 x 64 px.
+/// Returns a scene with views of 60 x 44 and of 48 x 64 px.
 Scene scene_of_two_sizes() {
   test::TinySceneOptions upright;
   upright.width = 48;
@@ -514,7 +515,7 @@ TEST(TrainerOnGpu, CountsTheMemoryThatItTakes) {
   Trainer trainer(finalize(config, scene), scene, ModelFolder(temp / "model"), {});
   const std::optional<MemoryForecast> forecast = trainer.forecast_memory();
   ASSERT_TRUE(forecast);
-  constexpr std::int64_t kFloats = 3 + 3 + 4 + 1 + 3 + 9;  // of a Gaussian of SH degree 1
+  constexpr std::int64_t kFloats = 3 + 3 + 4 + 1 + 3 + 9;  // per Gaussian of SH degree 1
   const std::int64_t least = static_cast<std::int64_t>(scene.points.size()) * 3 * kFloats * 4;  // with its moments
   EXPECT_GE(forecast->model, least);
   EXPECT_LT(forecast->model, 10 * least);
@@ -555,7 +556,7 @@ int train_until_the_gpu_is_lost() {
   TrainHooks hooks;
   hooks.on_progress = [](const TrainProgress& progress) {
     if (progress.iteration != 8) return;
-    // A device-side assertion: from here on, every CUDA call of the process fails.
+    // Triggers a device-side assertion, after which every CUDA call of the process fails.
     const auto on_gpu = torch::TensorOptions(torch::kCUDA).dtype(torch::kInt64);
     torch::arange(4, on_gpu).index_select(0, torch::full({1}, 9, on_gpu));
   };
@@ -570,8 +571,8 @@ int train_until_the_gpu_is_lost() {
   return 3;
 }
 
-/// In a process of its own, since no CUDA call of it succeeds afterwards. Not a death test of GoogleTest: that clones
-/// the process, which crashed once it had used the GPU.
+/// Runs in a separate process, because no CUDA call succeeds afterwards. This is not a death test of GoogleTest, which
+/// clones the process and crashed once it had used the GPU.
 TEST(LostGpu, DISABLED_TrainingEnds) {
   std::_Exit(train_until_the_gpu_is_lost());
 }
@@ -587,7 +588,7 @@ TEST(TrainerOnGpu, ALostGpuNamesTheLastCheckpoint) {
 
 TEST(RowEditorOnGpu, DoesWhatTheCpuDoes) {
   B3DGS_NEEDS_GPU();
-  constexpr std::int64_t kRows = 700000;  // 31 M elements of the harmonics, 16 M in a piece
+  constexpr std::int64_t kRows = 700000;  // 31 M SH coefficients, in pieces of 16 M
   const auto edited = [](torch::Device device) {
     const torch::Tensor number = torch::arange(kRows, device).to(torch::kFloat32);
     const auto numbered = [&](std::vector<std::int64_t> sizes) {
@@ -683,7 +684,8 @@ TEST(McmcOnGpu, DoesWhatTheCpuDoes) {
   EXPECT_GT((host.means == before).all(1).sum().item<int>(), 1000);
   EXPECT_TRUE(test::within(device.means.to(torch::kCPU), host.means, host.means.abs() * 0x1p-22 + 1e-37));
 
-  const torch::Tensor rows = torch::arange(kCount, torch::kInt32) * 3 + 5;  // as if others had the rows between
+  const torch::Tensor rows =
+      torch::arange(kCount, torch::kInt32) * 3 + 5;  // as if other ranks had the rows between them
   const torch::Tensor added_once = host.means.clone();
   add_mean_noise(host, 400, 3, 77, rows);
   add_mean_noise(device, 400, 3, 77, rows.to(torch::kCUDA));
