@@ -1,4 +1,4 @@
-// Strategy budget: its parts against plain formulas, and whole trainings.
+// Compares the parts of strategy budget with plain formulas, and tests whole trainings.
 
 #include "core/config.h"
 #include "train/density/strategies/strategies.h"
@@ -38,7 +38,8 @@ struct BudgetModel {
   DensityStatistics statistics;
 };
 
-/// Uneven Gaussians with opacity 0.5, all candidates with score 1, never scored for their weight.
+/// Returns different Gaussians with opacity 0.5, all of them candidates with score 1, and never scored for their
+/// weight.
 BudgetModel make_model(std::int64_t n) {
   const torch::Tensor wave = torch::sin(torch::arange(12 * n, torch::kFloat32) * 1.3f);
   BudgetModel model;
@@ -67,7 +68,7 @@ Rows to_rows(const torch::Tensor& tensor) {
   return {rows.data_ptr<std::int64_t>(), rows.data_ptr<std::int64_t>() + rows.numel()};
 }
 
-/// The rows that a round splits; checks the structure of its edit.
+/// Returns the rows that a round splits, and checks the structure of its edit.
 Rows parents_of(const DensityRound& round) {
   const Rows sources = to_rows(round.edit.sources);
   const auto kept = sources.begin() + round.edit.n_kept;
@@ -88,14 +89,14 @@ TEST(BudgetStrategy, DrawsParentsInProportionToTheirScores) {
   const std::int64_t n = 400, n_drawn = 60;
   BudgetModel model = make_model(n);
   torch::Tensor& scores = column(model, BudgetColumn::kErrorSum);
-  scores.copy_(torch::arange(n).remainder(7) * torch::arange(n).remainder(5));  // some 0: never drawn
+  scores.copy_(torch::arange(n).remainder(7) * torch::arange(n).remainder(5));  // some are 0 and never drawn
   model.gaussians.logit_opacities.slice(0, 300, 310).fill_(-6);                 // pruned
   TrainConfig config = budget_config();
   config.max_gaussians = n - 10 + n_drawn;
   config.seed = 5;
   const Rows found = parents_of(plan_round(config, model, kLastRound));
 
-  // The reference: keys ln(u) / score in double; the largest win.
+  // In the reference, keys ln(u) / score are computed in double, and the largest are drawn.
   std::vector<std::pair<double, std::int64_t>> keys;
   for (std::int64_t i = 0; i < n; ++i) {
     const double score = scores[i].item<double>();
@@ -111,7 +112,7 @@ TEST(BudgetStrategy, DrawsParentsInProportionToTheirScores) {
 }
 
 TEST(BudgetStrategy, DrawsAsOftenAsTheScoresSay) {
-  // Two of three rows, with scores 1, 1 and 8: the last is left out with probability 2 x 1/10 x 1/9.
+  // Two of three rows are drawn, with scores 1, 1 and 8. The last one is left out with probability 2 x 1/10 x 1/9.
   BudgetModel model = make_model(3);
   column(model, BudgetColumn::kErrorSum).copy_(torch::tensor({1.0f, 1.0f, 8.0f}));
   TrainConfig config = budget_config();
@@ -137,10 +138,10 @@ TEST(BudgetStrategy, SplitsAlongTheLongestAxis) {
     ASSERT_EQ(parents_of(round).size(), static_cast<std::size_t>(n));
     const bool is_far = rule == SplitRule::kMoments;
     const double distance = is_far ? 0.8 : 0.5, longest = is_far ? 0.6 : std::sqrt(0.75),
-                 opacity = is_far ? 0.5 / 0.6 : 1 / std::sqrt(3) + 0.107 * 0.5;  // of a parent with 0.5
+                 opacity = is_far ? 0.5 / 0.6 : 1 / std::sqrt(3) + 0.107 * 0.5;  // for a parent with 0.5
     for (std::int64_t i = 0; i < n; ++i) {
       const auto axis = model.gaussians.log_scales[i].argmax().item<std::int64_t>();
-      // The axis' direction: a unit vector turned by the quaternion, v + 2 u x (u x v + w v).
+      // The direction of the axis is a unit vector rotated by the quaternion, v + 2 u x (u x v + w v).
       torch::Tensor q = model.gaussians.quats[i].to(torch::kFloat64);
       q = q / q.norm();
       const torch::Tensor u = q.slice(0, 1), v = torch::eye(3, torch::kFloat64)[axis];
@@ -157,14 +158,14 @@ TEST(BudgetStrategy, SplitsAlongTheLongestAxis) {
         EXPECT_TRUE(test::within(scaled.exp(), factors, 1e-6));
         EXPECT_NEAR(1 / (1 + std::exp(-round.edit.new_logit_opacities[part].item<double>())), 0.5 * opacity, 1e-6);
       }
-      // Variance of the mixture along the axis, in that of the parent.
+      // Variance of the mixture along the axis, relative to that of the parent.
       EXPECT_NEAR(distance * distance + longest * longest, 1, 1e-12);
     }
   }
 }
 
-/// Root mean square of the difference between the images of a parent and of its two parts, composited, relative to the
-/// parent's image. Seen along the shortest axis.
+/// Returns the root mean square difference between the images of a parent and of its two parts, composited, relative to
+/// the parent's image. The view is along the shortest axis.
 double split_image_error(SplitRule rule, double opacity) {
   BudgetModel model = make_model(1);
   model.gaussians.means.zero_();
@@ -280,7 +281,7 @@ TEST(BudgetStrategy, RemembersWeightsBetweenTheRoundsThatUseThem) {
   };
   EXPECT_EQ(sums_after(600), (std::vector<double>{0, 0, 0, 0, 4, 4}));
   EXPECT_EQ(sums_after(3000), std::vector<double>(6, 0.0));
-  config.opacity_reset_interval = 985;  // as a user may give it: no multiple of the interval of growth
+  config.opacity_reset_interval = 985;  // not a multiple of the interval of growth, as a user may choose it
   EXPECT_EQ(sums_after(985), (std::vector<double>{4, 4, 4, 4, 0, 0})) << "the growth round at 1000 needs its scores";
   config.prune_weight = 0;
   EXPECT_EQ(sums_after(600), std::vector<double>(6, 0.0));
@@ -353,7 +354,7 @@ TEST(ErrorImage, IsTheSquareOfTheMeanDifferenceOverTheChannels) {
   EXPECT_TRUE(test::within(image.error(), torch::tensor({{0.49f / 9, 1.0f, 0.0f}}), 1e-6)) << "invalid: 0";
 }
 
-// Whole trainings.
+// Whole trainings
 
 TEST(BudgetTraining, LearnsASceneWithinItsBudget) {
   const Scene scene = test::make_tiny_scene(test::learnable_scene());

@@ -1,4 +1,4 @@
-// The arithmetic and the rounds of strategy mcmc.
+// Tests the arithmetic and the rounds of strategy mcmc.
 
 #include "train/density/strategies/strategies.h"
 
@@ -28,7 +28,7 @@ TEST(McmcCopies, HaveTheOpacityAndScaleOfThePapersSums) {
     for (int n = 2; n <= kMaxCopies; ++n) {
       const double each = 1 / (1 + std::exp(-shared_logit(x, n)));
       EXPECT_NEAR(1 - std::pow(1 - each, n), opacity, 1e-12) << "light that passes through all copies at the centre";
-      // The two sums as printed, in extended precision.
+      // The two sums as in the paper, in extended precision.
       long double sum = 0;
       for (int i = 1; i <= n; ++i) {
         long double choose = 1;  // C(i - 1, k)
@@ -44,7 +44,8 @@ TEST(McmcCopies, HaveTheOpacityAndScaleOfThePapersSums) {
 }
 
 TEST(McmcCopies, KeepTheOpacitySummedOverALine) {
-  // Alpha of N copies at distance t from the centre is 1 - (1 - o' exp(-t^2 / 2 s'^2))^N; its integral is that of one.
+  // Alpha of N copies at distance t from the centre is 1 - (1 - o' exp(-t^2 / 2 s'^2))^N. Its integral equals that of
+  // the original Gaussian.
   for (const double opacity : {0.05, 0.7, 0.99}) {
     const double x = std::log(opacity / (1 - opacity));
     for (const int n : {2, 3, 20, 51}) {
@@ -75,7 +76,7 @@ TEST(McmcCopies, AreFiniteForEveryOpacity) {
 
 // --- Draws ---
 
-/// Draws n rows from these weights.
+/// Draws n rows with these weights.
 std::vector<std::int64_t> draws_from(const std::vector<std::int64_t>& weights, std::int64_t n) {
   std::vector<std::int64_t> sums(weights.size());
   std::partial_sum(weights.begin(), weights.end(), sums.begin());
@@ -123,7 +124,7 @@ struct McmcModel {
   DensityStatistics statistics;
 };
 
-/// Means and moments are different for each row.
+/// Returns a model with different means and moments in each row.
 McmcModel make_model(const torch::Tensor& opacities) {
   const std::int64_t n = opacities.size(0);
   McmcModel model;
@@ -160,7 +161,7 @@ TEST(McmcRound, MovesDeadOnesAndGrowsWithoutChangingWhatPassesThrough) {
   ASSERT_EQ(round.edit.sources.size(0), 520);
   apply_row_edit(round.edit, model.gaussians, model.adam, model.statistics);
 
-  // Through all copies of a Gaussian passes as much light as through the one that they replace.
+  // All copies of a Gaussian together let as much light through as the Gaussian that they replace.
   const std::vector<std::int64_t> sources = indices_of(round.edit.sources);
   std::vector<double> passes(400, 1);
   std::vector<int> copies(400, 0);
@@ -180,7 +181,7 @@ TEST(McmcRound, MovesDeadOnesAndGrowsWithoutChangingWhatPassesThrough) {
   }
   EXPECT_GT(n_copied, 100);
 
-  // Rows that nobody was copied from are kept with their moments; all copies start without.
+  // Rows without copies keep their moments. All copies start with zero moments.
   EXPECT_EQ(round.edit.n_kept, 320 - n_copied);
   for (std::size_t i = 0; i < sources.size(); ++i) {
     const auto row = static_cast<std::int64_t>(i);
@@ -206,7 +207,7 @@ TEST(McmcRound, SharesOneGaussianAmongItsCopies) {
   EXPECT_EQ(indices_of(round.edit.sources), (std::vector<std::int64_t>{0, 0, 0, 0, 0}));
   EXPECT_EQ(round.edit.n_kept, 0);
   EXPECT_EQ(round.n_over_limit, 1);
-  // Three copies; then two of those are drawn once more, or one of them twice.
+  // There are three copies. Then two of those are copied once more, or one of them twice.
   const double x = model.gaussians.logit_opacities[0].item<double>(), of_three = shared_logit(x, 3);
   for (std::int64_t i = 0; i < 5; ++i) {
     const double found = round.edit.new_logit_opacities[i].item<double>();
@@ -218,7 +219,7 @@ TEST(McmcRound, SharesOneGaussianAmongItsCopies) {
   }
 }
 
-// Opacities just above the limit, shared among copies, would be below it.
+// If opacities just above the limit were shared among copies, the copies would be below it.
 TEST(McmcRound, MakesNoCopyThatIsDeadAtBirth) {
   torch::Tensor opacities = torch::full({300}, 0.001f);
   opacities.slice(0, 0, 20).fill_(0.006f);
@@ -253,7 +254,7 @@ TEST(McmcRound, StaysWithinTheLimit) {
   EXPECT_EQ(round_within(110).n_over_limit, 0);
   EXPECT_EQ(round_within(104).edit.sources.size(0), 104);
   EXPECT_EQ(round_within(104).n_over_limit, 6);
-  const DensityRound full = round_within(50);  // more than allowed already
+  const DensityRound full = round_within(50);  // there are already more than allowed
   EXPECT_EQ(full.edit.sources.size(0), 100);
   EXPECT_EQ(full.n_over_limit, 10);
   EXPECT_EQ(full.n_pruned, 10) << "dead ones still move";
@@ -290,7 +291,7 @@ TEST(McmcRound, IsTheSameForAnyNumberOfThreadsAndFollowsSeedAndIteration) {
 
 // --- Noise ---
 
-/// Gaussians of these shapes, as double tensors: Sigma = R S S R^T, by torch.
+/// Returns the covariances Sigma = R S S R^T of these Gaussians in double, computed with torch.
 torch::Tensor covariances(const GaussianTensors& g) {
   const torch::Tensor stored = g.quats.to(torch::kFloat64), q = stored / stored.norm(2, 1, true);
   const auto w = q.select(1, 0), x = q.select(1, 1), y = q.select(1, 2), z = q.select(1, 3);
@@ -334,7 +335,7 @@ TEST(McmcNoise, IsLeftOutOnlyWhereItCannotChangeAFloat) {
   McmcModel model = make_model(torch::rand({kRows}) * 0.4);
   GaussianTensors& g = model.gaussians;
   g.means.slice(0, 0, kRows, 7).mul_(1e-3);
-  g.means.slice(0, 0, kRows, 101).select(1, 2).zero_();  // the smallest noise changes 0
+  g.means.slice(0, 0, kRows, 101).select(1, 2).zero_();  // any noise changes 0
   const torch::Tensor before = g.means.clone();
   const torch::Tensor opacities = torch::sigmoid(g.logit_opacities.to(torch::kFloat64));
   const torch::Tensor size = kRate / (1 + (100 * (opacities - 0.005)).exp());

@@ -1,4 +1,4 @@
-// Trainings with strategy mcmc, and with regularisation.
+// Tests trainings with strategy mcmc, and with regularisation.
 
 #include <gtest/gtest.h>
 
@@ -21,7 +21,8 @@ namespace fs = std::filesystem;
 using test::train;
 using test::Trained;
 
-/// Rounds at 10, 15 and 20, each of which moves some of the 120 Gaussians and adds a twentieth, up to 130.
+/// Returns a config with rounds at 10, 15 and 20, each of which moves some of the 120 Gaussians and adds a twentieth,
+/// up to 130.
 TrainConfig mcmc_config() {
   TrainConfig config = test::eventful_config();
   config.strategy = Strategy::kMcmc;
@@ -68,7 +69,7 @@ TEST(McmcTraining, StartsAboveTheLimitWithoutGrowing) {
   EXPECT_EQ(train(config, scene, temp / "model").result.n_gaussians, 120);
 }
 
-/// After a training with this memory: the number of Gaussians, and that at which it was held (0: not held).
+/// Trains with this memory. Returns the number of Gaussians, and the number at which it was capped (0: not capped).
 std::pair<std::int64_t, std::int64_t> counts_with(const std::shared_ptr<test::ShortMemory>& memory,
                                                   const fs::path& folder) {
   const Scene scene = test::make_tiny_scene();
@@ -133,7 +134,7 @@ TEST(Regularization, MakesGaussiansMoreTransparentAndSmaller) {
   const Scene scene = test::make_tiny_scene();
   const test::TempDir temp;
   TrainConfig config = test::eventful_config();
-  config.densify_from_iter = 1000;  // the count stays
+  config.densify_from_iter = 1000;  // no density control
   const auto means_after = [&](const char* name) {
     const fs::path checkpoint = train(config, scene, temp / name).result.checkpoint;
     const GaussianTensors g = read_checkpoint(checkpoint, scene, torch::kCPU).state.gaussians;

@@ -1,4 +1,4 @@
-// Gradients of the opacity and scale regularisation.
+// Tests the gradients of the opacity and scale regularisation.
 
 #include "train/optimizer/adam_args.h"
 
@@ -15,7 +15,7 @@
 namespace b3dgs {
 namespace {
 
-/// Some Gaussians, of which the first three are behind the camera of tiny_view().
+/// Returns some Gaussians, of which the first three are behind the camera of tiny_view().
 GaussianTensors some_gaussians() {
   torch::manual_seed(2);
   GaussianTensors g{torch::randn({12, 3}) * 0.3, torch::randn({12, 3}) * 0.3 - 2, torch::randn({12, 4}),
@@ -28,8 +28,8 @@ PinholeView tiny_view() {
   return to_camera_view(test::look_at_origin(0, 0, -3, 40, 30));
 }
 
-/// The regularisation of the Gaussians with a positive radius, in double, of logits [N] and log scales [N, 3] in one
-/// vector.
+/// Returns the regularisation of the Gaussians with a positive radius, in double. `x` contains logits [N] and log
+/// scales [N, 3] in one vector.
 double regularization(const RegularizationWeights& weights, const torch::Tensor& radii, const std::vector<double>& x) {
   const std::int64_t n = radii.size(0);
   double opacities = 0, scales = 0, n_seen = 0;
@@ -42,13 +42,14 @@ double regularization(const RegularizationWeights& weights, const torch::Tensor&
   return weights.opacity * opacities / n_seen + weights.scale * scales / (3 * n_seen);
 }
 
-/// Logits and log scales in one vector.
+/// Returns logits and log scales in one vector.
 std::vector<double> opacities_and_scales(const GaussianTensors& g) {
   const torch::Tensor all = torch::cat({g.logit_opacities, g.log_scales.flatten()}).to(torch::kFloat64);
   return {all.data_ptr<double>(), all.data_ptr<double>() + all.numel()};
 }
 
-/// First moments after one step from 0: 0.1 times the gradients. Of the image they are `image_grad`.
+/// Returns the first moments after one step from 0, which are 0.1 times the gradients. `image_grad` is the gradient
+/// with respect to the image.
 GaussianTensors moments_after_step(const RegularizationWeights& weights, float image_grad, torch::Tensor& radii) {
   GaussianTensors gaussians = some_gaussians();
   AdamState state = make_adam_state(gaussians);
