@@ -1,4 +1,4 @@
-// Reading and aligning inverse depth maps, and the gradient of the loss against them.
+// Tests reading and aligning inverse depth maps, and the gradient of their loss.
 #include "train/depth/depth_priors.h"
 
 #include <gtest/gtest.h>
@@ -43,7 +43,7 @@ TEST(DepthAlignment, FindsScaleAndOffset) {
 }
 
 TEST(DepthAlignment, IsThatOfTheMediansAndTheMeanDeviationsFromThem) {
-  // Medians 5 and 2; mean deviations (5 + 4 + 3 + 2 + 1 + 0 + 1 + 2 + 3 + 4 + 95) / 11 and 10 / 11.
+  // The medians are 5 and 2, and the mean deviations (5 + 4 + 3 + 2 + 1 + 0 + 1 + 2 + 3 + 4 + 95) / 11 and 10 / 11.
   const std::vector<double> values{0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 100}, inverse{1, 1, 1, 1, 1, 2, 3, 3, 3, 3, 3};
   const DepthAlignment found = align_depth(values, inverse).value();
   EXPECT_NEAR(found.scale, 10.0 / 120.0, 1e-12);
@@ -135,7 +135,7 @@ TEST(DepthPriors, GradientIsThatOfTheMeanAbsoluteDifference) {
       ViewReducer reducer(torch::kCPU);
       const TrainView reduced = reducer.reduce(full, mask, reduction);
       const int w = reduced.camera.width, h = reduced.camera.height;
-      // The targets and the loss, written out.
+      // Computes the targets and the loss independently.
       std::vector<double> targets, used;
       std::int64_t n_valid = 0;
       for (int y = 0; y < h; ++y) {
@@ -224,7 +224,7 @@ TEST(DepthPriors, MapsOfDistortedPhotographsAreUndistortedAndReducedLikeThem) {
   const Scene scene = disk.load();
   const View& view = scene.train[0];
   ASSERT_NE(view.valid, nullptr);
-  // A map with the values of the photograph's red channel.
+  // Uses a map with the values of the photograph's red channel.
   const Image8 photograph = read_image(disk.image_file(view), false);
   std::vector<std::uint16_t> values;
   for (std::size_t p = 0; p < photograph.pixels.size(); p += 3) {

@@ -1,4 +1,4 @@
-// Training with depth priors: that depths become better, and exact resume.
+// Tests that depth priors improve depths, and exact resume.
 #include <gtest/gtest.h>
 
 #include "model/formats/splat_formats.h"
@@ -15,7 +15,7 @@ namespace {
 using test::train;
 using test::Trained;
 
-/// Mean over the pixels of the views of the error of the inverse depth.
+/// Returns the mean error of the inverse depth over the pixels of the views.
 double depth_error(const Trained& run, const std::vector<View>& views, const GaussianTensors& truth) {
   const GaussianTensors model = to_tensors(read_splat_ply(run.result.ply), 0, torch::kCPU);
   double sum = 0;
@@ -33,7 +33,7 @@ TEST(DepthTraining, DepthsBecomeBetter) {
   GaussianTensors truth;
   Scene scene = test::make_tiny_scene(options, &truth);
   TrainConfig config;
-  config.init_ply = (temp / "start.ply").string();  // not the points that are on the surfaces
+  config.init_ply = (temp / "start.ply").string();  // a file, because the scene's points are on the surfaces
   write_point_ply(config.init_ply, scene.points);
   test::add_depth_maps(scene, truth, temp / "depths", 1e-5, 0);
   config.iterations = config.position_lr_max_steps = 600;
@@ -45,7 +45,7 @@ TEST(DepthTraining, DepthsBecomeBetter) {
   config.kernel = "sub-tile";
   config.test_iterations = {};
   config.stats_interval = 0;
-  config.depth_l1_weight_final = 1;  // few iterations
+  config.depth_l1_weight_final = 1;  // high, because there are few iterations
   TrainConfig with_depths = config;
   with_depths.depths = (temp / "depths").string();
 
