@@ -1,4 +1,4 @@
-// Training with anti-aliasing: the filters, what is saved of them, and exact resume.
+// Tests training with anti-aliasing: the filters, how they are saved, and exact resume.
 #include <gtest/gtest.h>
 
 #include <cmath>
@@ -29,7 +29,7 @@ TEST(SmoothingFilter, IsAShareOfTheFinestPixelOfAllViewsThatSeeTheGaussian) {
   const Scene scene = test::make_tiny_scene();
   const std::vector<CameraView> views = views_of(scene);
   GaussianTensors gaussians = to_tensors(splats_from_points(scene.points, 0), 0, torch::kCPU);
-  gaussians.means[0] = torch::tensor({1000.0f, 0.0f, 0.0f});  // seen by no view
+  gaussians.means[0] = torch::tensor({1000.0f, 0.0f, 0.0f});  // visible in no view
   SmoothingFilter(views, 0.2f, torch::kCPU).compute(gaussians);
 
   std::vector<double> finest;

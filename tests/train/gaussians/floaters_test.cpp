@@ -7,7 +7,7 @@
 namespace b3dgs {
 namespace {
 
-/// Looks along +z from (x, 0, 0).
+/// Returns a camera at (x, 0, 0) that looks along +z.
 PinholeView camera_at(float x) {
   return {{1, 0, 0, 0, 1, 0, 0, 0, 1}, {-x, 0, 0}, {x, 0, 0}, 64, 64, 32, 24, 64, 48};
 }
@@ -30,12 +30,12 @@ GaussianTensors gaussians_of(const std::vector<Ball>& balls) {
   return gaussians;
 }
 
-// Two walls, opaque together; the other Gaussians stand before them unless said.
+// Two walls are opaque together. The other Gaussians are in front of them unless noted.
 const Ball kWall{0, 0, 5, 6, 0.99}, kWallBehind{0, 0, 5.5, 6, 0.99};
 const Ball kOfBoth{0.5, 0, 4, 0.1, 0.9};
 const Ball kBehindTheCameras{0.5, 0, -2, 0.1, 0.9}, kBehindTheWalls{0.5, 0, 30, 0.1, 0.9};
 const Ball kFaint{0.5, 0.5, 4, 0.1, 0.003};  // below 1/255
-const Ball kOfOne{-1.5, 0, 3.5, 0.05, 0.9};  // at the edge of the first camera's image, outside of the other's
+const Ball kOfOne{-1.5, 0, 3.5, 0.05, 0.9};  // at the edge of the first camera's image, outside that of the other
 const Ball kCloseToOne{0, 0, 0.3, 0.005, 0.9};
 
 class CountFloaters : public ::testing::Test {
