@@ -1,4 +1,4 @@
-// Corrections of a camera's pose: what they do, their gradient, and their limits.
+// Tests corrections of a camera's pose: their effect, their gradient, and their limits.
 #include "train/poses/pose_refiner.h"
 
 #include <gtest/gtest.h>
@@ -65,7 +65,7 @@ TEST(CameraCorrection, SeriesForSmallAnglesAgreesWithTheFormulas) {
   }
 }
 
-/// A smooth function of a camera: where it sees three points.
+/// Returns a smooth function of a camera, from the positions at which it sees three points.
 double seen(const Pose& pose) {
   double sum = 0, weight = 1;
   for (const Vec3d p : {Vec3d{0.2, 0.5, 1.0}, Vec3d{-0.7, 0.1, 0.4}, Vec3d{0.3, -0.2, 0.9}}) {
@@ -85,7 +85,7 @@ TEST(CameraCorrection, GradientAgreesWithFiniteDifferences) {
   for (const std::vector<double>& at : {std::vector<double>(6), std::vector<double>{0.03, -0.02, 0.01, 0.3, -0.2, 0.4},
                                         std::vector<double>{0.4, 0.9, -0.5, -0.3, 0.6, 0.1}}) {
     const auto value = [&](const std::vector<double>& x) { return seen(corrected(pose, of(x))); };
-    // With respect to a small motion of the corrected camera.
+    // Gradient with respect to a small motion of the corrected camera.
     const Pose there = corrected(pose, of(at));
     const std::vector<double> motion = test::numeric_gradient(
         [&](const std::vector<double>& x) { return seen(corrected(there, of(x))); }, std::vector<double>(6));

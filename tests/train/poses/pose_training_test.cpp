@@ -1,4 +1,4 @@
-// Training with --pose_opt: what is learned, what stays, what is saved, and exact resume.
+// Tests training with --pose_opt: which poses change and which stay, how they are saved, and exact resume.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -38,7 +38,7 @@ TrainConfig refining_config(TrainConfig config = eventful_config()) {
   return config;
 }
 
-/// Turns each training camera by `degrees` and moves it by `distance` x scene extent, in random directions.
+/// Rotates each training camera by `degrees` and moves it by `distance` times the scene extent, in random directions.
 void disturb_poses(Scene& scene, double degrees, double distance) {
   const RandomKey key{17, RandomStream::kSplit, 0};
   const auto direction = [&](std::size_t i) {
@@ -100,7 +100,7 @@ TEST(PoseTraining, CorrectionsStayWithinTheirLimits) {
   EXPECT_NEAR(distances.max().item<double>(), 0.03 * scene.extent, 1e-7);
 }
 
-/// Mean angle (rad) between the orientations of two lists of views.
+/// Returns the mean angle (rad) between the orientations of two lists of views.
 double mean_angle(const std::vector<View>& a, const std::vector<View>& b) {
   double sum = 0;
   for (std::size_t i = 0; i < a.size(); ++i) {
@@ -130,7 +130,7 @@ TEST(PoseTraining, RefiningDisturbedPosesImprovesThemAndHeldOutViews) {
   config.sh_degree = 0;
   config.densify_until_iter = 0;
   config.kernel = "sub-tile";
-  // Larger steps than by default, for so few iterations.
+  // Steps are larger than by default, because there are few iterations.
   config.position_lr_max_steps = config.iterations;
   config.position_lr_init *= 10;
   config.position_lr_final *= 10;
@@ -145,12 +145,12 @@ TEST(PoseTraining, RefiningDisturbedPosesImprovesThemAndHeldOutViews) {
   config.pose_opt_lr = 0.002;
   config.densify_from_iter = 100;
   const Trained refined = train(config, scene, temp / "with");
-  EXPECT_GT(without, 30);  // with exact poses: 41.7
+  EXPECT_GT(without, 30);  // 41.7 with exact poses
   EXPECT_GT(psnr(refined), without + 3);
 
   std::vector<View> views = scene.train;
   apply_refined_poses(ModelFolder(temp / "with").poses(), views);
-  // Two views stay as they are, and turning a camera is much like moving it.
+  // Two views are not refined, and turning a camera has much the same effect as moving it.
   EXPECT_LT(mean_angle(views, exact), 0.7 * mean_angle(scene.train, exact));
 }
 
@@ -200,7 +200,7 @@ TEST(PoseTraining, FilesOfTheModelHaveTheRefinedPoses) {
   for (View& view : unknown) view.name += " of another name";
   EXPECT_NE(of_views(unknown), of_views(scene.train));
 
-  // A training without refinement in the same folder leaves no poses of another one.
+  // A training without refinement in the same folder removes the poses of an earlier one.
   config.pose_opt = false;
   remove_tree(folder.checkpoint(config.iterations).parent_path());
   remove_tree(folder.root() / "point_cloud");
