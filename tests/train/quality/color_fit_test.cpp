@@ -1,4 +1,4 @@
-// Colours fitted to photographs, and views that are measured on their right half.
+// Tests colour transforms fitted to photographs, and views that are measured on their right half.
 #include "train/quality/metrics.h"
 
 #include <gtest/gtest.h>
@@ -108,7 +108,7 @@ TEST_F(Evaluated, WithColoursFittedToTheLeftHalf) {
     View view = photograph(is_masked);
     EXPECT_LT(quality(view, {}).psnr, 32) << "other colours";
     EXPECT_GT(quality(view, colors).psnr, 45);
-    // A fault in the left half spoils the fit, a fault in the right half is measured; neither hides the other.
+    // An error in the left half affects the fit, and an error in the right half is measured. Neither hides the other.
     Image8 spoiled = *view.image->read();
     const int x = spoiled.width - 1;
     for (int y = 0; y < spoiled.height; ++y) {
@@ -122,7 +122,7 @@ TEST_F(Evaluated, WithColoursFittedToTheLeftHalf) {
 TEST_F(Evaluated, OnlyTheRightHalfIsMeasured) {
   View view = photograph();
   Image8 image = *view.image->read();
-  // The left half in the render's own colours: nothing is to be fitted, and the other half is wrong.
+  // The left half has the colours of the render, so the fit changes nothing, and the right half has other colours.
   const Image8 own =
       to_photograph(rasterizer_.forward(gaussians_, to_camera_view(view.camera), RenderSettings{}).color);
   for (int y = 0; y < image.height; ++y) {
@@ -144,7 +144,7 @@ TEST_F(Evaluated, OnlyTheRightHalfIsMeasured) {
   EXPECT_GT(quality(view, {}).psnr, of_right + 2);
 }
 
-// As with --train_test_exp and a mask over the right half.
+// This is the case with --train_test_exp and a mask over the right half.
 TEST_F(Evaluated, AViewWithoutValidPixelsIsNotInTheMean) {
   View hidden = photograph();
   const Camera& camera = hidden.camera;
@@ -177,7 +177,7 @@ TEST_F(Evaluated, WithKnownExposuresAndCorrectedBesideRaw) {
   EXPECT_LT(raw.psnr, 32);
   EXPECT_GT(raw.corrected_psnr.value(), 45);
   colors.exposures = {{view.name, kTint}};
-  colors.fit_left_half = true;  // has no effect on a view whose exposure is known
+  colors.fit_left_half = true;  // has no effect on a view with a known exposure
   const ImageQuality known = quality(view, colors);
   EXPECT_GT(known.psnr, 45);
   EXPECT_EQ(known.corrected_psnr.value(), raw.corrected_psnr.value()) << "the fit starts from the raw render";

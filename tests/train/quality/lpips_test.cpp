@@ -26,7 +26,7 @@ class Lpips : public testing::Test {
   test::TempDir folder_;
 };
 
-/// 3 x 2 pixels; pixel i is {10 i, 20 i, 30 i}.
+/// Returns an image of 3 x 2 pixels, where pixel i is {10 i, 20 i, 30 i}.
 Image8 steps() {
   Image8 image(3, 2, 3);
   for (int i = 0; i < 6; ++i) {
@@ -37,7 +37,7 @@ Image8 steps() {
 }
 
 TEST_F(Lpips, GivesTheNetworkPlanesBetween0And1) {
-  // Of the planes of one image only: the green value of the pixel in row 1, column 2, and the sizes as digits.
+  // The network returns the green value of the pixel in row 1, column 2 of one image, with the sizes as digits.
   const LpipsNetwork network(this->network("    return b[0, 1, 1, 2] + a.size(2) * 10 + a.size(3) * 100"), torch::kCPU);
   const torch::Tensor rendered = torch::full({2, 3, 3}, 0.5f);
   EXPECT_NEAR(network.distance(rendered, steps(), nullptr), 100.0 / 255 + 20 + 300, 1e-4);
