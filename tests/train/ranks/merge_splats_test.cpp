@@ -1,4 +1,4 @@
-// Splats of several ranks in the order of one, without ranks.
+// Tests merging splats of several ranks into the order of one rank, without starting ranks.
 #include "multi/splat_exchange.h"
 #include "support/approx.h"
 
@@ -11,7 +11,7 @@
 namespace b3dgs {
 namespace {
 
-/// Random splats of these Gaussians, all bits of which count.
+/// Returns random splats of these Gaussians, in which all bits matter.
 ViewSplats splats_of(const std::vector<std::int64_t>& gaussians) {
   const auto n = static_cast<std::int64_t>(gaussians.size());
   torch::Tensor words = torch::randint(-1000000, 1000000, {n, kSplatWords}, torch::kInt32);
@@ -34,10 +34,10 @@ TEST(MergeSplats, GivesTheOrderOfOneRank) {
   std::mt19937 random(3);
   for (const int n_ranks : {1, 2, 3, 5, 16, 32}) {
     torch::manual_seed(n_ranks);
-    // Of 3000 Gaussians some are seen, and those of rank 1 never are.
+    // Some of the 3000 Gaussians are visible, but none of rank 1.
     const auto size = static_cast<std::size_t>(n_ranks);
-    std::vector<std::vector<std::int32_t>> model_rows(size);  // of each rank's own rows
-    std::vector<std::vector<std::int64_t>> seen(size);        // own rows
+    std::vector<std::vector<std::int32_t>> model_rows(size);  // for the own rows of each rank
+    std::vector<std::vector<std::int64_t>> seen(size);        // indices of the visible own rows
     std::vector<std::int64_t> global;
     for (std::int32_t row = 0; row < 3000; ++row) {
       const std::size_t owner = random() % size;
@@ -47,7 +47,7 @@ TEST(MergeSplats, GivesTheOrderOfOneRank) {
       global.push_back(row);
     }
     const ViewSplats whole = splats_of(global);
-    // What each rank sends, with rows of another view before it.
+    // The rows that each rank sends follow rows of another view.
     torch::Tensor words = torch::full({static_cast<std::int64_t>(global.size()) + 7, kRowWords}, -1, torch::kInt32);
     std::vector<RowRange> lists;
     std::int64_t begin = 7;

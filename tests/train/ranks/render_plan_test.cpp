@@ -1,4 +1,4 @@
-// Which rank renders which view.
+// Tests which rank renders which view.
 #include "multi/render_plan.h"
 
 #include <gtest/gtest.h>
@@ -12,7 +12,7 @@ namespace {
 using Work = std::vector<std::int64_t>;
 using Ranks = std::vector<int>;
 
-/// Of as many views, whose work is known.
+/// Returns the renderers of views whose work is known.
 Ranks counted_renderers(const Work& work, int n_ranks) {
   RenderPlan plan(n_ranks);
   std::vector<std::int32_t> views;
@@ -23,7 +23,7 @@ Ranks counted_renderers(const Work& work, int n_ranks) {
   return plan.renderers(views);
 }
 
-/// Work of each rank.
+/// Returns the work of each rank.
 Work work_of_ranks(const Ranks& renderers, const Work& work, int n_ranks) {
   Work sums(static_cast<std::size_t>(n_ranks));
   for (std::size_t v = 0; v < renderers.size(); ++v) sums[static_cast<std::size_t>(renderers[v])] += work[v];
@@ -69,7 +69,7 @@ TEST(RenderPlan, ViewsWithoutACountAreExpectedToBeAverage) {
   EXPECT_EQ(plan.renderers({4, 5, 6}), (Ranks{0, 1, 0})) << "nothing is known";
   plan.set_work(1, 10);
   plan.set_work(2, 30);
-  // View 9 counts as 20: 30 to rank 0, 20 and then 10 to rank 1.
+  // View 9 counts as 20, so rank 0 gets 30, and rank 1 gets 20 and then 10.
   EXPECT_EQ(plan.renderers({1, 9, 2}), (Ranks{1, 1, 0}));
   plan.set_work(1, 100);
   EXPECT_EQ(plan.renderers({1, 9, 2}), (Ranks{0, 1, 1})) << "the last count of a view";

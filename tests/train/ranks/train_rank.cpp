@@ -1,5 +1,6 @@
-// A program of several ranks for train_ranks_tests: train_rank RANKS SCENARIO. What the ranks compute together must
-// have the bytes of what each of them computes alone on whole tensors, which are the same on all ranks.
+// A program for train_ranks_tests that runs on several ranks: train_rank RANKS SCENARIO. The results that ranks compute
+// together must have the same bytes as those that each of them computes alone on whole tensors, which are the same on
+// all ranks.
 #include <torch/types.h>
 
 #include <algorithm>
@@ -25,7 +26,7 @@ using test::expect;
 using test::same_bytes;
 using Counts = std::vector<std::int64_t>;
 
-constexpr std::int64_t kSmallPiece = 2048;  // bytes: small enough that most tensors here take several pieces
+constexpr std::int64_t kSmallPiece = 2048;  // bytes; small enough that most tensors here take several pieces
 
 void expect_same(const torch::Tensor& found, const torch::Tensor& expected, const std::string& what) {
   expect(found.defined() && found.sizes() == expected.sizes() && found.scalar_type() == expected.scalar_type(),
@@ -45,14 +46,14 @@ void expect_failure(const std::string& part, Body&& body) {
   expect(false, "no failure: " + part);
 }
 
-/// Any bits, also those that are NaN as floats.
+/// Returns random bits, including those that are NaN as floats.
 torch::Tensor random_words(torch::IntArrayRef sizes) {
   return torch::randint(-(std::int64_t{1} << 31), std::int64_t{1} << 31, sizes, torch::kInt64).to(torch::kInt32);
 }
 
 // --- Rows ---
 
-/// The rows of a rank, assigned one by one.
+/// Returns the rows of a rank, assigned one by one.
 Counts assign_rows(int rank, int size, std::int64_t n_rows) {
   Counts rows;
   for (std::int64_t row = 0; row < n_rows; ++row) {
@@ -65,12 +66,12 @@ RowOwners round_robin(const Communicator& ranks, std::int64_t n_rows) {
   return RowOwners::round_robin(ranks.rank(), ranks.size(), n_rows, torch::kCPU);
 }
 
-/// As after many edits: any row may belong to any rank.
+/// Returns owners as after many edits, where any row may belong to any rank.
 RowOwners random_owners(const Communicator& ranks, std::int64_t n_rows) {
   return round_robin(ranks, 5000).after(torch::randint(5000, {n_rows}, torch::kInt64));
 }
 
-/// The rows of the model that this rank has, found one by one.
+/// Returns the rows of the model that this rank owns, found one by one.
 torch::Tensor rows_of(const RowOwners& owners) {
   Counts rows;
   for (std::int64_t row = 0; row < owners.n_rows(); ++row) {
@@ -171,7 +172,7 @@ Model own_part(const Model& whole, const RowOwners& owners) {
   return own;
 }
 
-/// Keeps each row with probability `keeps`, and adds copies of n_new rows.
+/// Returns an edit that keeps each row with probability `keeps`, and adds n_new copies.
 RowEdit random_edit(std::int64_t n, double keeps, std::int64_t n_new, bool has_opacities) {
   const torch::Tensor kept = (torch::rand({n}) < keeps).nonzero().flatten();
   RowEdit edit;
@@ -242,7 +243,7 @@ WholeView random_view(std::int64_t n_global, double part) {
   return view;
 }
 
-/// Places in view.rows of the rows of a rank.
+/// Returns the indices in view.rows of the rows of a rank.
 torch::Tensor places_of(const WholeView& view, const RowOwners& owners, int rank) {
   if (owners.size() == 1) return torch::arange(view.rows.size(0));
   return (owners.owners().index_select(0, view.rows) == rank).nonzero().flatten();
@@ -314,7 +315,7 @@ void check_splats(Communicator& ranks) {
       const std::vector<int> in_turn = RenderPlan(ranks.size()).renderers(std::vector<std::int32_t>(n_views));
       check_step(ranks, n_global, in_turn);
       check_step(ranks, n_global, {in_turn.rbegin(), in_turn.rend()});
-      check_step(ranks, n_global, std::vector<int>(n_views, ranks.size() - 1));  // all by one rank
+      check_step(ranks, n_global, std::vector<int>(n_views, ranks.size() - 1));  // all rendered by one rank
     }
   }
 }
@@ -351,7 +352,7 @@ void check_noise(Communicator& ranks) {
   check("mcmc", [&](GaussianTensors& gaussians, const torch::Tensor& of) { strategy->after_step(77, gaussians, of); });
 }
 
-// --- What does not fit ---
+// --- Arguments that do not fit ---
 
 void check_misfits(Communicator& ranks) {
   constexpr std::int64_t kRows = 5000;

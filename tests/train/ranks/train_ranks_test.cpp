@@ -1,5 +1,5 @@
-// Rows, row edits, splats, noise and whole trainings on several ranks have the bytes of one rank: train_rank.cpp and
-// train_together.cpp in real processes.
+// Tests that rows, row edits, splats, noise and whole trainings on several ranks have the bytes of one rank. Runs
+// train_rank.cpp and train_together.cpp in real processes.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -52,20 +52,22 @@ TEST_P(TrainThroughRankZero, GivesTheFilesOfOneProcess) {
   expect_success(B3DGS_TRAIN_TOGETHER, GetParam());
 }
 
-// Processes take a second to start, so each starts once for several scenarios, as far as they can go on after one.
+// Processes take a second to start, so each start runs several scenarios, as far as one can follow another.
 constexpr char kRows[] = "gathering,edits,splats,noise,misfits";
 
-// Alone, which copies nothing; a pair; a number that is no power of two, with which some ranks render no view.
+// One rank, which copies nothing, a pair, and a number that is not a power of two, with which some ranks render no
+// view.
 INSTANTIATE_TEST_SUITE_P(Ranks, TrainRanks, testing::Values(Run{1, kRows}, Run{2, kRows}, Run{3, kRows}), name_of);
 
-INSTANTIATE_TEST_SUITE_P(Ranks, TrainTogether,
-                         testing::Values(Run{2, "everything"},  // a row of the model on either side
-                                         Run{4, "everything"},  // some ranks have no view in the last step
-                                         Run{3, "parts,panoramas,few,empty,invalid,stop"},
-                                         Run{2, "memory,panoramas,exhausted,packing"},  // one lacks what the other has
-                                         Run{3, "failure"},                             // two others hear of it
-                                         Run{3, "loss,evaluation"}, Run{3, "scenes"}),
-                         name_of);
+INSTANTIATE_TEST_SUITE_P(
+    Ranks, TrainTogether,
+    testing::Values(Run{2, "everything"},  // a row of the model on either side
+                    Run{4, "everything"},  // some ranks have no view in the last step
+                    Run{3, "parts,panoramas,few,empty,invalid,stop"},
+                    Run{2, "memory,panoramas,exhausted,packing"},  // one rank lacks memory that the other has
+                    Run{3, "failure"},                             // two other ranks learn of it
+                    Run{3, "loss,evaluation"}, Run{3, "scenes"}),
+    name_of);
 
 INSTANTIATE_TEST_SUITE_P(Ranks, TrainThroughRankZero, testing::Values(Run{3, "parts"}), name_of);
 

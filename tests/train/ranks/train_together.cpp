@@ -1,5 +1,5 @@
-// A program of several ranks for train_ranks_tests: train_together RANKS SCENARIO. What several ranks train together
-// must have the bytes of what one process trains alone with the same options.
+// A program for train_ranks_tests that runs on several ranks: train_together RANKS SCENARIO. A training on several
+// ranks must write the same bytes as one process alone with the same options.
 #include <torch/types.h>
 
 #include <atomic>
@@ -40,19 +40,19 @@ namespace {
 namespace fs = std::filesystem;
 using test::expect;
 
-/// Files of a training; of several ranks, on rank 0.
+/// Files of a training. With several ranks, rank 0 has them.
 struct Files {
   TrainResult result;
   std::string ply, checkpoint;
 };
 
-/// Whether the ranks share a GPU: the device that run_rank_program() chooses.
+/// Returns whether the ranks share a GPU, which is the device that run_rank_program() chooses.
 bool runs_on_gpu() {
   const char* const device = std::getenv("TEST_DEVICE");
   return device != nullptr && std::string(device) == "cuda";
 }
 
-constexpr std::int64_t kSplatsAtATime = 2000000;  // as by default
+constexpr std::int64_t kSplatsAtATime = 2000000;  // the default
 
 /// Trains with `ranks`, or alone if it is null.
 Files train(const TrainConfig& config, const Scene& scene, const fs::path& folder, Communicator* ranks,
@@ -64,7 +64,7 @@ Files train(const TrainConfig& config, const Scene& scene, const fs::path& folde
   files.result = trainer.run();
   if (ranks != nullptr && !ranks->is_first()) return files;
   if (!files.result.ply.empty()) files.ply = test::read_bytes(files.result.ply);
-  // Memory is limited on a GPU: there, a process alone also keeps the largest ratios of its views.
+  // On a GPU memory is limited, so that a process alone also saves the largest ratios of its views.
   files.checkpoint = test::timeless_bytes(files.result.checkpoint, runs_on_gpu() ? "view_ratios" : "");
   return files;
 }
@@ -83,7 +83,7 @@ class SharedFolder {
   fs::path path_;
 };
 
-/// On rank 0, the files of a training alone; the others wait.
+/// Returns the files of a training alone on rank 0, while the other ranks wait.
 Files train_alone(const TrainConfig& config, const Scene& scene, const fs::path& folder, Communicator& ranks,
                   const fs::path& resume = {}) {
   Files files;
@@ -138,10 +138,11 @@ void check_strategy(const TrainConfig& config, const Scene& scene, Communicator&
               name_of(config.strategy), ranks);
 }
 
-/// With every feature on, whole and continued: a checkpoint of any number of ranks continues on any other.
+/// Trains with every feature, with and without an interruption. A checkpoint of any number of ranks continues on any
+/// other number.
 void check_everything(Communicator& ranks) {
   const SharedFolder folder(ranks);
-  std::optional<test::FeatureScene> written;  // depth maps are on disk: rank 0 writes them, then the others do so again
+  std::optional<test::FeatureScene> written;  // the ranks write the depth maps in turn
   for (int r = 0; r < ranks.size(); ++r) {
     if (r == ranks.rank()) written.emplace(folder / "depths");
     ranks.barrier("depth maps");
@@ -179,7 +180,7 @@ void check_everything(Communicator& ranks) {
   }
 }
 
-/// Splats of few views at a time: a step takes several parts.
+/// Takes steps in several parts, because only few splats are rendered at a time.
 void check_parts(Communicator& ranks) {
   test::TinySceneOptions options;
   options.masked = true;
@@ -195,7 +196,8 @@ void check_parts(Communicator& ranks) {
   check_strategy(config, scene, ranks, 1);
 }
 
-/// Panoramas and a perspective photograph: Gaussians across the seam have two splats, of which one is exchanged.
+/// Trains on panoramas and a perspective photograph. Gaussians across the seam have two splats, of which only one is
+/// exchanged.
 void check_panoramas(Communicator& ranks) {
   GaussianTensors truth;
   Scene scene = test::panorama_scene(&truth);
@@ -206,7 +208,7 @@ void check_panoramas(Communicator& ranks) {
   scene.train[1] = test::make_tiny_scene().train[1];
   for (const Strategy strategy : {Strategy::kDefault, Strategy::kMcmc, Strategy::kBudget}) {
     TrainConfig config = config_of(strategy);
-    config.opacity_reg = config.scale_reg = 0.01;  // by the number of splats
+    config.opacity_reg = config.scale_reg = 0.01;  // depends on the number of splats
     config.test_iterations = {17};
     for (const std::int64_t splats_at_a_time : {kSplatsAtATime, std::int64_t{1}}) {
       check_strategy(config, scene, ranks, splats_at_a_time);
@@ -226,7 +228,8 @@ void check_panoramas(Communicator& ranks) {
   expect(std::abs(psnr(together) - psnr(alone)) < 1e-3, detail::concat("poses: ", psnr(together), ", ", psnr(alone)));
 }
 
-/// Fewer Gaussians than rows of a block: all ranks but one have none, also when resumed with a forecast of memory.
+/// Trains with fewer Gaussians than rows in a block, so that all ranks but one have none, also after a resume with a
+/// forecast of memory.
 void check_few(Communicator& ranks) {
   test::TinySceneOptions options;
   options.n_gaussians = 20;
@@ -254,7 +257,7 @@ void check_few(Communicator& ranks) {
   if (ranks.is_first()) expect_same_bytes(test::read_bytes(result.ply), alone.ply, "few, resumed: PLY");
 }
 
-/// The first rank says that no view shows anything, once all have been rendered and at the end.
+/// Checks that the first rank warns that no view shows anything, once all have been rendered and at the end.
 void check_empty(Communicator& ranks) {
   Scene scene = test::make_tiny_scene();
   for (std::size_t i = 1; i < scene.points.positions.size(); i += 3) scene.points.positions[i] += 1000;
@@ -270,7 +273,7 @@ void check_empty(Communicator& ranks) {
   expect(n_said == (ranks.is_first() ? 2 : 0), "warnings of empty views: " + std::to_string(n_said));
 }
 
-/// Gaussians that cannot be rendered are removed: in a step, and if an evaluation finds them.
+/// Checks that Gaussians that cannot be rendered are removed, both in a step and in an evaluation.
 void check_invalid(Communicator& ranks) {
   const Scene scene = test::make_tiny_scene();
   const SharedFolder folder(ranks);
@@ -303,7 +306,7 @@ void check_invalid(Communicator& ranks) {
   if (ranks.is_first()) expect_same_bytes(test::read_bytes(result.ply), alone.ply, "training goes on as alone");
 }
 
-/// A signal that one rank receives stops all of them after the same step, with a checkpoint to continue from.
+/// Checks that a signal to one rank stops all of them after the same step, with a checkpoint to continue from.
 void check_stop(Communicator& ranks) {
   const Scene scene = test::make_tiny_scene();
   const SharedFolder folder(ranks);
@@ -319,8 +322,8 @@ void check_stop(Communicator& ranks) {
   expect_same(train(config, scene, folder / "together", &ranks, checkpoint), alone, "resumed", ranks);
 }
 
-/// Ranks without memory for more Gaussians: the number is held, all agree on it, and a training resumed from the
-/// checkpoint has the bytes of one process.
+/// Trains on ranks without memory for more Gaussians. The number is capped, all ranks agree on it, and a training
+/// resumed from the checkpoint has the bytes of one process.
 void check_memory(Communicator& ranks) {
   const Scene scene = test::make_tiny_scene();
   const SharedFolder folder(ranks);
@@ -345,7 +348,7 @@ void check_memory(Communicator& ranks) {
   const Files later = train_alone(config, scene, folder / "alone", ranks, checkpoint);
   expect_same(train(config, scene, folder / "later", &ranks, checkpoint), later, "after a hold", ranks);
 
-  // One that frees memory, and one that knows its limit.
+  // One rank frees memory, and another one knows its limit.
   config.iterations = 23;
   const Files whole = train_alone(config, scene, folder / "whole", ranks);
   hooks.memory = std::make_shared<test::ShortMemory>();
@@ -359,7 +362,8 @@ void check_memory(Communicator& ranks) {
   expect(!ranks.is_first() || counts[0] < whole.result.n_gaussians, "the limit of one rank holds all");
 }
 
-/// A rank without memory even for what there is: all end with a checkpoint, from which training goes on.
+/// Trains with a rank that has no memory even for the existing Gaussians. All ranks end with a checkpoint, from which
+/// training can continue.
 void check_exhausted(Communicator& ranks) {
   const Scene scene = test::make_tiny_scene();
   const SharedFolder folder(ranks);
@@ -382,7 +386,7 @@ void check_exhausted(Communicator& ranks) {
   expect_same(train(config, scene, folder / "together", &ranks, checkpoint), alone, "resumed", ranks);
 }
 
-/// A rank that runs out of memory while it packs splats: it frees some, and the step is repeated.
+/// Checks that a rank that runs out of memory while it packs splats frees some, and that the step is repeated.
 void check_packing(Communicator& ranks) {
   const Scene scene = test::make_tiny_scene();
   const SharedFolder folder(ranks);
@@ -390,7 +394,7 @@ void check_packing(Communicator& ranks) {
   config.iterations = 9;
   const Files alone = train_alone(config, scene, folder / "alone", ranks);
   bool is_armed = false;
-  const test::FailingAllocator memory([&](std::size_t n_bytes) {  // the next allocation of whole rows of packed splats
+  const test::FailingAllocator memory([&](std::size_t n_bytes) {  // fails for the next allocation of packed splats
     constexpr std::size_t kRow = kRowWords * sizeof(std::int32_t), kFewRows = 20;
     return is_armed && n_bytes >= kFewRows * kRow && n_bytes % kRow == 0 && std::exchange(is_armed, false);
   });
@@ -402,7 +406,7 @@ void check_packing(Communicator& ranks) {
   expect(!is_armed, "no allocation has failed");
 }
 
-/// A rank that fails alone: the others say which one, why, and where to continue.
+/// Checks that the other ranks report which rank failed, why, and where to continue.
 void check_failure(Communicator& ranks) {
   const Scene scene = test::make_tiny_scene();
   const SharedFolder folder(ranks);
@@ -427,7 +431,7 @@ void check_failure(Communicator& ranks) {
   } catch (const InputError& error) {
     found = error.what();
   }
-  // Rank 0, which removes the folder, waits for those that still look for a checkpoint in it.
+  // Rank 0 removes the folder, so it waits for ranks that still look for a checkpoint in it.
   const auto mark = [&](int rank) { return folder / ("failed_" + std::to_string(rank)); };
   test::write_bytes(mark(ranks.rank()), "");
   for (int rank = 0; ranks.is_first() && rank < ranks.size(); ++rank) {
@@ -441,8 +445,8 @@ void check_failure(Communicator& ranks) {
   }
 }
 
-/// Rank 0 fails while the others wait to render views for it: all of them end, with a checkpoint from which training
-/// goes on. If the caller goes on, so does the training.
+/// Checks that all ranks end if rank 0 fails while the others wait to render views for it. They leave a checkpoint,
+/// from which training can continue. If the caller goes on, so does the training.
 void check_evaluation(Communicator& ranks) {
   const Scene scene = test::make_tiny_scene();
   const SharedFolder folder(ranks);
@@ -492,7 +496,7 @@ void check_evaluation(Communicator& ranks) {
                  [&] { run_as_rank(ranks, [&] { train(config, scene, folder / "stopped", &ranks, {}, hooks); }); });
 }
 
-/// A loss that is not finite: every rank names the last checkpoint, which rank 0 has written.
+/// Checks that every rank names the last checkpoint, which rank 0 has written, if a loss is not finite.
 void check_loss(Communicator& ranks) {
   const Scene scene = test::make_tiny_scene();
   const SharedFolder folder(ranks);
@@ -512,10 +516,10 @@ void check_loss(Communicator& ranks) {
   ranks.barrier("all have looked for the last checkpoint");  // before its folder is removed
 }
 
-/// Ranks that read different scenes.
+/// Checks that ranks that read different scenes report the difference.
 void check_scenes(Communicator& ranks) {
   struct Change {
-    std::string part;  // of the message
+    std::string part;  // expected in the message
     void (*apply)(Scene&);
   };
   const std::vector<Change> changes{
