@@ -1,4 +1,4 @@
-// The default options on scenes that need care: no points, an object on white, few photographs.
+// Tests the default options on difficult scenes: no points, an object on white, few photographs.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -13,7 +13,7 @@
 namespace b3dgs {
 namespace {
 
-/// What `b3dgs train` does with these options for so many training photographs.
+/// Returns the config of `b3dgs train` with these options for this number of training photographs.
 TrainConfig default_config(GivenOptions given, std::size_t n_photographs) {
   given.update({{"eval", true}, {"device", "cpu"}, {"kernel", "sub-tile"}});
   TrainConfig config = resolve_options(given).config;
@@ -26,7 +26,7 @@ double psnr_at_the_end(const test::Trained& run) {
   return run.result.evaluations.back().second.mean.psnr;
 }
 
-/// Alpha of a model in the pixels of the views in which the truth has none, mean over these pixels.
+/// Returns the mean alpha of a model over the pixels of the views in which the truth has none.
 double mean_fog(const std::string& ply, const GaussianTensors& truth, const std::vector<View>& views) {
   Rasterizer rasterizer(torch::kCPU);
   const GaussianTensors model = to_tensors(read_splat_ply(ply), 3, torch::kCPU);
@@ -50,7 +50,7 @@ TEST(DefaultTraining, OfAnObjectOnWhiteWithoutPointsLeavesNoFog) {
   const test::DiskScene disk(/*distorted=*/false, options);
   SceneOptions scene_options;
   scene_options.eval = scene_options.white_background = scene_options.seed_points = true;
-  scene_options.frame = CoordinateFrame{};  // that of the truth
+  scene_options.frame = CoordinateFrame{};  // the frame of the truth
   {
     const Scene plain = disk.load();
     scene_options.source_path = plain.source_path;

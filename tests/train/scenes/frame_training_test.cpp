@@ -1,4 +1,4 @@
-// What is learned does not depend on a scene's unit of length, on its place or on its orientation in the world.
+// Tests that the result does not depend on a scene's unit of length, or on its position or orientation in the world.
 #include <gtest/gtest.h>
 
 #include <array>
@@ -34,7 +34,7 @@ struct Motion {
   }
 };
 
-/// A copy of the scene folder in which everything is moved.
+/// Writes a copy of the scene folder in which everything is moved.
 void write_moved(const fs::path& source, const Motion& motion, const fs::path& folder) {
   ColmapModel model = read_colmap_model(source / "sparse/0");
   for (ColmapImage& image : model.images) {
@@ -103,7 +103,7 @@ TEST_F(FrameTraining, ResultsAreTheSameInEveryUnitPlaceAndOrientation) {
       const std::string name = strategy + std::to_string(i++);
       const Scene scene = load_moved(name, motion);
       const test::Trained moved = test::train(config_, scene, folder_ / ("model_" + name));
-      // Children of splits are scattered along the axes of the world: turned, it is as with another seed.
+      // Children of splits are scattered along the axes of the world, so a rotation has the effect of another seed.
       EXPECT_NEAR(moved.result.evaluations.back().second.mean.psnr, psnr, motion.turn[0] == 1 ? 0.02 : 0.3);
       const auto n = static_cast<double>(base.result.n_gaussians);
       EXPECT_NEAR(static_cast<double>(moved.result.n_gaussians), n, 0.02 * n);

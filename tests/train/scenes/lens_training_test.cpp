@@ -1,4 +1,4 @@
-// Training in the lens of the photographs.
+// Tests training with distorted lenses.
 #include <gtest/gtest.h>
 
 #include "support/expect_error.h"

@@ -1,4 +1,4 @@
-// Training with masks: what they leave out leaves no trace, and with --mask_mode segment nothing is there.
+// Tests training with masks: masked pixels have no effect, and with --mask_mode segment they become empty.
 #include <gtest/gtest.h>
 
 #include "model/formats/splat_formats.h"
@@ -24,7 +24,7 @@ TrainConfig short_config() {
   return config;
 }
 
-// A white block that moves from photograph to photograph, or black in a white mask.
+// Draws a block that moves from photograph to photograph, white in an image or black in a white mask.
 void draw_object(Image8& image, std::size_t view, std::uint8_t value) {
   const int left = static_cast<int>(5 + 7 * view % 35), top = static_cast<int>(4 + 5 * view % 22);
   for (int y = top; y < top + 14; ++y) {
@@ -72,7 +72,7 @@ TEST(MaskTraining, WhatIsIgnoredLeavesNoTrace) {
   EXPECT_FALSE(unmasked.ply == clean.ply);
 }
 
-// Alpha of the model where View::empty is set, mean over these pixels of the views.
+// Returns the mean alpha of the model over the pixels where View::empty is set.
 double mean_empty_alpha(const std::string& ply, const std::vector<View>& views) {
   Rasterizer rasterizer(torch::kCPU);
   const GaussianTensors model = to_tensors(read_splat_ply(ply), 0, torch::kCPU);
@@ -88,8 +88,8 @@ double mean_empty_alpha(const std::string& ply, const std::vector<View>& views) 
   return sum / n;
 }
 
-// A small object in front of a grey wall that the masks leave out. Of the initial points, half are above and below the
-// object, where no training view shows it: only the masks say that nothing is there.
+// Returns a scene with a small object in front of a grey wall that is masked. Half of the initial points are above and
+// below the object, where no training view shows it, so only the masks require that this space is empty.
 Scene segmented_scene() {
   test::TinySceneOptions options;
   options.n_gaussians = 200;
@@ -144,8 +144,8 @@ TEST(MaskTraining, SegmentedBackgroundBecomesEmpty) {
   const test::Trained segmented = test::train(config, scene, temp / "segmented");
   const double before = mean_empty_alpha(ignored.result.ply, scene.test);
   const double after = mean_empty_alpha(segmented.result.ply, scene.test);
-  EXPECT_GT(before, 0.03);  // points that no photograph contradicts
-  // What remains is the rim of the object's own Gaussians after this short training.
+  EXPECT_GT(before, 0.03);  // from points that no photograph contradicts
+  // After this short training, the rim of the object's own Gaussians remains.
   EXPECT_LT(after, 0.01);
   EXPECT_LT(after, before / 3);
   EXPECT_GT(mean_psnr(segmented, scene), mean_psnr(ignored, scene) - 0.5);  // the object is still there

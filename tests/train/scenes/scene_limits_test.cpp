@@ -1,5 +1,5 @@
-// How options and a scene go together: the scene is read with the options of the training, and its points and cameras
-// are where they can be rendered.
+// Tests that the options and the scene fit each other: the scene is read with the options of the training, and its
+// points and cameras are where they can be rendered.
 #include "train/scene_limits.h"
 
 #include <gtest/gtest.h>
@@ -17,7 +17,7 @@
 namespace b3dgs {
 namespace {
 
-/// The tiny scene in other units of length.
+/// Returns the tiny scene in other units of length.
 Scene scaled_scene(double scale) {
   Scene scene = test::make_tiny_scene();
   for (float& value : scene.points.positions) value *= static_cast<float>(scale);
@@ -69,7 +69,7 @@ TEST(NearPlane, CamerasThatAllLookElsewhereAreSaid) {
   Scene scene = test::make_tiny_scene();
   for (View& view : scene.train) {
     Pose& pose = view.camera.cam_from_world;
-    for (int i = 3; i < 9; ++i) pose.rotation[i] = -pose.rotation[i];  // turned round about x
+    for (int i = 3; i < 9; ++i) pose.rotation[i] = -pose.rotation[i];  // rotated by half a turn about x
     for (int i = 1; i < 3; ++i) pose.translation[i] = -pose.translation[i];
   }
   const std::string warning = near_plane_warning(scene.points.positions, scene.train, 0.2);

@@ -1,4 +1,4 @@
-// Training on a transforms.json scene gives what training on the same scene in COLMAP's format gives.
+// Tests that training on a transforms.json scene has the same result as training on the same scene in COLMAP's format.
 #include <gtest/gtest.h>
 
 #include "model/formats/splat_formats.h"
@@ -55,9 +55,9 @@ TEST(TransformsTraining, ResultIsThatOfTheColmapScene) {
   for (std::size_t i = 0; i < from_colmap.sh0.size(); ++i) {
     difference = std::max(difference, std::abs(double{from_colmap.sh0[i]} - from_transforms.sh0[i]));
   }
-  // Poses differ by rounding in double precision, so some of them by a bit in single precision.
+  // Poses differ by rounding in double precision, so some of them differ by a bit in single precision.
   EXPECT_LT(difference, 1e-4);
-  EXPECT_GT(change, 1e-3);  // the training did something
+  EXPECT_GT(change, 1e-3);  // the training had an effect
 }
 
 }  // namespace
