@@ -58,7 +58,7 @@ TEST(Adam, FirstStepHasTheSizeOfTheRateForAnyGradient) {
     return copy;
   }();
   GaussianTensors grads = random_tensors(5);
-  grads.means.fill_(-1e-9f);  // typical of the mean over a million pixels
+  grads.means.fill_(-1e-9f);  // typical of a mean over a million pixels
   AdamState state = make_adam_state(gaussians);
   adam_step({0.01, 0, 0, 0, 0, 0}, grads, gaussians, state);
   EXPECT_TRUE(test::within(gaussians.means - before.means, torch::full({5, 3}, 0.01), 1e-6));

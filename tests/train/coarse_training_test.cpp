@@ -1,4 +1,4 @@
-// Training from coarse to fine: reduced photographs, masks and cameras, and trainings with --coarse_scale.
+// Tests training from coarse to fine (--coarse_scale), and the reduction of photographs, masks and cameras.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -25,7 +25,7 @@ struct Photograph {
   Image8 rgb, mask;
 };
 
-/// Random values; about a third of the pixels is invalid.
+/// Returns random values with a mask, where about a third of the pixels is invalid.
 Photograph make_photograph(int width, int height) {
   Photograph photograph{Image8(width, height, 3), Image8(width, height, 1)};
   const RandomKey key{3, RandomStream::kSplit, 0};
@@ -97,20 +97,20 @@ TEST(ViewReducer, APointProjectsToTheReducedPlace) {
     EXPECT_EQ(reduced.width, 1600 / scale);
     EXPECT_EQ(reduced.height, 1063 / scale);
     for (const double x : {-0.4, 0.0, 0.35}) {
-      for (const double y : {-0.3, 0.25}) {  // of a point at z = 1 in the camera's frame
+      for (const double y : {-0.3, 0.25}) {  // position at z = 1 in the camera's frame
         EXPECT_NEAR(reduced.fx * x + reduced.cx, (view.fx * x + view.cx) / scale, 1e-4);
         EXPECT_NEAR(reduced.fy * y + reduced.cy, (view.fy * y + view.cy) / scale, 1e-4);
       }
     }
-    // The first pixel's centre in the reduced view is the middle of the scale x scale pixels that it stands for.
+    // The centre of the first reduced pixel is the middle of the scale x scale pixels that it covers.
     EXPECT_NEAR((0.5 - reduced.cx) / reduced.fx, (0.5 * scale - view.cx) / view.fx, 1e-6);
     EXPECT_TRUE(std::equal(std::begin(view.rotation.m), std::end(view.rotation.m), std::begin(reduced.rotation.m)));
   }
 }
 
 TEST(ViewReducer, ARenderedReducedViewIsTheReducedRender) {
-  // The truth of the tiny scene is rendered from Gaussians that are several pixels large, so the mean over 2 x 2 pixels
-  // of one view is about the other view. A camera off by half a pixel would miss by far more.
+  // The tiny scene is rendered from Gaussians that are several pixels large, so the mean over 2 x 2 pixels of one view
+  // is close to the other view. With a camera that is off by half a pixel, the difference would be much larger.
   test::TinySceneOptions options;
   options.width = 200;
   options.height = 160;
@@ -159,7 +159,7 @@ TEST(ViewReducer, KeepsItsBuffersAndDoesNotDependOnThreads) {
 }
 
 TEST(CoarseTraining, LearnsAndEvaluatesAtFullSize) {
-  // As Trainer.IgnoresInvalidPixels.
+  // The same scene as in Trainer.IgnoresInvalidPixels.
   test::TinySceneOptions options = test::learnable_scene();
   options.width = 90;
   options.height = 66;
@@ -172,7 +172,7 @@ TEST(CoarseTraining, LearnsAndEvaluatesAtFullSize) {
   config.test_iterations = {1};
   config.kernel = "sub-tile";
   config.coarse_scale = 3;
-  config.coarse_until = 2400;  // longer than the training: full size after 400 iterations
+  config.coarse_until = 2400;  // longer than the training, which reaches the full size after 400 iterations
   ASSERT_EQ(coarse_scale_at(config, 100), 3);
   ASSERT_EQ(coarse_scale_at(config, 300), 2);
   ASSERT_EQ(coarse_scale_at(config, 401), 1);

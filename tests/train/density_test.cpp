@@ -1,4 +1,4 @@
-// Density control on cases small enough to follow by hand.
+// Tests density control on cases small enough to follow by hand.
 
 #include "train/density/strategies/strategies.h"
 
@@ -36,7 +36,8 @@ struct Model {
   DensityStatistics statistics;
 };
 
-/// Row i has its index in everything that density control does not read: mean (i, i, i), SH i, moments 100 + i.
+/// Returns a model that contains index i in all values of row i that density control does not read: mean (i, i, i), SH
+/// i, moments 100 + i.
 Model make_model(const std::vector<Row>& rows) {
   const auto n = static_cast<std::int64_t>(rows.size());
   const torch::Tensor number = torch::arange(n).to(torch::kFloat32);
@@ -61,7 +62,7 @@ Model make_model(const std::vector<Row>& rows) {
   model.statistics = make_density_statistics(n, torch::kCPU);
   for (std::int64_t i = 0; i < n; ++i) {
     const Row& row = rows[static_cast<std::size_t>(i)];
-    // The largest axis counts, whichever it is.
+    // The largest axis decides, and it differs from row to row.
     g.log_scales[i].fill_(std::log(row.scale) - 3.0f);
     g.log_scales[i][i % 3] = std::log(row.scale);
     g.logit_opacities[i] = std::log(row.opacity / (1 - row.opacity));
@@ -124,14 +125,15 @@ TEST(DefaultStrategy, SplitsLargeOnesInTwoSmallerOnes) {
 TEST(DefaultStrategy, ThresholdsAreInclusiveForGradientsAndExclusiveForScales) {
   Model model = make_model({{kSmall, 0.5f, 1.0f}, {kSmall, 0.5f, 0.999f}, {kSmall, 0.5f, 1.0f}});
   const Rule rule = kRule;
-  model.gaussians.log_scales[2].fill_(std::log(rule.split_scale / 1e6 * 1e6));  // exactly the limit: a clone
+  model.gaussians.log_scales[2].fill_(std::log(rule.split_scale / 1e6 * 1e6));  // exactly the limit, so it is cloned
   EXPECT_EQ(sources(densify(model, rule)), (Rows{0, 1, 2, 0, 2}));
 }
 
 TEST(DefaultStrategy, AveragesGradientsOverTheViewsThatSawTheGaussian) {
   Model model = make_model({{kSmall, 0.5f, 0.9f, 10}, {kSmall, 0.5f, 1.1f, 10}, {kSmall, 0.5f, 0.0f, 0}});
   EXPECT_EQ(sources(densify(model, kRule)), (Rows{0, 1, 2, 1}));
-  // Never seen: no mean, so neither cloned nor split, even if the threshold is 0.
+  // A Gaussian that was never visible has no mean gradient, so it is neither cloned nor split, even if the threshold is
+  // 0.
   Rule any = kRule;
   any.grad_threshold = 0;
   EXPECT_EQ(sources(densify(model, any)), (Rows{0, 1, 2, 0, 1}));
@@ -146,7 +148,7 @@ TEST(DefaultStrategy, PrunesTransparentOnesOldAndNew) {
 }
 
 TEST(DefaultStrategy, PrunesLargeOnesOnlyWhenAsked) {
-  // 1.6 times the limit: split, its samples are just small enough.
+  // At 1.6 times the limit, a Gaussian is split and its samples are just small enough.
   const Model model = make_model({{kHuge, 0.5f, 0.1f}, {kLarge, 0.5f, 0.1f}, {7.9f, 0.5f, 1.5f}, {8.1f, 0.5f, 1.5f}});
   EXPECT_EQ(sources(densify(model, kRule)), (Rows{0, 1, 2, 3, 2, 3}));
   Rule rule = kRule;
@@ -166,7 +168,7 @@ TEST(DefaultStrategy, AddsTheCandidatesWithTheLargestGradientsIfThereIsALimit) {
   const Model model = make_model(
       {{kSmall, 0.5f, 2.0f}, {kLarge, 0.5f, 5.0f}, {kSmall, 0.5f, 2.0f}, {kSmall, 0.5f, 3.0f}, {kSmall, 0.5f, 0.1f}});
   Rule rule = kRule;
-  rule.max_gaussians = 8;  // room for 3 of 4 candidates; of the equal ones the first
+  rule.max_gaussians = 8;  // 3 of 4 candidates fit, and the first one among equals is taken
   EXPECT_EQ(sources(densify(model, rule)), (Rows{0, 2, 3, 4, 0, 3, 1, 1}));
   rule.max_gaussians = 6;
   EXPECT_EQ(sources(densify(model, rule)), (Rows{0, 2, 3, 4, 1, 1}));
@@ -182,7 +184,7 @@ TEST(DefaultStrategy, SamplesHaveTheShapeOfTheirParent) {
   const std::int64_t n = g.size();
   g.means = torch::tensor({{1.0f, 2.0f, 3.0f}}).repeat({n, 1});
   g.log_scales = torch::tensor({{std::log(2.0f), std::log(0.5f), std::log(0.1f)}}).repeat({n, 1});
-  // A quarter turn about z, as a quaternion that is not normalised: x becomes y, y becomes -x.
+  // A quarter turn about z, as a quaternion that is not normalised. x becomes y, and y becomes -x.
   g.quats = torch::tensor({{3.0f, 0.0f, 0.0f, 3.0f}}).repeat({n, 1});
   const DensityRound round = densify(model, kRule);
   ASSERT_EQ(round.edit.new_means.size(0), 2 * n);
@@ -202,7 +204,7 @@ TEST(DefaultStrategy, DrawsSamplesByRowFromTheSeedAndTheIteration) {
   for (int i = 0; i < 4; ++i) {
     const int row = 1 + i % 2, sample = i / 2;
     const auto normal = random_normal(key, static_cast<std::uint64_t>(2 * row + sample));
-    for (int axis = 0; axis < 3; ++axis) {  // no rotation: the axes are the world's
+    for (int axis = 0; axis < 3; ++axis) {  // without rotation, the axes are those of the world
       const float scale = std::exp(model.gaussians.log_scales[row][axis].item<float>());
       EXPECT_NEAR(round.edit.new_means[i][axis].item<float>(), static_cast<float>(row) + scale * normal[axis], 1e-6);
     }

@@ -1,4 +1,4 @@
-// Which device is chosen, and which GPUs are rejected.
+// Tests which device is chosen, and which GPUs are rejected.
 #include "train/device.h"
 
 #include <gtest/gtest.h>

@@ -1,4 +1,4 @@
-// What holds whatever is on: a training that was interrupted, or has other numbers of threads, gives the same files.
+// Tests with every feature: a training that was interrupted, or has another number of threads, writes the same files.
 #include "support/train/every_feature.h"
 
 #include <gtest/gtest.h>
@@ -42,8 +42,8 @@ TEST_P(EveryFeature, ResumedEqualsUninterruptedBitForBitOnAnyNumberOfThreads) {
   }
 }
 
-/// Whatever a step allocates before it changes the Gaussians: where memory is short, the step is taken again, as if
-/// nothing had happened. Nothing is allocated after that.
+/// If memory is short before a step changes the Gaussians, the step is taken again as if nothing had happened. Nothing
+/// is allocated after that.
 TEST_P(EveryFeature, AStepThatRunsOutOfMemoryIsRepeated) {
   config.checkpoint_iterations = {};
   const Trained whole = train(config, scene, temp / "whole");
@@ -70,7 +70,7 @@ TEST_P(EveryFeature, AStepThatRunsOutOfMemoryIsRepeated) {
 INSTANTIATE_TEST_SUITE_P(Rows, EveryFeature, testing::ValuesIn(test::kFeatureRows),
                          [](const auto& info) { return info.param.name(); });
 
-/// Whether each of them is on: the tests above prove nothing of one that has no effect.
+/// Tests that each feature has an effect, because the tests above prove nothing about a feature without one.
 TEST(Features, MakeADifference) {
   const std::vector<std::pair<const char*, void (*)(TrainConfig&)>> without{
       {"exposures or grid", [](TrainConfig& c) { c.exposure = c.bilateral_grid = false; }},

@@ -20,7 +20,7 @@ using Images = std::vector<std::shared_ptr<const ViewImage>>;
 
 constexpr std::size_t kBytes = 3 * 4 * 2;
 
-/// Images of 4 x 2 px, image i filled with i.
+/// Returns images of 4 x 2 px, where image i is filled with i.
 Images numbered_images(int n) {
   Images images;
   for (int i = 0; i < n; ++i) {
@@ -66,7 +66,7 @@ TEST(ImageReader, DropsImagesThatAreNoLongerExpected) {
   const Images images = numbered_images(6);
   Buffers buffers(2);
   ImageReader reader({images, buffers.pointers(), 2, {}});
-  for (int round = 0; round < 200; ++round) {  // threads may be reading images that are dropped
+  for (int round = 0; round < 200; ++round) {  // threads may be reading images that are no longer expected
     reader.expect({0, 1});
     reader.expect({2, 3});
     reader.expect({4, 5});
@@ -112,7 +112,7 @@ TEST(ImageReader, ReadsAheadIntoAllBuffersButNotFurther) {
   Gate gate;
   ImageReader reader({images, buffers.pointers(), 8, [&](int) { gate.pass(); }});
   reader.expect({0, 1, 2, 3, 4, 5, 6, 7});
-  gate.wait_for(3);  // none has been waited for yet
+  gate.wait_for(3);  // before the first wait()
   EXPECT_FALSE(reader.is_ready(0));
   gate.open();
   for (const std::int32_t image : {2, 0, 1}) EXPECT_EQ(*reader.bytes(reader.wait(image)), image);
@@ -131,7 +131,7 @@ TEST(ImageReader, ReadsTheMostUrgentFirst) {
                           written.push_back(buffer);
                         }});
     reader.expect({0, 1, 2, 3});
-    gate.wait_for(1);          // it is at 0
+    gate.wait_for(1);          // the thread reads 0
     reader.expect({3, 2, 1});  // 0 keeps its buffer
     gate.open();
     for (const std::int32_t image : {1, 2, 3}) reader.wait(image);

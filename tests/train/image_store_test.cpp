@@ -32,7 +32,8 @@ TEST(UploadSlots, UploadEachWantedViewOnceAndKeepItsSlot) {
 }
 
 TEST(UploadSlots, UploadTwoStepsAheadInAnyOrderOfViews) {
-  // The requests of ImageStore over three passes, in which a view may come last in one pass and first in the next.
+  // Makes the requests of ImageStore over three passes, in which a view may come last in one pass and first in the
+  // next.
   constexpr std::int32_t kViews = 7;
   constexpr std::size_t kAhead = ImageStore::kUploadAhead;
   ViewOrder order;
@@ -60,7 +61,7 @@ TEST(UploadSlots, UploadTwoStepsAheadInAnyOrderOfViews) {
 TEST(ViewOrder, TellsTheUpcomingViewsWithoutTakingThem) {
   ViewOrder order;
   for (int step = 0; step < 23; ++step) {
-    for (const std::size_t n : {0u, 1u, 3u, 12u}) {  // 12: across two refills
+    for (const std::size_t n : {0u, 1u, 3u, 12u}) {  // 12 spans two refills
       const ViewOrder before = order;
       const Views upcoming = order.upcoming(3, 5, n);
       EXPECT_EQ(order.remaining, before.remaining);

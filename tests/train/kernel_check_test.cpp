@@ -1,4 +1,5 @@
-// Kernel checks within steps: what is blended in which order, what is timed, and that training does not change.
+// Tests kernel checks within steps: the order of the blends, which of them are timed, and that training does not
+// change.
 #include "train/selection/kernel_check.h"
 
 #include <gtest/gtest.h>
@@ -13,7 +14,7 @@
 namespace b3dgs {
 namespace {
 
-/// A device on which each blend takes an invented time.
+/// A simulated device on which each blend takes a given time.
 struct InventedDevice {
   std::map<ForwardKernel, double> ms{{ForwardKernel::kSegmented, 2},
                                      {ForwardKernel::kSubTile, 1},
@@ -56,7 +57,7 @@ TEST(KernelCheck, BlendsWithBothInTurnAndEndsWithTheKernelInUse) {
   const Kernels other_first{kSubTile, kSegmented}, other_last{kSegmented, kSubTile, kSegmented};
   EXPECT_EQ(blended(1), other_first) << "not counted: it loads the kernels";
   for (int i = 2; i <= 5; ++i) {
-    for (int attempt = 0; attempt < 2; ++attempt) {  // a view that failed comes again
+    for (int attempt = 0; attempt < 2; ++attempt) {  // a view whose step failed is passed again
       EXPECT_EQ(blended(i), i % 2 == 0 ? other_first : other_last) << i;
     }
   }
@@ -128,7 +129,7 @@ TEST(KernelCheck, DeterministicTrainingIsTimedButKeepsTheStandardKernel) {
   EXPECT_EQ(check.kernel(), "sub-tile");
 }
 
-/// Twenty iterations with checks in 1 to 5 and 11 to 15.
+/// Returns a config of twenty iterations with checks in 1 to 5 and 11 to 15.
 TrainConfig checked_config() {
   TrainConfig config = test::eventful_config();
   config.kernel = kAdaptive;
@@ -136,7 +137,7 @@ TrainConfig checked_config() {
   return config;
 }
 
-/// The lines of checks in train.jsonl.
+/// Returns the lines of checks in train.jsonl.
 std::vector<nlohmann::json> checks_of(const std::filesystem::path& folder) {
   std::vector<nlohmann::json> lines;
   std::ifstream file(folder / "train.jsonl");
@@ -170,7 +171,7 @@ TEST(TrainingWithKernelChecks, LogsTheCheckThatTheEndCutsShort) {
   const test::TempDir temp;
   TrainConfig config = checked_config();
   config.iterations = 14;
-  config.batch = 3;  // a step may begin in a check and end behind it
+  config.batch = 3;  // a step may begin in a check and end after it
   test::train(config, scene, temp.path());
   const std::vector<nlohmann::json> checks = checks_of(temp.path());
   ASSERT_EQ(checks.size(), 2u);
@@ -178,8 +179,8 @@ TEST(TrainingWithKernelChecks, LogsTheCheckThatTheEndCutsShort) {
   EXPECT_EQ(checks[1].at("iteration"), 15);
 }
 
-/// A clock for trainings by which sub-tile takes `sub_tile_ms` and segmented, with which training starts, 2 ms. Each
-/// view takes three marks; the first view is not counted, and then the order of the kernels alternates.
+/// Returns hooks with a clock on which sub-tile takes `sub_tile_ms` ms and segmented, with which training starts, 2 ms.
+/// Each view takes three marks. The first view is not counted, and then the order of the kernels alternates.
 TrainHooks with_times(InventedDevice& device, double sub_tile_ms) {
   TrainHooks hooks;
   hooks.kernel_clock = [&device, sub_tile_ms, clock = device.clock(), n = 0]() mutable {
@@ -214,7 +215,7 @@ TEST(TrainingWithKernelChecks, TheChoiceChangesNoByteOnACpu) {
   const Scene scene = test::make_tiny_scene(options);
   const test::TempDir temp;
   TrainConfig config = checked_config();
-  config.init_opacity = 0.006;  // light passes through the whole list
+  config.init_opacity = 0.006;  // low enough that light passes through the whole list
   config.kernel_check_interval = 8;
   config.iterations = 12;
   InventedDevice device;

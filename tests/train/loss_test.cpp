@@ -1,4 +1,4 @@
-// The loss, compared with a reference implementation in double that sums the 121 taps of each window directly.
+// Compares the loss with a reference implementation in double that sums the 121 taps of each window directly.
 
 #include "train/loss/loss.h"
 
@@ -25,7 +25,7 @@ struct Images {
 
 Images make_images(int width, int height, bool masked) {
   std::mt19937 engine(static_cast<unsigned>(width * 1000 + height));
-  std::uniform_real_distribution<double> uniform(-0.2, 1.2);  // renders are not clamped
+  std::uniform_real_distribution<double> uniform(-0.2, 1.2);  // beyond [0, 1], because renders are not clamped
   Images images{width, height, {}, {}, {}};
   for (int i = 0; i < width * height * 3; ++i) {
     images.rendered.push_back(static_cast<float>(uniform(engine)));
@@ -154,7 +154,7 @@ TEST_P(LossOfSize, GradientMatchesFiniteDifferences) {
   }
 }
 
-// Smaller than the window, odd, one row, one column, and wider than a vector.
+// Images smaller than the window, of odd size, with one row, with one column, and wider than a vector.
 INSTANTIATE_TEST_SUITE_P(Sizes, LossOfSize,
                          testing::Values(Case{1, 1, false}, Case{7, 3, false}, Case{3, 14, false}, Case{19, 1, false},
                                          Case{17, 13, false}, Case{7, 3, true}, Case{17, 13, true}, Case{3, 40, true}));
@@ -223,7 +223,7 @@ TEST(Loss, IsTheSameOnTensors) {
   EXPECT_TRUE(test::same(loss.grad().color, tensor(expected.grad, {17, 23, 3}, torch::kFloat32)));
 }
 
-// The value against its formula, and the gradient against finite differences of it.
+// Compares the value with its formula, and the gradient with finite differences of the formula.
 TEST(Loss, AlphaOfEmptyPixelsIsATermOfItsOwn) {
   constexpr std::int64_t kHeight = 5, kWidth = 7;
   const torch::Tensor rendered = torch::full({kHeight, kWidth, 3}, 0.5f);

@@ -1,4 +1,4 @@
-// Training with too little memory, simulated by a MemorySource, without a GPU.
+// Tests training with too little memory, simulated by a MemorySource, without a GPU.
 #include "train/memory/memory.h"
 
 #include <gtest/gtest.h>
@@ -119,7 +119,8 @@ TEST(Memory, AHoldStaysInDeterministicTraining) {
   EXPECT_LE(resumed.result.n_gaussians, held.held_at);
 }
 
-// The first hold after a resume is where an unbroken training has it, too: the views before count.
+// The first cap after a resume is at the same iteration as without the interruption, because the views before the
+// resume count.
 TEST(Memory, AResumedDeterministicTrainingIsHeldAtTheSameNumber) {
   const test::TempDir temp;
   const auto limited = [] {
@@ -159,7 +160,7 @@ TEST(Memory, GrowsIfFreeingMemoryHelps) {
   const test::TempDir temp;
   const Outcome expected = train_with(std::make_shared<test::ShortMemory>(), growing_config(), temp / "expected");
   auto memory = std::make_shared<test::ShortMemory>();
-  memory->n_failures = 2;  // with spare capacity, and without
+  memory->n_failures = 2;  // with and without spare capacity
   const Outcome outcome = train_with(memory, growing_config(), temp / "model");
   EXPECT_EQ(memory->n_releases, 1);
   EXPECT_EQ(outcome.held_at, 0);
@@ -258,7 +259,7 @@ TEST(MemoryPlan, CountsTheBytesOfAGaussian) {
   EXPECT_EQ(memory.all(), 720 + 40 + 583);
   EXPECT_EQ(gaussian_memory(state, {208, 100}, ratios, 4).all(), memory.all() + 1.25 * (4 * (4 + 48) + 12))
       << "splats and indices of 4 views, and a copy of the statistics";
-  // 15 of 16 parts of 3.2 GB, less 100 MB.
+  // 15/16 of 3.2 GB, minus 100 MB.
   EXPECT_EQ(largest_count(3200000000, 100000000, memory), 2900000000 / 1343);
   EXPECT_EQ(largest_count(1000, 5000, memory), 1) << "0 would mean no limit";
 }
@@ -308,7 +309,7 @@ TEST(RowEditor, ReallocatesOnlyIfCapacityIsExceeded) {
   EXPECT_EQ(n_requests, 21 + 1) << "all tensors, and the scratch";
   const void* const place = state.gaussians.sh0.data_ptr();
   EXPECT_TRUE(test::same(state.gaussians.quats.select(1, 0), torch::tensor({0.0f, 2.0f, 3.0f, 0.0f, 2.0f})));
-  apply(make_edit({1, 3, 4, 0, 4, 1, 4, 3}, 3), 8);  // sources of new rows are overwritten by kept ones
+  apply(make_edit({1, 3, 4, 0, 4, 1, 4, 3}, 3), 8);  // kept rows overwrite the sources of new rows
   EXPECT_EQ(n_requests, 21 + 2) << "only the scratch";
   EXPECT_EQ(state.gaussians.sh0.data_ptr(), place);
   EXPECT_TRUE(

@@ -1,4 +1,4 @@
-// Training from photographs that do not all fit in memory.
+// Tests training from photographs that do not all fit in memory.
 #include <gtest/gtest.h>
 
 #include <functional>
@@ -42,7 +42,7 @@ TEST(ReadAheadTraining, GivesTheSameBytesWhateverTheMemory) {
       for (std::size_t i = 0; i < 2; ++i) {
         EXPECT_EQ(trained.result.evaluations[i].second.mean.psnr, expected.result.evaluations[i].second.mean.psnr);
       }
-      // The minimum: one buffer for training and one for evaluation.
+      // The minimum is one buffer for training and one for evaluation.
       const ImageMemory& memory = *scene.train.front().image->memory();
       EXPECT_LE(memory.peak(), std::max(memory.limit(), memory.fixed() + 2 * disk.image_bytes()));
       std::int64_t held = memory.fixed();
@@ -68,7 +68,7 @@ TEST(ReadAheadTraining, ResumesWithAnotherMemoryLimit) {
   EXPECT_TRUE(test::same(test::train(config, disk.load(5), temp / "part", checkpoint).ply, whole));
 }
 
-/// Trains with one photograph in memory. `spoil` is called after step 5; every photograph is used again by step 14.
+/// Trains with one photograph in memory. `spoil` is called after step 5. Every photograph is used again by step 14.
 void spoil_in_mid_training(const std::function<void(const fs::path&)>& spoil, const std::string& reason) {
   const DiskScene disk;
   const test::TempDir temp;
@@ -84,7 +84,7 @@ void spoil_in_mid_training(const std::function<void(const fs::path&)>& spoil, co
   Trainer trainer(finalize(config, scene), scene, ModelFolder(temp / "model"), hooks);
   EXPECT_TRUE(test::fails_with<InputError>({file.string(), reason}, [&] { trainer.run(); }));
 
-  // The state is that after the last complete step: a checkpoint can be written and resumed.
+  // The state is that after the last complete step, so a checkpoint can be written and resumed.
   const int last = trainer.iteration();
   EXPECT_GE(last, 5);
   EXPECT_LT(last, 14);

@@ -1,4 +1,4 @@
-// Schedules: learning rates, weights of the loss, limit on the Gaussians, view order, random numbers, outputs.
+// Tests schedules: learning rates, weights of the loss, limit on the Gaussians, view order, random numbers, outputs.
 
 #include <gtest/gtest.h>
 
@@ -66,7 +66,7 @@ TEST(Regularization, DoesNotDependOnTheUnitOfLength) {
   TrainConfig config;
   config.scale_reg = 0.5;
   config.opacity_reg = 0.25;
-  // Scales are ten times as large where lengths are.
+  // If lengths are ten times as large, so are the scales.
   EXPECT_DOUBLE_EQ(10 * regularization_weights(config, 40, 1).scale, regularization_weights(config, 4, 1).scale);
   EXPECT_EQ(regularization_weights(config, 40, 1).opacity, 0.25);
   EXPECT_EQ(regularization_weights(config, 0, 1).scale, 5) << "all cameras in one place";
@@ -87,7 +87,7 @@ TEST(MeanNoise, DoesNotDependOnTheUnitOfLength) {
   config.noise_lr = 500000;
   const double at_reference = mean_noise_strength(config, 5, 100);
   EXPECT_DOUBLE_EQ(at_reference, 500000 * adam_rates(config, 5, 100)[0]);
-  // Ten times the lengths: Sigma is 100 times as large, and the mean is to move ten times as far.
+  // If lengths are ten times as large, Sigma is 100 times as large, and the mean should move ten times as far.
   EXPECT_NEAR(mean_noise_strength(config, 50, 100), at_reference / 10, 1e-12 * at_reference);
   EXPECT_EQ(mean_noise_strength(config, 0, 100), 0) << "all cameras in one place";
 }
@@ -142,11 +142,11 @@ TEST(DecayStart, IsNoLaterThanSoManyUsesOfEachPhotograph) {
 Scene scene_of(std::size_t n_photographs) {
   Scene scene;
   scene.train.resize(n_photographs);
-  scene.test.resize(100);  // which do not count
+  scene.test.resize(100);  // test views do not count
   return scene;
 }
 
-/// What `b3dgs train` does with these options given.
+/// Returns the config of `b3dgs train` with these options.
 TrainConfig limited(const GivenOptions& given, const Scene& scene) {
   TrainConfig config = resolve_options(given).config;
   limit_epochs(config, scene.train.size(), given);
@@ -193,7 +193,7 @@ TEST(EpochLimit, FollowsHowManyPhotographsShowTheSamePoint) {
 TEST(TrainingPhotographs, OverlapIsOfTheViewsThatSeeAPoint) {
   Scene scene;
   EXPECT_EQ(training_photographs(scene).n, 0u);
-  for (const double x : {0.0, 0.0, 0.0, 100.0}) {  // three look at the first point, one at the second
+  for (const double x : {0.0, 0.0, 0.0, 100.0}) {  // three views see the first point, and one sees the second
     View view;
     view.camera.width = view.camera.height = 100;
     view.camera.fx = view.camera.fy = 100;
@@ -293,7 +293,7 @@ TEST(EpochLimit, ShortensASceneAsStepsScalerDoes) {
       TrainConfig expected = limited(scaled, scene_of(n));
       EXPECT_EQ(config.lr_decay_from_iter, expected.lr_decay_from_iter) << n;
       EXPECT_LT(config.lr_decay_from_iter, config.iterations / 2) << n;
-      // All but the options of outputs, and the limit itself.
+      // All options must be equal, except those of outputs and the limit itself.
       expected.max_epochs = config.max_epochs;
       expected.test_iterations = config.test_iterations;
       expected.save_iterations = config.save_iterations;
@@ -334,7 +334,7 @@ TEST(ViewOrder, ContinuesFromItsState) {
 TEST(ViewOrder, TellsTheUpcomingViewsWithoutTakingThem) {
   ViewOrder order;
   for (int i = 0; i < 5; ++i) order.next(3, 8);
-  const std::vector<std::int32_t> coming = order.upcoming(3, 8, 20);  // across two refills
+  const std::vector<std::int32_t> coming = order.upcoming(3, 8, 20);  // spans two refills
   ASSERT_EQ(coming.size(), 20u);
   EXPECT_EQ(order.remaining.size(), 3u);
   for (const std::int32_t view : coming) EXPECT_EQ(view, order.next(3, 8));
@@ -359,7 +359,7 @@ TEST(ViewOrder, IsUniform) {
   for (const int count : first) EXPECT_NEAR(count, 1000, 130);  // 5 standard deviations
 }
 
-// Vectors of the authors' Random123 library (kat_vectors, philox4x32 10).
+// Test vectors of the authors' Random123 library (kat_vectors, philox4x32 10).
 TEST(Random, IsPhilox) {
   using Words = std::array<std::uint32_t, 4>;
   EXPECT_EQ(philox4x32({0, 0, 0, 0}, {0, 0}), (Words{0x6627e8d5, 0xe169c58d, 0xbc57ac4c, 0x9b00dbd8}));

@@ -15,7 +15,7 @@
 namespace b3dgs {
 namespace {
 
-/// A device whose time goes on by hand, and that has got through its queue up to `done`.
+/// A simulated device with a time that the test sets. It has finished its queue up to `done_ms`.
 struct HandClock {
   double now_ms = 0;
   double done_ms = 1e9;
@@ -44,7 +44,8 @@ double ms_of(const StageTimes& times, Stage stage) {
 
 class StageTimerTest : public testing::Test {
  protected:
-  /// Projects for `project_ms`, optimises in two parts of 2 ms, with 1 ms of nothing before, between and after.
+  /// Simulates a step that projects for `project_ms` and optimises in two parts of 2 ms, with 1 ms of idle time before,
+  /// between and after.
   void run_step(double project_ms) {
     timer.start(StageTimes::Kind::kStep);
     clock.now_ms += 1;

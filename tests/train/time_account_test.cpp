@@ -1,5 +1,5 @@
-// What counts as training time: on an invented device whose work is done later than it is queued, and in a training
-// with an invented clock.
+// Tests which time counts as training time, on a simulated device that finishes work later than it is queued, and in a
+// training with a simulated clock.
 #include "train/timing/timers.h"
 
 #include <gtest/gtest.h>
@@ -14,7 +14,7 @@
 namespace b3dgs {
 namespace {
 
-/// Host and device with a time of their own, in seconds.
+/// Simulated time of host and device in seconds.
 struct InventedDevice {
   double now_s = 0, busy_until_s = 0;
 
@@ -60,7 +60,7 @@ TEST(TrainingTime, HoldsDensificationButNoOutput) {
   config.test_iterations = {7, 10};
   config.save_iterations = {8, 10};
   config.checkpoint_iterations = {9, 10};
-  // An activity takes as long as is written here, and nothing else takes any time: sums say what was counted where.
+  // Each activity takes the time given here, and nothing else takes any time, so sums show where it was counted.
   const std::map<std::string, double> seconds{{"training", 0}, {"densifying", 1e2}, {"evaluating", 1e4},
                                               {"saving", 1e6}, {"checkpoint", 1e8}, {"counting floaters", 1e12}};
   double now_s = 0;

@@ -1,4 +1,4 @@
-// What remains when a training fails: no completed iteration is lost.
+// Tests that no completed iteration is lost when a training fails.
 
 #include <gtest/gtest.h>
 
@@ -51,7 +51,7 @@ class TrainerFaults : public testing::Test {
   std::vector<std::string> warnings;
 };
 
-/// Fails an activity of an iteration.
+/// Returns hooks that let an activity of an iteration fail.
 TrainHooks failing_at(int iteration, const std::string& activity, const std::function<void()>& fail) {
   TrainHooks hooks;
   hooks.on_progress = [=](const TrainProgress& progress) {
@@ -62,7 +62,7 @@ TrainHooks failing_at(int iteration, const std::string& activity, const std::fun
 
 TEST_F(TrainerFaults, EachLeavesACheckpointOfTheLastIteration) {
   TrainConfig config = eventful_config();
-  config.test_iterations = config.save_iterations = {10};  // with density control
+  config.test_iterations = config.save_iterations = {10};  // also an iteration of density control
   const Trained whole = train(config, scene, temp / "whole");
   struct Row {
     const char* name;
@@ -101,7 +101,7 @@ TEST_F(TrainerFaults, EachLeavesACheckpointOfTheLastIteration) {
   }
 }
 
-/// Two rounds fall into one step, and memory ends between them: the first one is not repeated.
+/// Two rounds are due after one step, and memory runs out between them. The first one is not repeated.
 TEST_F(TrainerFaults, ResumesBetweenTwoRoundsOfDensityControl) {
   TrainConfig config = eventful_config();
   config.batch = 4;
@@ -119,7 +119,7 @@ TEST_F(TrainerFaults, ResumesBetweenTwoRoundsOfDensityControl) {
   EXPECT_TRUE(test::same(resumed.checkpoint, whole.checkpoint));
 }
 
-/// What evaluates and measures between steps takes memory, too.
+/// Evaluations and measurements between steps take memory, too.
 TEST_F(TrainerFaults, EvaluationsThatRunOutOfMemoryAreRepeated) {
   TrainConfig config = eventful_config();
   config.iterations = 10;
@@ -162,7 +162,7 @@ TEST_F(TrainerFaults, GaussiansThatCannotBeRenderedAreRemovedAndCounted) {
   };
   spoilt(first, make_bad);
   const std::int64_t n = read_checkpoint_header(first)["n_gaussians"];
-  // The expected result: the same training without these Gaussians.
+  // The expected result is the same training without these Gaussians.
   const ModelFolder clean(temp / "clean");
   fs::create_directories(clean.root() / "checkpoints");
   fs::copy_file(first, clean.checkpoint(8));
@@ -247,7 +247,7 @@ TEST_F(TrainerFaults, CheckpointsWrittenByTimeDoNotChangeTheTraining) {
     config.checkpoint_minutes = minutes;
     TrainHooks hooks;
     hooks.clock_s = [now_s = 0.0]() mutable { return now_s += 20; };
-    hooks.wait_for_files = true;  // no checkpoint is due while one is being written, which depends on the disk
+    hooks.wait_for_files = true;  // because no checkpoint is due while one is being written, which depends on the disk
     std::vector<int> iterations;
     hooks.on_progress = [&](const TrainProgress& progress) {
       if (progress.activity == "checkpoint") iterations.push_back(progress.iteration);
@@ -291,7 +291,7 @@ TEST_F(TrainerFaults, ALastPlyThatCannotBeWrittenFailsAndIsWrittenOnResume) {
   TrainConfig config = eventful_config();
   const Trained whole = train(config, scene, temp / "whole");
   config.checkpoint_iterations = {16};
-  config.densification_interval = 10;  // the last iteration has density control; the PLY shows the model before it
+  config.densification_interval = 10;  // the last iteration has density control, and the PLY shows the model before it
   const Trained dense = train(config, scene, temp / "dense");
   const ModelFolder folder(temp / "model");
   TrainHooks own = hooks();

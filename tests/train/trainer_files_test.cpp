@@ -1,4 +1,4 @@
-// The last files of a training, and those that a viewer's Save or a signal asks for, where some cannot be written.
+// Tests failures to write the last files of a training, and those that a viewer's Save or a signal requests.
 #include <gtest/gtest.h>
 
 #include <filesystem>
@@ -23,7 +23,7 @@ using test::Trained;
 
 class TrainerFiles : public testing::Test {
  protected:
-  /// The error of a training that cannot write its last files; "" if it does not fail.
+  /// Returns the error of a training that cannot write its last files, or "" if it does not fail.
   std::string error_of(const TrainConfig& config, const TrainHooks& hooks) const {
     try {
       Trainer(finalize(config, scene), scene, folder, hooks).run();
@@ -42,7 +42,7 @@ class TrainerFiles : public testing::Test {
 
 TEST_F(TrainerFiles, ASaveThatFailedIsForgottenOnceItHasBeenReported) {
   TrainConfig config = eventful_config();
-  config.densification_interval = 10;  // of the last iteration, too: it waits for the last PLY
+  config.densification_interval = 10;  // so that the density control of the last iteration waits for the last PLY
   const Trained whole = train(config, scene, temp / "whole");
   std::unique_ptr<Trainer> trainer;
   std::vector<fs::path> saved;

@@ -47,7 +47,7 @@ TEST(Trainer, ResumedEqualsUninterruptedBitForBit) {
   ASSERT_TRUE(strategy->plan(10).densify && strategy->plan(12).lower_opacities);
   const Trained whole = train(config, scene, temp / "whole");
   EXPECT_GT(whole.result.n_gaussians, 150) << "no density control happened";
-  // before all, at a round of density control, at an opacity reset, at the end
+  // Resumes from the start, at a round of density control, at an opacity reset, and near the end.
   test::expect_exact_resume(config, scene, whole, temp.path(), {3, 10, 12, 19});
 }
 
@@ -141,7 +141,7 @@ TEST(Trainer, UsesTheRequestedNumberOfThreads) {
   set_compute_threads(0);
 }
 
-/// PSNR on held-out views before and after 800 iterations.
+/// Returns the PSNR on held-out views before and after 800 iterations.
 std::pair<double, double> learn(bool masked) {
   test::TinySceneOptions options = test::learnable_scene();
   options.masked = masked;
@@ -163,7 +163,7 @@ TEST(Trainer, LearnsAScene) {
 }
 
 TEST(Trainer, IgnoresInvalidPixels) {
-  // They are white: a model fitted to them would be white there in the other views too.
+  // Invalid pixels are white. A model fitted to them would be white there in the other views, too.
   EXPECT_GT(learn(true).second, 29);
 }
 
@@ -331,7 +331,7 @@ TEST(Trainer, IsAlwaysDeterministicOnTheCpu) {
   EXPECT_TRUE(test::same(train(config, scene, temp / "same").ply, first.ply)) << "these options only affect the GPU";
 }
 
-/// Lines of train.jsonl with this event, or without any.
+/// Returns the lines of train.jsonl with this event, or without any.
 std::vector<nlohmann::json> log_lines(const fs::path& folder, const std::string& event) {
   std::vector<nlohmann::json> lines;
   std::ifstream file(folder / "train.jsonl");
