@@ -16,9 +16,9 @@ constexpr double kOrbitRadius = 4.4;
 constexpr double kFieldOfView = 50 * kPi / 180;    // horizontal
 constexpr Vec3<double> kTarget{0, 0, 0.35};        // the cameras look here
 constexpr Vec3<double> kLight{0.48, -0.36, 0.80};  // unit vector towards the light, for highlights
-constexpr double kPointShare = 0.5;                // fraction of the Gaussians that are also points of the scene
-constexpr double kPointNoise = 0.01;               // of the positions of the points, world units
-constexpr double kColorNoise = 8;                  // of the colours of the points, in 8-bit levels
+constexpr double kPointShare = 0.5;                // probability that a Gaussian also becomes a point of the scene
+constexpr double kPointNoise = 0.01;               // standard deviation of the points' positions, world units
+constexpr double kColorNoise = 8;                  // standard deviation of the points' colours, in 8-bit levels
 
 using Vec = Vec3<double>;
 
