@@ -32,12 +32,14 @@ struct Photographs {
   Photographs(std::size_t count, double same) : n(count), overlap(same) {}
 };
 
-/// Applies --max_epochs X: if training would use each of its photographs more than X times, it ends after X uses, and
-/// the schedule is scaled by the same factor, except for options in `given`. If `given` has no max_epochs, X is not 0
-/// and the overlap m is below 50, the limit is
-///   max(X m / 50 uses, 500 iterations)
-/// because training overfits sooner if fewer photographs show the same point (docs/benchmarks.md, Few photographs). An
-/// iteration uses one photograph, also with --batch. Returns the factor, 1 without a change. Idempotent.
+/// Applies --max_epochs X, which limits how often training uses each of n photographs. If `given` has max_epochs, the
+/// limit is X uses. Otherwise it is
+///   min(X, max(X m / 50, 500 / n)) uses, rounded, at least 1
+/// where m is the overlap, because training overfits sooner if fewer photographs show the same point
+/// (docs/benchmarks.md, Few photographs). If training would exceed the limit, --iterations is lowered to it, even if it
+/// is in `given`, and the schedule is scaled by the same factor, except for options in `given`. An iteration uses one
+/// photograph, also with --batch. X = 0 means no limit. Returns the factor, 1 without a change. A second call changes
+/// nothing.
 double limit_epochs(TrainConfig& config, const Photographs& photographs, const GivenOptions& given);
 
 /// Returns "schedule    8,400 iterations: each photograph 400 times (--max_epochs)" if training ends there, or "".

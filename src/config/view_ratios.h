@@ -7,9 +7,9 @@
 
 namespace b3dgs {
 
-/// The maximum over the views since the last but one round of density control. Earlier views are not representative,
-/// because Gaussians get smaller as their number grows. Part of a checkpoint, because it determines at which size
-/// memory stops the growth.
+/// The largest numbers per Gaussian among the views rendered since the last but one round of density control. Older
+/// views are not representative, because Gaussians get smaller as their number grows. Part of a checkpoint, because it
+/// determines at which size memory stops the growth.
 class ViewRatios {
  public:
   /// Values per Gaussian, 0 before the first view.
