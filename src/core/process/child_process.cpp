@@ -29,7 +29,9 @@ namespace {
 constexpr std::chrono::seconds kGrace{5};  // from SIGTERM to SIGKILL
 constexpr int kPollMs = 20;                // longest delay until an end of the child or a change of `stop` is noticed
 constexpr std::size_t kReadBytes = 1 << 16, kMaxLine = 1 << 16;
-constexpr int kLastReads = 64;  // enough for a full pipe; children that an ended program left behind may write forever
+// Maximum number of reads after the program has ended, which is enough to empty a full pipe of 1 MiB. There is a
+// maximum, because processes that the program left behind may write forever.
+constexpr int kLastReads = 64;
 
 constexpr std::array kSignals{SIGINT, SIGTERM, SIGHUP};
 
