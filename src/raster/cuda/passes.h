@@ -193,9 +193,11 @@ struct ListCut {
   B3DGS_HD std::int64_t segments_before(std::int64_t entries) const { return 3 * entries >> (entries_log2 + 1); }
 };
 
-/// Blocks take the longest list first. If it exceeds a multiprocessor's share of all entries, it finishes last,
-/// approximately. Then lists above a quarter of the share are cut into segments of at most that length, or of a bucket
-/// (measured: docs/lab/kernels.md). A cut blends some entries twice, so lists of two segments are not cut.
+/// Decides which lists to cut. Blocks take the longest list first. If that list exceeds a multiprocessor's share of all
+/// entries, it would finish last, so long lists are cut. The length of a segment is the largest power of two up to a
+/// quarter of the share, within 2^kMinLog2 and 2^kMaxLog2 (measured: docs/lab/kernels.md). Lists longer than both a
+/// quarter of the share and two segments are cut. Cutting a list blends some of its entries twice, so a list of up to
+/// two segments is never cut.
 inline ListCut list_cut(const ViewCounts& counts, int n_multiprocessors) {
   const std::int64_t quarter = counts.n_pairs / (4 * n_multiprocessors);
   ListCut cut;
@@ -243,10 +245,11 @@ struct BlendForwardCudaArgs {
 
 void count_load(const CountLoadArgs& args, const LaunchContext& context);
 
-/// Adds scores to args.sums, indexed by row, which must be zero. Without `wants_weights`, sums of weights stay 0.
+/// Adds the scores of the view to args.sums, which are indexed by row and must be zero before. Without `wants_weights`,
+/// sums of weights stay 0.
 void score(const ScoreArgs& args, const std::int32_t* tiles_by_length, bool wants_weights,
            const LaunchContext& context);
-/// Adds the sums of each row to its Gaussian. Skips rows whose radius is 0. If `radii` is null, no row is skipped.
+/// Adds the sums of each row to the scores of its Gaussian. Rows with radius 0 are skipped, unless `radii` is null.
 void add_scores(const AddScoresArgs& args, const std::int32_t* radii, const LaunchContext& context);
 
 struct BlendBackwardCudaArgs {

@@ -422,7 +422,8 @@ class CudaBackend final : public RasterizerBackend {
     B3DGS_CUDA_CHECK(cudaMemsetAsync(rows, 0, static_cast<std::size_t>(n) * sizeof(Row), context.stream));
   }
 
-  /// At least one bucket, so that the pointer to the parts is not null, which means that they were stored.
+  /// Returns the size of arrays with an element for each pixel of each bucket. It is at least one bucket, because a
+  /// null pointer to parts means that no parts are stored.
   std::int64_t n_bucket_pixels() const { return std::max<std::int64_t>(lists_.counts.n_buckets, 1) * kCudaTilePixels; }
 
   template <class Visit>

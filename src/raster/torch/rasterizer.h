@@ -136,8 +136,9 @@ class Rasterizer {
   /// in new tensors. Waits once for a GPU, for their number. The view of the last forward() is lost.
   ViewSplats project(const GaussianTensors& gaussians, const CameraView& view, const RenderSettings& settings);
 
-  /// Runs project() for several views. Waits once for a GPU, for all of them, unless a view sees a larger share of the
-  /// Gaussians than those before. Tensors may be parts of larger ones.
+  /// Runs project() for several views. The first call waits for a GPU at each view. Later calls wait once for all
+  /// views. If a view sees over 10 % more of the Gaussians than any view before, it is projected again, which waits
+  /// once more. Tensors may be parts of larger ones.
   std::vector<ViewSplats> project_views(const GaussianTensors& gaussians, const std::vector<CameraView>& views,
                                         const std::vector<RenderSettings>& settings);
 

@@ -7,15 +7,18 @@
 namespace b3dgs::cuda {
 
 /// Sums of a patch for one entry, with q = dL/d(ln alpha) and (u, v) the pixel relative to the patch's centre. The
-/// order matters, because store_sums() adds the first eight in halves: 0 to 3 beside 4 to 7.
+/// order matters, because store_sums() adds the first eight in halves (0 to 3 beside 4 to 7), and kDepth is only stored
+/// with depth gradients.
 enum PatchSum { kQ, kQu, kQv, kQuu, kRed, kGreen, kBlue, kQvv, kQuv, kDepth };
 static_assert(kQvv == 7 && kQuv == 8 && kDepth == 9);
 
-/// The conic K = L D L^T with L = (1 0; l 1) and D = diag(d1, d2), so that p = K delta is
+/// The stored conic factored as L D L^T, with L = (1 0; l 1) and D = diag(d1, d2). For delta = pixel - mean, p = conic
+/// delta is then
 ///   (d1 a, l d1 a + d2 b)  with  a = delta_1 + l delta_2  and  b = delta_2.
 /// Axis 1 is x or y, whichever has the larger diagonal element. Across a needle, p is a thousand times larger than
-/// along it, and the gradient of the needle's length depends on the smaller value. The factors keep the two apart. Sums
-/// of q p p^T from moments about the patch's centre would cancel it.
+/// along it, but the gradient of the needle's length depends on the component along it. The factors keep the two
+/// components apart. In sums of q p p^T from moments about the patch's centre, the smaller one would be lost by
+/// cancellation.
 struct FactoredConic {
   bool y_first;
   float d1, d2, l, l_low;  // l_low: the rounding error of l, xy / d1 - l
