@@ -102,7 +102,7 @@ bool may_include(const Layer& layer, const std::string& folder) {
                      [&](const std::string& name) { return names_folder(name, folder); });
 }
 
-/// What is wrong with one line of a source file; empty: nothing.
+/// Returns the fault in one line of a source file, or "".
 std::string fault_of_line(const std::vector<Layer>& layers, const std::string& path, const std::string& line) {
   const std::optional<Include> include = include_of(line);
   if (!include) return "";

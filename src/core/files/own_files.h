@@ -19,7 +19,7 @@ namespace b3dgs {
 /// OwnFiles::kRecord. Does nothing if that file cannot be opened, or on file systems without locks.
 class FolderTurn {
  public:
-  /// What happens if another process does not release the lock within a minute.
+  /// Action if another process does not release the lock within a minute.
   enum class IfLocked {
     kFail,
     kGoOn,  // without the lock, with a warning, and from then on without waiting; a file may then count as the user's
