@@ -88,7 +88,7 @@ TEST(AntialiasedTraining, ThePlyRendersAsTheModelThatItWasSavedFrom) {
   const test::TempDir temp;
   TrainConfig config = antialiased_config();
   config.iterations = 9;    // no round of density control at the end
-  config.init_scale = 0.1;  // so small that the filters matter
+  config.init_scale = 0.1;  // small enough that the filters matter
   Trainer trainer(finalize(config, scene), scene, ModelFolder(temp / "model"), {});
   const TrainResult result = trainer.run();
   const double of_model = trainer.evaluate(scene.train).mean.psnr;

@@ -214,7 +214,7 @@ void check_panoramas(Communicator& ranks) {
       check_strategy(config, scene, ranks, splats_at_a_time);
     }
   }
-  // Poses: on a CPU, sums of parts of splats are rounded otherwise (sum_camera_parts()).
+  // On a CPU, sums of the poses' gradients are rounded differently (sum_camera_parts()).
   TrainConfig config = config_of(Strategy::kDefault);
   config.pose_opt = true;
   if (runs_on_gpu()) return check_strategy(config, scene, ranks);
