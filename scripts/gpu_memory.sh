@@ -4,7 +4,7 @@
 #
 #   scripts/gpu_memory.sh OUTPUT [CASE ...]
 #     scene              SCENE for 30,000 iterations: at most 2.5 GB
-#     capped             SCENE with a low threshold of growth and --gpu_memory_gb 2: held, trained to the end
+#     capped             SCENE with a low threshold of growth and --gpu_memory_gb 2: capped, trained to the end
 #     short              the same while another process leaves 4 GiB of the GPU
 #     large              20 million points: 500 steps, checkpoint, resumed to 520, PLY, evaluation
 #     huge               likewise 50 million
@@ -77,7 +77,7 @@ run_held() {
   train "$name" "$out/$name" -s "$SCENE" --eval --preset inria --iterations 12000 --densify_grad_threshold 0.00003 --overwrite "$@"
   local status=$?
   add_row "$name" "$out/$name" "$(judge was_held "$status" "$out/$name")" \
-    "exit $status; $(grep -m 1 -h 'held at' "$out/$name.log")"
+    "exit $status; $(grep -m 1 -h 'capped at' "$out/$name.log")"
 }
 
 run_short() {
@@ -131,7 +131,7 @@ for name in "${cases[@]}"; do
   esac
 done
 echo
-echo '| what | Gaussians | held at | GPU memory at most | training | PSNR, dB | ended | |'
+echo '| what | Gaussians | capped at | GPU memory at most | training | PSNR, dB | ended | |'
 echo '|---|---|---|---|---|---|---|---|'
 printf '%s\n' "${rows[@]}"
 exit $failed

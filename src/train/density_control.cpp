@@ -81,7 +81,7 @@ void DensityControl::hold_count(std::int64_t count) {
   constexpr double kNoteworthy = 0.99;  // caps of at least this fraction of the previous one are not logged
   const std::int64_t before = std::exchange(state_.held_at, count);
   if (before > 0 && static_cast<double>(count) >= kNoteworthy * static_cast<double>(before)) return;
-  training_.recorder.say("held at " + format_count(count) + " Gaussians: GPU memory");
+  training_.recorder.say("capped at " + format_count(count) + " Gaussians: GPU memory");
   training_.recorder.log_event(state_.iteration, "held",
                                {{"reason", "GPU memory"},
                                 {"count", count},

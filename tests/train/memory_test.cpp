@@ -82,7 +82,7 @@ TEST(Memory, HoldsTheCountBeforeARoundThatWouldNotFitAndTrainsToTheEnd) {
   EXPECT_EQ(outcome.result.iteration, config.iterations);
   ASSERT_GT(outcome.held_at, 0);
   EXPECT_LE(outcome.result.n_gaussians, outcome.held_at);
-  EXPECT_TRUE(says(outcome, "held at " + std::to_string(outcome.held_at) + " Gaussians: GPU memory"));
+  EXPECT_TRUE(says(outcome, "capped at " + std::to_string(outcome.held_at) + " Gaussians: GPU memory"));
   EXPECT_NE(outcome.log.find("\"event\":\"held\",\"reason\":\"GPU memory\",\"count\":"), std::string::npos);
   EXPECT_NE(outcome.log.find("\"limit_bytes\":290000"), std::string::npos);
   EXPECT_EQ(memory->n_releases, 0) << "nothing failed";
@@ -176,7 +176,7 @@ TEST(Memory, HoldsTheCountIfFreeingDoesNotHelp) {
   EXPECT_GE(memory->n_releases, 1);
   EXPECT_EQ(outcome.held_at, 120);
   EXPECT_LE(outcome.result.n_gaussians, 120);
-  EXPECT_TRUE(says(outcome, "held at 120 Gaussians: GPU memory"));
+  EXPECT_TRUE(says(outcome, "capped at 120 Gaussians: GPU memory"));
 }
 
 TEST(Memory, RemediesAreTriedInOrderUntilOneFreesMemory) {

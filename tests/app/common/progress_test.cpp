@@ -53,7 +53,7 @@ TEST(Format, TrainProgress) {
             " 37%  740/2000  120 it/s  loss 0.0412  84,120 Gaussians  densifying");
   progress.held_at = 84200;
   EXPECT_EQ(format_train_progress(progress, 120, 207),
-            " 37%  740/2000  120 it/s  ETA 3:27  loss 0.0412  84,120 Gaussians (held: GPU memory)  densifying");
+            " 37%  740/2000  120 it/s  ETA 3:27  loss 0.0412  84,120 Gaussians (capped: GPU memory)  densifying");
 }
 
 TEST(StatusLine, OnATerminalOneLineIsRedrawnAndCut) {

@@ -340,7 +340,7 @@ void check_memory(Communicator& ranks) {
   for (const std::int64_t count : ranks.exchange_record("counts", held.result.n_gaussians)) {
     expect(count == held.result.n_gaussians && count <= 120, "the number is held");
   }
-  expect(messages.find("held at 120 Gaussians: GPU memory\n") != std::string::npos, "held: " + messages);
+  expect(messages.find("capped at 120 Gaussians: GPU memory\n") != std::string::npos, "capped: " + messages);
   expect(memory->n_releases > 0, "all ranks free memory first");
   hooks = {};
   config.iterations = 29;
