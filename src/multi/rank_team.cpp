@@ -76,7 +76,7 @@ RankTeam::RankTeam(Training& training, Communicator& ranks, std::int64_t splats_
       splats_at_a_time_(splats_at_a_time),
       splats_(ranks),
       render_plan_(ranks.size()) {
-  B3DGS_CHECK(!training.hooks.wants_model, "a model of several ranks cannot be shown");
+  B3DGS_CHECK(!training.hooks.wants_model, "a training on several ranks cannot be shown");
   can_save_ = false;
   training.find_largest_filter = [&ranks](torch::Tensor& largest) {
     const torch::Tensor bits =
@@ -134,7 +134,7 @@ void RankTeam::serve_renders() {
     } catch (const InvalidGaussianError&) {
       // All ranks get this error, and rank 0 decides.
     } catch (const OutOfMemoryError&) {
-      // Likewise.
+      // All ranks get this error as well.
     }
   }
 }

@@ -13,7 +13,9 @@ namespace b3dgs {
 
 void check_options(const TrainConfig& config, torch::Device device) {
   if (config.deterministic && config.kernel == kPublishedKernel) {
-    input_error("--deterministic: --kernel published chooses by times, which differ from run to run; omit one of them");
+    input_error(
+        "--deterministic: --kernel published chooses by measured times, which differ from run to run; omit one of "
+        "them");
   }
   const KernelFamily family = family_of(evaluation_settings(config, 0).kernel);
   if (device.is_cuda() && config.deterministic && family == KernelFamily::kPaper) {
@@ -23,13 +25,13 @@ void check_options(const TrainConfig& config, torch::Device device) {
   const bool grows = config.max_gaussians == 0 && config.gaussians_per_pixel == 0;
   if (config.strategy == Strategy::kMcmc && grows && device.is_cpu()) {
     input_error("--strategy mcmc --max_gaussians 0: expected a limit on a CPU, where free memory does not limit ",
-                "growth; give one, such as --max_gaussians 1000000");
+                "growth; pass one, such as --max_gaussians 1000000");
   }
   if (config.exposure && config.bilateral_grid) {
-    input_error("--exposure and --bilateral_grid cannot be used together; the grid includes what an exposure does");
+    input_error("--exposure and --bilateral_grid cannot be used together; the grid can represent exposures, too");
   }
   if (config.train_test_exp && !config.eval) {
-    input_error("--train_test_exp: needs test views; add --eval, or leave it out");
+    input_error("--train_test_exp: needs test views; add --eval, or omit --train_test_exp");
   }
   if (!config.init_ply.empty()) holds_splats(config.init_ply);  // reads the header
 }

@@ -52,8 +52,9 @@ void check_scene_options(const TrainConfig& config, const Scene& scene) {
   for (const View& view : scene.train) {
     if (!config.antialiasing || view.camera.is_pinhole()) continue;
     const bool is_panorama = view.camera.lens.kind == LensKind::kEquirectangular;
-    input_error("--antialiasing: ", view.name, " is used in its lens, for which no filter sizes are known; remove ",
-                "--antialiasing", is_panorama ? "" : ", or undistort the photographs with --lenses undistort");
+    input_error("--antialiasing: the camera of ", view.name,
+                " is not a pinhole, and filter sizes are known for pinholes only; remove ", "--antialiasing",
+                is_panorama ? "" : ", or undistort the photographs with --lenses undistort");
   }
   if (!scene.options || config.source_path.empty()) return;
   const nlohmann::ordered_json found = compared_options(*scene.options),
@@ -148,7 +149,7 @@ std::string near_plane_warning(const std::vector<float>& points, const std::vect
   std::nth_element(depths.begin(), nearest, depths.end());
   return print_to_string(
       "%s of %s points are nearer than --near_plane %g in the views that see them, and are not rendered "
-      "there; give a smaller one, such as --near_plane %.1g",
+      "there; pass a smaller value, such as --near_plane %.1g",
       format_count(n_near).c_str(), format_count(n_seen).c_str(), near_plane, 0.1 * *nearest);
 }
 

@@ -14,7 +14,7 @@
 
 namespace b3dgs {
 
-/// Requests after a step. Any process can stop the training; the first one decides about checkpoints.
+/// Requests after a step. Any process can stop the training. The first process decides about checkpoints.
 struct StepRequests {
   bool stop = false, write_checkpoint = false;
 };

@@ -228,7 +228,7 @@ std::filesystem::path Trainer::write_checkpoint() {
 }
 
 std::filesystem::path Trainer::save() {
-  B3DGS_CHECK(state_.is_whole(), "save() of several processes");
+  B3DGS_CHECK(state_.is_whole(), "save() with several processes");
   std::filesystem::path checkpoint = write_checkpoint();
   if (!std::filesystem::exists(training_->folder.ply(state_.iteration))) {
     recorder_.set_ending(true);

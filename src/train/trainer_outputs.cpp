@@ -59,8 +59,9 @@ void Trainer::begin() {
                         {{"kernel", training_->kernels.kernel()}, {"changed_options", changed_options_}});
   }
   if (config_.kernel == kPublishedKernel && training_->device.is_cpu()) {
-    recorder_.say("--kernel published: on a CPU, the paper's balanced kernel takes up to 18 times as long a blend as " +
-                  std::string("the default; it is meant for GPUs"));
+    recorder_.say(
+        "--kernel published: on a CPU, a blend with the paper's balanced kernel takes up to 18 times as long as with " +
+        std::string("the default; it is meant for GPUs"));
   }
   if (config_.batch > 1) {
     const double root = std::sqrt(config_.batch);

@@ -123,7 +123,7 @@ MemoryRemedy Training::release_photographs() {
     const std::int64_t freed = views.images.release_resident(std::max(kAtLeast, state_bytes(state) / 4));
     if (freed == 0) return false;
     memory->release_unused();
-    recorder.say("fewer photographs stay on the GPU: memory is short");
+    recorder.say("fewer photographs stay on the GPU, because memory is short");
     return true;
   };
 }

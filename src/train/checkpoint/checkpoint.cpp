@@ -155,7 +155,7 @@ void check_resume_options(const TrainConfig& saved, int iteration, const TrainCo
   }
   if (iteration > wanted.iterations) {
     input_error(place, ": iteration ", iteration, " is beyond --iterations ", wanted.iterations,
-                "; give a larger --iterations", wanted.max_epochs > 0 ? " or --max_epochs" : "");
+                "; pass a larger --iterations", wanted.max_epochs > 0 ? " or --max_epochs" : "");
   }
 }
 

@@ -94,7 +94,7 @@ TEST_F(MaxEpochs, AResumedTrainingIsTheSame) {
   EXPECT_EQ(model().read_config().max_epochs, 0);
   const Outcome less = run_b3dgs({"train", "-m", model().root(), "--resume", "auto", "--max_epochs", "1"});
   EXPECT_EQ(less.exit_code, 2) << less.out;
-  EXPECT_NE(less.err.find("give a larger --iterations or --max_epochs"), std::string::npos) << less.err;
+  EXPECT_NE(less.err.find("pass a larger --iterations or --max_epochs"), std::string::npos) << less.err;
   EXPECT_EQ(model().ply_iterations(), (std::vector<int>{12, 16}));
 }
 
