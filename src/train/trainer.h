@@ -49,8 +49,10 @@ class Trainer {
   /// With `until` (at most config.iterations), returns after that iteration. Call it again to continue. The result is
   /// the same as that of a single run(). The device is idle when this returns, so that trainers can take turns without
   /// affecting each other's times.
-  /// @throws InputError if the folder contains the model of another training, or a photograph cannot be read; IoError
-  /// if the last files cannot be written; NumericError with iteration and view; OutOfMemoryError
+  /// @throws InputError if the folder contains the model of another training, or a photograph cannot be read
+  /// @throws IoError if the last files cannot be written
+  /// @throws NumericError with iteration and view
+  /// @throws OutOfMemoryError
   TrainResult run(std::optional<int> until = std::nullopt);
 
   /// Returns the last completed iteration.
