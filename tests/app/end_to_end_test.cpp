@@ -141,6 +141,12 @@ TEST_F(EndToEnd, ReadsOptionsFromAPipe) {
     EXPECT_EQ(config["iterations"], 3);
     EXPECT_EQ(config["seed"], 7);
   }
+  const Outcome ranks = run_b3dgs({"-c", "echo '{}' | " + shell_quote(B3DGS_PROGRAM) + " train -s " +
+                                             shell_quote(scene()) + " --ranks 2 --device cpu --config /dev/stdin"},
+                                  shell);
+  EXPECT_EQ(ranks.exit_code, 2);
+  EXPECT_EQ(ranks.err.rfind("error: --config /dev/stdin can be read only once, but each rank reads it", 0), 0u)
+      << ranks.err;
 }
 
 TEST_F(EndToEnd, DescribesASceneInATransformsFile) {
