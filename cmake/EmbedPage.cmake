@@ -31,7 +31,9 @@ foreach(file ${FILES})
 endforeach()
 string(REPLACE "@STYLE@" "${styles}" page "${page}")
 string(REPLACE "@SCRIPT@" "${scripts}" page "${page}")
-file(WRITE ${OUTPUT} "namespace b3dgs {
+# Clang warns about strings of more than 64 KiB.
+file(WRITE ${OUTPUT} "#pragma GCC diagnostic ignored \"-Woverlength-strings\"
+namespace b3dgs {
 extern const char* const ${NAME};
 const char* const ${NAME} = R\"b3dgs(${page})b3dgs\";
 }  // namespace b3dgs
