@@ -189,7 +189,7 @@ void PlyReader::read_element(const PlyElement& element, std::size_t n_columns, c
   const std::string kind = "row of element " + element.name + ",";
   const bool has_lists = std::any_of(element.properties.begin(), element.properties.end(),
                                      [](const PlyProperty& property) { return property.is_list; });
-  std::vector<double> block(kRowsPerBlock * n_columns);
+  std::vector<double> block(std::min(kRowsPerBlock, element.count) * n_columns);
   for (std::uint64_t first = 0; first < element.count; first += kRowsPerBlock) {
     const std::uint64_t n_rows = std::min(kRowsPerBlock, element.count - first);
     file_.begin_record(kind.c_str(), first, element.count);
