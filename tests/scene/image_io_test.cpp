@@ -8,6 +8,7 @@
 #include "core/check.h"
 #include "support/expect_error.h"
 #include "support/files.h"
+#include "support/formats/tiff_bytes.h"
 #include "support/temp_dir.h"
 
 namespace b3dgs {
@@ -17,6 +18,8 @@ namespace fs = std::filesystem;
 using test::fails_with;
 using test::read_bytes;
 using test::TempDir;
+using test::tiff_of;
+using test::TiffOptions;
 using test::write_bytes;
 
 Image8 noise(int width, int height, int channels) {
@@ -57,50 +60,6 @@ std::string one_row_png(int width, int bits, int color_type, const std::string& 
   const std::string header = big_endian(static_cast<std::uint32_t>(width)) + big_endian(1) + static_cast<char>(bits) +
                              static_cast<char>(color_type) + std::string(3, '\0');
   return "\x89PNG\r\n\x1a\n" + png_chunk("IHDR", header) + png_chunk("IDAT", deflated) + png_chunk("IEND", "");
-}
-
-// Returns an uncompressed TIFF. `extra` are the kinds of its last samples (ExtraSamples), 1 premultiplied and 2
-// straight alpha. Samples of 16 bits are little-endian. With `is_separate`, the planes of the samples follow each
-// other.
-std::string tiff_of(int width, int height, int bits, int n_samples, const std::vector<std::uint32_t>& extra,
-                    const std::string& samples, bool is_separate = false) {
-  const auto number = [](std::uint32_t value, int bytes) {
-    std::string text;
-    for (int i = 0; i < bytes; ++i) text += static_cast<char>(value >> 8 * i & 0xff);
-    return text;
-  };
-  const auto n = static_cast<std::uint32_t>(n_samples), n_planes = is_separate ? n : 1;
-  const auto plane_bytes = static_cast<std::uint32_t>(samples.size()) / n_planes;
-  const std::uint32_t n_entries = 10,
-                      lists = 8 + 2 + 12 * n_entries + 4;  // position of values that need more than 4 bytes
-  std::string entries, values;
-  const auto add = [&](std::uint32_t tag, int bytes_each, const std::vector<std::uint32_t>& numbers) {
-    std::string list;
-    for (const std::uint32_t value : numbers) list += number(value, bytes_each);
-    entries +=
-        number(tag, 2) + number(bytes_each == 2 ? 3 : 4, 2) + number(static_cast<std::uint32_t>(numbers.size()), 4);
-    if (list.size() > 4) {
-      entries += number(lists + static_cast<std::uint32_t>(values.size()), 4);
-      values += list;
-    } else {
-      entries += list + std::string(4 - list.size(), '\0');
-    }
-  };
-  const std::uint32_t data = lists + 64;
-  std::vector<std::uint32_t> offsets;
-  for (std::uint32_t i = 0; i < n_planes; ++i) offsets.push_back(data + i * plane_bytes);
-  add(256, 4, {static_cast<std::uint32_t>(width)});
-  add(257, 4, {static_cast<std::uint32_t>(height)});
-  add(258, 2, std::vector<std::uint32_t>(n, static_cast<std::uint32_t>(bits)));
-  add(262, 2, {n >= 3 ? 2u : 1u});  // RGB, or grey with black as 0
-  add(273, 4, offsets);
-  add(277, 2, {n});
-  add(278, 4, {static_cast<std::uint32_t>(height)});  // rows per strip
-  add(279, 4, std::vector<std::uint32_t>(n_planes, plane_bytes));
-  add(284, 2, {is_separate ? 2u : 1u});
-  add(338, 2, extra);
-  values.resize(64);
-  return std::string("II*\0", 4) + number(8, 4) + number(n_entries, 2) + entries + number(0, 4) + values + samples;
 }
 
 std::string jpeg_of(const Image8& image) {
@@ -192,6 +151,9 @@ TEST_F(ImageFile, AlphaOfATiffIsThatOfTheSamePng) {
     return twice;
   };
   const auto png = store("a.png", one_row_png(4, 8, 6, rgba)), grey_png = store("b.png", one_row_png(4, 8, 4, la));
+  TiffOptions in_planes, big;
+  in_planes.is_separate = true;
+  big.is_big = true;
   const auto expect_same = [&](const fs::path& expected, const std::string& tiff, const char* what) {
     const auto path = store("a.tif", tiff);
     for (const bool is_white : {false, true}) {
@@ -203,7 +165,8 @@ TEST_F(ImageFile, AlphaOfATiffIsThatOfTheSamePng) {
   };
   expect_same(png, tiff_of(4, 1, 8, 4, {2}, rgba), "8 bits, straight");
   expect_same(png, tiff_of(4, 1, 8, 4, {1}, premultiplied), "8 bits, premultiplied");
-  expect_same(png, tiff_of(4, 1, 8, 4, {2}, planes, true), "8 bits, straight, in planes");
+  expect_same(png, tiff_of(4, 1, 8, 4, {2}, planes, in_planes), "8 bits, straight, in planes");
+  expect_same(png, tiff_of(4, 1, 8, 4, {1}, premultiplied, big), "BigTIFF");
   expect_same(png, tiff_of(4, 1, 16, 4, {2}, deep(rgba)), "16 bits, straight");
   expect_same(png, tiff_of(4, 1, 16, 4, {1}, deep(premultiplied)), "16 bits, premultiplied");
   expect_same(grey_png, tiff_of(4, 1, 8, 2, {2}, la), "8 bits, grey, straight");
@@ -252,16 +215,16 @@ TEST_F(ImageFile, ExifOrientationIsIgnored) {
 }
 
 TEST_F(ImageFile, ATiffIsNotTurned) {
-  std::string tiff = tiff_of(4, 2, 8, 3, {0}, std::string("abcdefghijklmnopqrstuvwx"));
-  // The last entry becomes the orientation instead of ExtraSamples.
-  const std::size_t last = 8 + 2 + 9 * 12;
-  tiff[last] = '\x12';
-  tiff[last + 8] = '\6';
-  const auto path = store("a.tif", tiff);
-  EXPECT_EQ(read_orientation(path), 6);
-  EXPECT_EQ(read_image_size(path), (ImageSize{4, 2}));
-  const Image8 image = read_image(path, false);
-  EXPECT_EQ(std::string(image.pixels.begin(), image.pixels.end()), "abcdefghijklmnopqrstuvwx");
+  for (const bool is_big : {false}) {
+    TiffOptions options;
+    options.is_big = is_big;
+    options.orientation = 6;
+    const auto path = store("a.tif", tiff_of(4, 2, 8, 3, {}, "abcdefghijklmnopqrstuvwx", options));
+    EXPECT_EQ(read_orientation(path), 6);
+    EXPECT_EQ(read_image_size(path), (ImageSize{4, 2}));
+    const Image8 image = read_image(path, false);
+    EXPECT_EQ(std::string(image.pixels.begin(), image.pixels.end()), "abcdefghijklmnopqrstuvwx");
+  }
 }
 
 TEST_F(ImageFile, JpegTruncatedAnywhereIsRejected) {
@@ -330,19 +293,95 @@ TEST_F(ImageFile, SizeIsReadFromTheHeader) {
     EXPECT_EQ(read_image_size(path).width, 33);
     EXPECT_EQ(read_image_size(path).height, 17);
   }
-  const auto pgm = store("c.pgm", "P5 3 2 255\nabcdef");  // through the decoder
-  EXPECT_EQ(read_image_size(pgm).width, 3);
-  EXPECT_EQ(read_image_size(pgm).height, 2);
 }
 
-TEST_F(ImageFile, MorePixelsThanCanBeDecodedAreRejected) {
-  const std::string header = big_endian(1 << 15) + big_endian((1 << 15) + 1) + std::string("\x08\x02\0\0\0", 5);
-  const std::string png = "\x89PNG\r\n\x1a\n" + png_chunk("IHDR", header) + png_chunk("IEND", "");
-  const auto path = store("a.png", png), large = store("b.png", png + std::string(1 << 21, '\0'));
-  for (const auto& [file, most] : {std::pair(path, "268435456 px in a file of 45 bytes"), {large, "1073741824 px"}}) {
-    const std::initializer_list<std::string> parts{file.string(), most, "32768 x 32769"};
-    EXPECT_TRUE(fails_with<InputError>(parts, [&] { read_image_size(file); }));
-    EXPECT_TRUE(fails_with<InputError>(parts, [&] { read_image(file, false); }));
+std::string png_of_size(std::uint32_t width, std::uint32_t height) {
+  const std::string header = big_endian(width) + big_endian(height) + std::string("\x08\x02\0\0\0", 5);
+  return "\x89PNG\r\n\x1a\n" + png_chunk("IHDR", header) + png_chunk("IEND", "");
+}
+
+TEST_F(ImageFile, SizeIsReadFromTheHeaderOfEveryFormat) {
+  const cv::Mat image(7, 13, CV_8UC3, cv::Scalar(1, 2, 3));
+  for (const char* name : {"a.bmp", "a.tif", "a.ppm", "a.pgm", "a.pbm", "lossy.webp", "lossless.webp"}) {
+    const fs::path path = folder_ / name;
+    cv::Mat grey;
+    cv::extractChannel(image, grey, 0);
+    const bool is_grey = path.extension() == ".pgm" || path.extension() == ".pbm";
+    ASSERT_TRUE(
+        cv::imwrite(path.string(), is_grey ? grey : image, {cv::IMWRITE_WEBP_QUALITY, name[4] == 'y' ? 90 : 101}));
+    const std::string bytes = read_bytes(path);
+    EXPECT_EQ(image_size_from_header({bytes.begin(), bytes.end()}), (ImageSize{13, 7})) << name;
+    EXPECT_EQ(read_image(path, false).size(), (ImageSize{13, 7})) << name;
+  }
+}
+
+// None of these files may be decoded, which would take gigabytes.
+TEST_F(ImageFile, ASizeThatTheFileDoesNotJustifyIsRejected) {
+  const auto little = [](std::uint32_t value, int bytes) {
+    const std::string text = big_endian(value);
+    return std::string(text.rbegin(), text.rend()).substr(0, static_cast<std::size_t>(bytes));
+  };
+  constexpr std::uint32_t kSide = 60000, kWebpSide = 16383;
+  TiffOptions big, tiled, strip;
+  big.is_big = true;
+  tiled.tile = 1 << 14;
+  strip.rows_per_strip = 1 << 28;
+  strip.is_separate = true;  // libtiff divides a single strip
+  const std::string side = little(kSide, 4), top_down = little(~kSide + 1, 4), zeros(64, '\0');
+  const std::string jpeg_frame =
+      std::string("\xff\xd8\xff\xc0\0\x11\x08\xea\x60\xea\x60\3\1\x11\0\2\x11\0\3\x11\0", 21);
+  const std::string scan("\xff\xda\0\x0c\3\1\0\2\0\3\0\0?\0abc\xff\xd9", 19);
+  const std::string canvas = little(kWebpSide - 1, 3) + little(kWebpSide - 1, 3);
+  const std::pair<std::string, std::string> files[] = {
+      {png_of_size(kSide, kSide), "60000 x 60000"},
+      {jpeg_frame + scan, "60000 x 60000"},
+      // A marker without a segment, which must not hide the frame that follows.
+      {jpeg_frame.substr(0, 2) + "\xff\x01" + jpeg_frame.substr(2) + scan, "60000 x 60000"},
+      {"BM" + zeros.substr(0, 12) + little(40, 4) + side + side + zeros, "60000 x 60000"},
+      {"BM" + zeros.substr(0, 12) + little(40, 4) + side + top_down + zeros, "60000 x 60000"},
+      {"BM" + zeros.substr(0, 12) + little(12, 4) + side.substr(0, 2) + side.substr(0, 2) + zeros, "60000 x 60000"},
+      {"P6 60000\n# 1 x 1\n60000 255\n", "60000 x 60000"},
+      {"P4\t60000 60000\n", "60000 x 60000"},
+      {"P6 60000# 60000 \n1 255\n", "60000 x 60000"},
+      {tiff_of(kSide, kSide, 8, 3, {}, zeros), "60000 x 60000"},
+      {tiff_of(kSide, kSide, 8, 4, {1}, zeros), "60000 x 60000"},
+      {tiff_of(kSide, kSide, 16, 1, {}, zeros, big), "60000 x 60000"},
+      {tiff_of(4, 4, 8, 3, {}, zeros, tiled), "a tile or strip of 16384 x 16384"},
+      {tiff_of(4, 4, 8, 4, {1}, zeros, tiled), "a tile or strip of 16384 x 16384"},
+      {tiff_of(4, 4, 8, 3, {}, zeros, strip), "a tile or strip of 4 x 268435456"},
+      {"RIFF" + zeros.substr(0, 4) + "WEBPVP8X" + little(10, 4) + zeros.substr(0, 4) + canvas, "16383 x 16383"},
+      {"RIFF" + zeros.substr(0, 4) + "WEBPVP8 " + zeros.substr(0, 10) + little(kWebpSide, 2) + little(kWebpSide, 2),
+       "16383 x 16383"},
+      {"RIFF" + zeros.substr(0, 4) + "WEBPVP8L" + zeros.substr(0, 4) + "/" + little(0xfffffff, 4) + zeros,
+       "16384 x 16384"},
+  };
+  for (const auto& [bytes, found] : files) {
+    const auto path = store("a", bytes);
+    const std::initializer_list<std::string> parts{path.string(), "expected at most 67108864 px in a file of ", found};
+    EXPECT_TRUE(fails_with<InputError>(parts, [&] { read_image(path, false); })) << found;
+    EXPECT_TRUE(fails_with<InputError>(parts, [&] { read_depth_map(path); })) << found;
+    if (found[0] == 'a') continue;  // the image itself is small
+    EXPECT_TRUE(fails_with<InputError>(parts, [&] { read_image_size(path); })) << found;
+  }
+}
+
+TEST_F(ImageFile, TheSizeMayGrowWithTheFile) {
+  const auto path = store("a.png", png_of_size(1 << 14, 1 << 14) + std::string(1 << 16, '\0'));
+  EXPECT_EQ(read_image_size(path), (ImageSize{1 << 14, 1 << 14}));
+  const auto large = store("b.png", png_of_size(1 << 15, (1 << 15) + 1) + std::string(1 << 21, '\0'));
+  EXPECT_TRUE(
+      fails_with<InputError>({large.string(), "1073741824 px", "32768 x 32769"}, [&] { read_image_size(large); }));
+}
+
+TEST_F(ImageFile, FormatsWhoseSizeCannotBeCheckedAreNotDecoded) {
+  const auto radiance = store("a.hdr", "#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 60000 +X 60000\n");
+  const auto exr = store("a.exr", std::string("v/1\1\2\0\0\0channels\0chlist\0", 24));
+  for (const fs::path& path : {radiance, exr}) {
+    const std::initializer_list<std::string> parts{path.string(),
+                                                   "expected the header of a JPEG, PNG, BMP, TIFF, WebP"};
+    EXPECT_TRUE(fails_with<InputError>(parts, [&] { read_image(path, false); }));
+    EXPECT_TRUE(fails_with<InputError>(parts, [&] { read_depth_map(path); }));
+    EXPECT_TRUE(fails_with<InputError>(parts, [&] { read_image_size(path); }));
   }
 }
 

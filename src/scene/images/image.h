@@ -56,12 +56,12 @@ bool has_same_aspect(ImageSize other, ImageSize size);
 /// Returns whether they are equal only if the sides of `other` are swapped.
 bool is_turned(ImageSize other, ImageSize size);
 
-// Size and completeness of JPEG and PNG files, without decoding them. OpenCV decodes the whole image to return its
-// size, and fills the missing part of a truncated JPEG with grey. Also the EXIF orientation of JPEG files, with which a
-// camera that was held upright marks that its image lies on its side.
+// Size of image files, and completeness of JPEG and PNG files, without decoding them. OpenCV decodes the whole image to
+// return its size, and fills the missing part of a truncated JPEG with grey. Also the EXIF orientation of JPEG files,
+// with which a camera that was held upright marks that its image lies on its side.
 
-/// Returns the size from the first bytes of a JPEG or PNG file. Returns nothing for other formats, or if the size comes
-/// later in the file.
+/// Returns the size from the first bytes of a JPEG, PNG, BMP, TIFF, WebP or PNM (PBM, PGM, PPM) file. Returns nothing
+/// for other formats, or if the size comes later in the file.
 std::optional<ImageSize> image_size_from_header(const std::vector<std::uint8_t>& beginning);
 
 /// Returns why the bytes of a file are not a complete JPEG or PNG ("the PNG ends before ..."). Returns "" if they seem
@@ -87,9 +87,10 @@ std::optional<std::vector<std::uint8_t>> turned_upright(const std::vector<std::u
 
 // Reads and writes image files with OpenCV. Images are RGB here, not BGR as in OpenCV.
 
-/// Reads JPEG, PNG, PNM and other formats as 8-bit RGB. Grey is copied to all channels, 16 bits are reduced to 8, and
-/// alpha is composited on white or black. The EXIF orientation is ignored, as in COLMAP. @throws InputError with the
-/// file's name if it is missing or damaged
+/// Reads the formats of image_size_from_header() as 8-bit RGB. Grey is copied to all channels, 16 bits are reduced to
+/// 8, and alpha is composited on white or black. The EXIF orientation is ignored, as in COLMAP. @throws InputError with
+/// the file's name if it is missing or damaged, or claims a size that would take far more memory than the file
+/// justifies
 Image8 read_image(const std::filesystem::path& path, bool white_background);
 
 /// Does the same, but writes to 3 x width x height bytes. `size` is that of read_image_size(). @throws InputError also
@@ -99,7 +100,7 @@ void read_image_into(const std::filesystem::path& path, bool white_background, I
 /// Returns the alpha channel in 8 bits, or nothing if the image has none. @throws InputError as read_image()
 std::optional<Image8> read_alpha(const std::filesystem::path& path);
 
-/// Returns the size of an image file, from its header where possible. @throws InputError
+/// Returns the size of an image file from its header. @throws InputError as read_image()
 ImageSize read_image_size(const std::filesystem::path& path);
 
 /// Reads the EXIF orientation of a JPEG, PNG, WebP or TIFF file (exif_orientation()). @throws InputError

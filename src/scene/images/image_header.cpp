@@ -2,15 +2,18 @@
 
 #include <algorithm>
 #include <array>
+#include <cctype>
 #include <cmath>
 #include <cstdlib>
 #include <cstring>
+#include <limits>
 #include <opencv2/core.hpp>
 #include <opencv2/imgcodecs.hpp>
 #include <string_view>
 
 #include "core/check.h"
 #include "core/files/file_reader.h"
+#include "scene/images/tiff.h"
 
 namespace b3dgs {
 namespace {
@@ -19,10 +22,19 @@ using Bytes = std::vector<std::uint8_t>;
 
 constexpr std::array<std::uint8_t, 8> kPngSignature{0x89, 'P', 'N', 'G', '\r', '\n', 0x1a, '\n'};
 
-std::uint32_t value_at(const Bytes& bytes, std::size_t at, std::size_t count, bool is_little_endian = false) {
-  std::uint32_t value = 0;
+std::uint64_t value_at(const Bytes& bytes, std::size_t at, std::size_t count, bool is_little_endian = false) {
+  std::uint64_t value = 0;
   for (std::size_t i = 0; i < count; ++i) value = value << 8 | bytes[is_little_endian ? at + count - 1 - i : at + i];
   return value;
+}
+
+bool has_text(const Bytes& bytes, std::size_t at, std::string_view text) {
+  return at <= bytes.size() && bytes.size() - at >= text.size() &&
+         std::memcmp(bytes.data() + at, text.data(), text.size()) == 0;
+}
+
+bool is_webp(const Bytes& bytes) {
+  return has_text(bytes, 0, "RIFF") && has_text(bytes, 8, "WEBP");
 }
 
 bool is_png(const Bytes& bytes) {
@@ -34,7 +46,8 @@ bool is_jpeg(const Bytes& bytes) {
 }
 
 // Second bytes of JPEG markers, after 0xff (ITU-T T.81, table B.1).
-constexpr std::uint8_t kEndOfImage = 0xd9, kStartOfScan = 0xda, kApp0 = 0xe0, kApp1 = 0xe1, kApp2 = 0xe2;
+constexpr std::uint8_t kTemporary = 0x01, kEndOfImage = 0xd9, kStartOfScan = 0xda, kApp0 = 0xe0, kApp1 = 0xe1,
+                       kApp2 = 0xe2;
 bool is_restart(std::uint8_t marker) {
   return marker >= 0xd0 && marker <= 0xd7;
 }
@@ -58,7 +71,8 @@ std::vector<Segment> segments_of(const Bytes& bytes) {
     while (at < bytes.size() && bytes[at] == 0xff) ++at;
     if (at == bytes.size()) break;
     const std::uint8_t marker = bytes[at++];
-    if (marker == 0 || is_restart(marker)) continue;  // an escaped data byte 0xff; no segment follows
+    // An escaped data byte 0xff, or a marker that no segment follows.
+    if (marker == 0 || marker == kTemporary || is_restart(marker)) continue;
     const bool is_end = marker == kEndOfImage;
     if (!is_end && at + 2 > bytes.size()) break;
     const std::size_t length = is_end ? 0 : value_at(bytes, at, 2);
@@ -97,11 +111,6 @@ struct Orientation {
   int value = kUpright;
 };
 
-bool is_tiff(const Bytes& bytes) {
-  return bytes.size() >= 8 && bytes[0] == bytes[1] && (bytes[0] == 'I' || bytes[0] == 'M') &&
-         value_at(bytes, 2, 2, bytes[0] == 'I') == 42;
-}
-
 /// TIFF 6.0, section 2: a header of 8 bytes, then a directory of entries of 12 bytes each. EXIF has the same form.
 std::optional<Orientation> orientation_in_tiff(const Bytes& bytes, std::size_t tiff, std::size_t end) {
   constexpr std::size_t kEntryBytes = 12;
@@ -129,19 +138,16 @@ std::optional<Orientation> find_orientation(const Bytes& bytes) {
     if (const auto found = orientation_in_tiff(bytes, segment.begin + 4 + kExif.size(), segment.end)) return found;
   }
   if (is_tiff(bytes)) return orientation_in_tiff(bytes, 0, bytes.size());
-  const auto has_text = [&](std::size_t at, std::string_view text) {
-    return at + text.size() <= bytes.size() && std::memcmp(bytes.data() + at, text.data(), text.size()) == 0;
-  };
   // Chunks have a name and a length. In PNG, the length comes first, and a checksum follows.
-  const bool is_webp = has_text(0, "RIFF") && has_text(8, "WEBP");
-  if (!is_webp && !is_png(bytes)) return std::nullopt;
-  for (std::size_t at = is_webp ? 12 : kPngSignature.size(); at + 8 <= bytes.size();) {
-    const std::size_t length = value_at(bytes, is_webp ? at + 4 : at, 4, /*is_little_endian=*/is_webp), begin = at + 8;
+  const bool is_riff = is_webp(bytes);
+  if (!is_riff && !is_png(bytes)) return std::nullopt;
+  for (std::size_t at = is_riff ? 12 : kPngSignature.size(); at + 8 <= bytes.size();) {
+    const std::size_t length = value_at(bytes, is_riff ? at + 4 : at, 4, /*is_little_endian=*/is_riff), begin = at + 8;
     if (length > bytes.size() - begin) return std::nullopt;
-    if (has_text(is_webp ? at : at + 4, is_webp ? "EXIF" : "eXIf")) {
-      return orientation_in_tiff(bytes, begin + (has_text(begin, kExif) ? kExif.size() : 0), begin + length);
+    if (has_text(bytes, is_riff ? at : at + 4, is_riff ? "EXIF" : "eXIf")) {
+      return orientation_in_tiff(bytes, begin + (has_text(bytes, begin, kExif) ? kExif.size() : 0), begin + length);
     }
-    at = begin + length + (is_webp ? length % 2 : 4);
+    at = begin + length + (is_riff ? length % 2 : 4);
   }
   return std::nullopt;
 }
@@ -163,6 +169,54 @@ cv::Mat upright(const cv::Mat& stored, int orientation) {
   return image;
 }
 
+ImageSize to_size(std::uint64_t width, std::uint64_t height) {
+  constexpr std::uint64_t kMost = std::numeric_limits<int>::max();
+  return width > kMost || height > kMost ? ImageSize{} : ImageSize{static_cast<int>(width), static_cast<int>(height)};
+}
+
+/// Windows' header, whose height is negative if the upper row comes first, or the 12 bytes of OS/2.
+ImageSize bmp_size(const Bytes& bytes) {
+  if (bytes.size() < 26) return {};
+  const bool is_short = value_at(bytes, 14, 4, true) == 12;
+  const std::size_t n = is_short ? 2 : 4;
+  const std::uint64_t height = value_at(bytes, 18 + n, n, true), sign = std::uint64_t{1} << 31;
+  return to_size(value_at(bytes, 18, n, true), height < sign ? height : 2 * sign - height);
+}
+
+/// RFC 9649: an extended, lossless or lossy file.
+ImageSize webp_size(const Bytes& bytes) {
+  if (bytes.size() < 30) return {};
+  if (has_text(bytes, 12, "VP8X")) return to_size(value_at(bytes, 24, 3, true) + 1, value_at(bytes, 27, 3, true) + 1);
+  constexpr std::uint64_t kSide = (1 << 14) - 1;
+  if (has_text(bytes, 12, "VP8 "))
+    return to_size(value_at(bytes, 26, 2, true) & kSide, value_at(bytes, 28, 2, true) & kSide);
+  if (!has_text(bytes, 12, "VP8L")) return {};
+  const std::uint64_t sides = value_at(bytes, 21, 4, true);
+  return to_size((sides & kSide) + 1, (sides >> 14 & kSide) + 1);
+}
+
+bool is_pnm(const Bytes& bytes) {
+  return bytes.size() >= 3 && bytes[0] == 'P' && bytes[1] >= '1' && bytes[1] <= '6' && std::isspace(bytes[2]) != 0;
+}
+
+/// After the first two bytes, width and height as text, with comments from # to the end of the line. As in OpenCV, one
+/// byte of any value ends a number, so a # there does not begin a comment.
+ImageSize pnm_size(const Bytes& bytes) {
+  constexpr std::uint64_t kMost = std::uint64_t{1} << 31;
+  std::array<std::uint64_t, 2> sides{};
+  std::size_t at = 2;
+  for (std::uint64_t& side : sides) {
+    bool is_comment = false;
+    for (; at < bytes.size() && (is_comment || std::isdigit(bytes[at]) == 0); ++at) {
+      if (!is_comment && bytes[at] != '#' && std::isspace(bytes[at]) == 0) return {};
+      is_comment = is_comment ? bytes[at] != '\n' && bytes[at] != '\r' : bytes[at] == '#';
+    }
+    for (; at < bytes.size() && std::isdigit(bytes[at]) != 0; ++at) side = std::min(kMost, 10 * side + bytes[at] - '0');
+    ++at;
+  }
+  return at <= bytes.size() ? to_size(sides[0], sides[1]) : ImageSize{};
+}
+
 bool is_divisor(int resolution) {
   return resolution == 1 || resolution == 2 || resolution == 4 || resolution == 8;
 }
@@ -172,17 +226,25 @@ bool is_divisor(int resolution) {
 std::optional<ImageSize> image_size_from_header(const Bytes& bytes) {
   ImageSize size;
   if (is_png(bytes)) {
-    if (bytes.size() < 24) return std::nullopt;  // IHDR is the first chunk: width at byte 16, height at 20
-    size = {static_cast<int>(value_at(bytes, 16, 4)), static_cast<int>(value_at(bytes, 20, 4))};
+    if (bytes.size() < 24 || !has_text(bytes, 12, "IHDR")) return std::nullopt;  // the first chunk
+    size = to_size(value_at(bytes, 16, 4), value_at(bytes, 20, 4));
   } else if (is_jpeg(bytes)) {
     for (const Segment& segment : segments_of(bytes)) {
       if (segment.marker == kStartOfScan) break;
       if (!is_start_of_frame(segment.marker)) continue;
       if (segment.end - segment.begin < 9) break;
-      size = {static_cast<int>(value_at(bytes, segment.begin + 7, 2)),
-              static_cast<int>(value_at(bytes, segment.begin + 5, 2))};  // after marker, length and precision
+      // after marker, length and precision
+      size = to_size(value_at(bytes, segment.begin + 7, 2), value_at(bytes, segment.begin + 5, 2));
       break;
     }
+  } else if (const auto tiff = tiff_size(bytes)) {
+    size = tiff->image;
+  } else if (is_webp(bytes)) {
+    size = webp_size(bytes);
+  } else if (is_pnm(bytes)) {
+    size = pnm_size(bytes);
+  } else if (has_text(bytes, 0, "BM")) {
+    size = bmp_size(bytes);
   }
   if (size.width <= 0 || size.height <= 0) return std::nullopt;
   return size;

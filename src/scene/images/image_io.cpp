@@ -5,13 +5,12 @@
 #include <opencv2/core.hpp>
 #include <opencv2/imgcodecs.hpp>
 #include <opencv2/imgproc.hpp>
-#include <utility>
 
 #include "core/check.h"
 #include "core/files/atomic_file.h"
 #include "core/files/file_reader.h"
 #include "core/text.h"
-#include "scene/images/tiff_alpha.h"
+#include "scene/images/tiff.h"
 
 namespace b3dgs {
 namespace {
@@ -20,8 +19,9 @@ namespace fs = std::filesystem;
 using Bytes = std::vector<std::uint8_t>;
 
 constexpr std::int64_t kMostPixels = std::int64_t{1} << 30;  // OpenCV decodes no larger images
-// A small file can claim any size. Hardly any mask, even with 1 bit per pixel, exceeds both limits.
-constexpr std::int64_t kManyPixels = std::int64_t{1} << 28, kManyForAByte = 6000;
+// A small file can claim any size. The compression of PNG reaches 8256 pixels for a byte, with 1 bit per pixel. Only
+// large masks of a single colour in WebP or TIFF exceed both limits.
+constexpr std::int64_t kManyPixels = std::int64_t{1} << 26, kManyForAByte = 8300;
 
 // The size is usually within these bytes, but a long EXIF segment can push it further back.
 constexpr std::size_t kHeaderBytes = std::size_t{1} << 16;
@@ -32,12 +32,19 @@ Bytes read_bytes(FileReader& file, std::size_t at_most) {
   return bytes;
 }
 
-void check_size(const fs::path& path, ImageSize size, std::uint64_t n_bytes) {
+void check_size(const fs::path& path, ImageSize size, std::uint64_t n_bytes, const char* what = "") {
   const std::int64_t most =
       std::min(kMostPixels, std::max(kManyPixels, kManyForAByte * static_cast<std::int64_t>(n_bytes)));
   if (std::int64_t{size.width} * size.height <= most) return;
-  input_error(path.string(), ": expected at most ", most, " px in a file of ", n_bytes, " bytes, found ", size.width,
-              " x ", size.height, "; reduce the image or remove it from the scene");
+  input_error(path.string(), ": expected at most ", most, " px in a file of ", n_bytes, " bytes, found ", what,
+              size.width, " x ", size.height, "; reduce the image or remove it from the scene");
+}
+
+// OpenCV reads more formats, but not their sizes without decoding them.
+ImageSize size_from_header(const fs::path& path, const Bytes& bytes) {
+  if (const auto size = image_size_from_header(bytes)) return *size;
+  input_error(path.string(), ": cannot be decoded: expected the header of a JPEG, PNG, BMP, TIFF, WebP or PNM image, ",
+              "found other bytes; the file is damaged or of another format: convert it to PNG or JPEG, or remove it");
 }
 
 // Keeps the file's channels and depth, since the decoders' own conversions differ from those documented for
@@ -45,20 +52,20 @@ void check_size(const fs::path& path, ImageSize size, std::uint64_t n_bytes) {
 cv::Mat decode(const fs::path& path, Bytes bytes) {
   const std::string damage = image_damage(bytes);
   if (!damage.empty()) input_error(path.string(), ": ", damage, "; copy the image again or remove it from the scene");
-  if (const auto size = image_size_from_header(bytes)) check_size(path, *size, bytes.size());
+  check_size(path, size_from_header(path, bytes), bytes.size());
+  if (const auto tiff = tiff_size(bytes)) check_size(path, tiff->part, bytes.size(), "a tile or strip of ");
   clear_tiff_orientation(bytes);
   cv::Mat image;
   std::string reason;
   try {
-    const auto check = [&](ImageSize size) { check_size(path, size, bytes.size()); };
-    std::optional<cv::Mat> with_alpha = decode_tiff_with_alpha(bytes, check);
+    std::optional<cv::Mat> with_alpha = decode_tiff_with_alpha(bytes);
     image = with_alpha ? *with_alpha : cv::imdecode(bytes, cv::IMREAD_UNCHANGED);  // also ignores the EXIF orientation
   } catch (const cv::Exception& error) {
     reason = error.err.empty() ? "" : " (" + error.err + ")";
   }
   if (image.empty()) {
     input_error(path.string(), ": cannot be decoded", reason,
-                "; the file is damaged or of an unknown image format: convert it to PNG or JPEG, or remove it");
+                "; the file is damaged or of an unusual kind: convert it to PNG or JPEG, or remove it");
   }
   return image;
 }
@@ -164,11 +171,7 @@ ImageSize read_image_size(const fs::path& path) {
   if (!size) {
     const Bytes more = read_bytes(file, file.remaining());
     bytes.insert(bytes.end(), more.begin(), more.end());
-    size = image_size_from_header(bytes);
-  }
-  if (!size) {
-    const cv::Mat image = decode(path, std::move(bytes));
-    size = ImageSize{image.cols, image.rows};
+    size = size_from_header(path, bytes);
   }
   check_size(path, *size, n_bytes);
   return *size;

@@ -1,4 +1,4 @@
-#include "scene/images/tiff_alpha.h"
+#include "scene/images/tiff.h"
 
 #include <tiffio.h>
 
@@ -197,15 +197,44 @@ cv::Mat to_bgra(const cv::Mat& samples, Layout layout) {
 
 }  // namespace
 
-std::optional<cv::Mat> decode_tiff_with_alpha(const Bytes& bytes, const std::function<void(ImageSize)>& check) {
-  const bool is_tiff = bytes.size() > 8 && bytes[0] == bytes[1] && (bytes[0] == 'I' || bytes[0] == 'M');
-  if (!is_tiff) return std::nullopt;
+bool is_tiff(const Bytes& bytes) {
+  constexpr std::uint8_t kClassic = 42, kBig = 43;
+  if (bytes.size() < 8 || bytes[0] != bytes[1] || (bytes[0] != 'I' && bytes[0] != 'M')) return false;
+  const std::uint8_t low = bytes[bytes[0] == 'I' ? 2 : 3], high = bytes[bytes[0] == 'I' ? 3 : 2];
+  return high == 0 && (low == kClassic || low == kBig);
+}
+
+std::optional<TiffSize> tiff_size(const Bytes& bytes) {
+  if (!is_tiff(bytes)) return std::nullopt;
+  Memory memory{bytes};
+  const Tiff tiff = open_tiff(memory);
+  std::uint32_t width = 0, height = 0;
+  if (!tiff || TIFFGetField(tiff.get(), TIFFTAG_IMAGEWIDTH, &width) == 0 ||
+      TIFFGetField(tiff.get(), TIFFTAG_IMAGELENGTH, &height) == 0) {
+    return std::nullopt;
+  }
+  std::uint32_t part_width = width, part_height = height;
+  if (TIFFIsTiled(tiff.get()) != 0) {
+    TIFFGetField(tiff.get(), TIFFTAG_TILEWIDTH, &part_width);
+    TIFFGetField(tiff.get(), TIFFTAG_TILELENGTH, &part_height);
+  } else {
+    constexpr auto kAllRows = std::numeric_limits<std::uint32_t>::max();
+    TIFFGetFieldDefaulted(tiff.get(), TIFFTAG_ROWSPERSTRIP, &part_height);
+    if (part_height == kAllRows) part_height = height;
+  }
+  constexpr std::uint32_t kMost = std::numeric_limits<int>::max();
+  if (std::max({width, height, part_width, part_height}) > kMost) return std::nullopt;
+  return TiffSize{{static_cast<int>(width), static_cast<int>(height)},
+                  {static_cast<int>(part_width), static_cast<int>(part_height)}};
+}
+
+std::optional<cv::Mat> decode_tiff_with_alpha(const Bytes& bytes) {
+  if (!is_tiff(bytes)) return std::nullopt;
   Memory memory{bytes};
   const Tiff tiff = open_tiff(memory);
   if (!tiff) return std::nullopt;
   const std::optional<Layout> layout = layout_of(tiff.get());
   if (!layout) return std::nullopt;
-  check(layout->size);
   cv::Mat samples(layout->size.height, layout->size.width, layout->type());
   if (!read_samples(tiff.get(), *layout, samples)) return cv::Mat();
   return layout->bits == 8 ? to_bgra<std::uint8_t>(samples, *layout) : to_bgra<std::uint16_t>(samples, *layout);
