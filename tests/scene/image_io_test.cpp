@@ -215,7 +215,7 @@ TEST_F(ImageFile, ExifOrientationIsIgnored) {
 }
 
 TEST_F(ImageFile, ATiffIsNotTurned) {
-  for (const bool is_big : {false}) {
+  for (const bool is_big : {false, true}) {
     TiffOptions options;
     options.is_big = is_big;
     options.orientation = 6;

@@ -106,28 +106,32 @@ using namespace std::string_view_literals;
 constexpr std::string_view kExif = "Exif\0\0"sv, kColorProfile = "ICC_PROFILE\0"sv;
 
 struct Orientation {
-  std::size_t at = 0;  // position of its two bytes
-  bool is_little_endian = false;
+  std::size_t at = 0;  // position of its directory entry
+  bool is_little_endian = false, is_big_tiff = false;
   int value = kUpright;
 };
 
-/// TIFF 6.0, section 2: a header of 8 bytes, then a directory of entries of 12 bytes each. EXIF has the same form.
+/// TIFF 6.0, section 2: a header of 8 bytes, then a directory of entries of 12 bytes each. EXIF has the same form. In
+/// BigTIFF, the header has 16 bytes, entries have 20, and counts and positions have 8.
 std::optional<Orientation> orientation_in_tiff(const Bytes& bytes, std::size_t tiff, std::size_t end) {
-  constexpr std::size_t kEntryBytes = 12;
-  constexpr std::uint32_t kOrientationTag = 0x0112, kShort = 3;
-  if (tiff + 8 > end) return std::nullopt;
+  constexpr std::uint64_t kOrientationTag = 0x0112, kBigTiff = 43;
+  constexpr std::array<std::size_t, 5> kTypeBytes{0, 1, 0, 2, 4};  // byte, short and long
+  if (tiff + 16 > end) return std::nullopt;
   const bool is_little = bytes[tiff] == 'I';
   if (bytes[tiff + 1] != bytes[tiff] || (!is_little && bytes[tiff] != 'M')) return std::nullopt;
   const auto number = [&](std::size_t at, std::size_t count) { return value_at(bytes, at, count, is_little); };
-  const std::size_t directory = tiff + number(tiff + 4, 4);
-  if (directory + 2 > end) return std::nullopt;
-  std::size_t entry = directory + 2;
-  for (std::size_t left = number(directory, 2); left > 0; --left, entry += kEntryBytes) {
-    if (entry + kEntryBytes > end) return std::nullopt;
-    if (number(entry, 2) != kOrientationTag || number(entry + 2, 2) != kShort) continue;
-    const auto value = static_cast<int>(number(entry + 8, 2));
-    if (value < 1 || value > 8) return std::nullopt;
-    return Orientation{entry + 8, is_little, value};
+  const bool is_big = number(tiff + 2, 2) == kBigTiff;
+  const std::size_t count_bytes = is_big ? 8 : 2, entry_bytes = is_big ? 20 : 12;
+  const std::uint64_t directory = is_big ? number(tiff + 8, 8) : number(tiff + 4, 4);
+  if (directory > end - tiff || count_bytes > end - tiff - directory) return std::nullopt;
+  std::size_t entry = tiff + directory + count_bytes;
+  for (std::uint64_t left = number(tiff + directory, count_bytes); left > 0; --left, entry += entry_bytes) {
+    if (entry_bytes > end - entry) return std::nullopt;
+    if (number(entry, 2) != kOrientationTag) continue;
+    const std::uint64_t type = number(entry + 2, 2);
+    const std::size_t n_bytes = type < kTypeBytes.size() ? kTypeBytes[type] : 0;
+    const std::uint64_t value = number(entry + (is_big ? 12 : 8), n_bytes);
+    return Orientation{entry, is_little, is_big, value >= 1 && value <= 8 ? static_cast<int>(value) : kUpright};
   }
   return std::nullopt;
 }
@@ -152,9 +156,22 @@ std::optional<Orientation> find_orientation(const Bytes& bytes) {
   return std::nullopt;
 }
 
+/// Replaces the entry, because libtiff accepts more types than those that are read here.
 void set_upright(const Orientation& orientation, Bytes& bytes) {
-  bytes[orientation.at] = orientation.is_little_endian ? kUpright : 0;
-  bytes[orientation.at + 1] = orientation.is_little_endian ? 0 : kUpright;
+  std::size_t at = orientation.at + 2;
+  const auto put = [&](std::uint64_t value, std::size_t n_bytes) {
+    for (std::size_t i = 0; i < n_bytes; ++i) {
+      const std::size_t place = orientation.is_little_endian ? i : n_bytes - 1 - i;
+      bytes[at + place] = static_cast<std::uint8_t>(value >> 8 * i);
+    }
+    at += n_bytes;
+  };
+  constexpr std::uint64_t kShort = 3;
+  const std::size_t n_bytes = orientation.is_big_tiff ? 8 : 4;
+  put(kShort, 2);
+  put(1, n_bytes);
+  put(kUpright, 2);
+  put(0, n_bytes - 2);
 }
 
 /// Turns an image as EXIF 2.3 defines the values: where row 0 and column 0 of the stored image belong. OpenCV would
