@@ -1,4 +1,4 @@
-// Size and completeness of JPEG and PNG files.
+// Sizes in the headers of image files, and completeness of JPEG and PNG.
 #include "scene/images/image.h"
 
 #include "fuzz/fuzz_target.h"

@@ -2,6 +2,8 @@
 // fills FOLDER/TARGET/ for each target. The readers have to accept all of them.
 #include <fstream>
 #include <iostream>
+#include <map>
+#include <opencv2/imgcodecs.hpp>
 
 #include "adaptive/kernel_selector.h"
 #include "config/train_options.h"
@@ -12,8 +14,10 @@
 #include "model/formats/splat_formats.h"
 #include "scene/colmap/colmap.h"
 #include "scene/images/image.h"
+#include "scene/photograph.h"
 #include "support/files.h"
 #include "support/formats/spz_content.h"
+#include "support/formats/tiff_bytes.h"
 #include "support/formats/write_transforms.h"
 #include "support/sample_model.h"
 #include "support/train/tiny_scene.h"
@@ -105,6 +109,26 @@ SplatCloud small_cloud(int sh_degree) {
 void write_ply_seeds(const fs::path& folder) {
   for (const int degree : {0, 1, 3}) write_splat_ply(folder / ("splats" + std::to_string(degree)), small_cloud(degree));
   write_point_ply(folder / "points", {{0, 1, 2, 3, 4, 5}, {10, 20, 30, 40, 50, 60}});
+  write_splat_ply(folder / "antialiased", [] {
+    SplatCloud cloud = small_cloud(0);
+    cloud.antialiased = true;
+    return cloud;
+  }());
+  const std::string header = "element vertex 1\nproperty double x\nproperty double y\nproperty double z\n";
+  const std::string zeros(128, '\0');
+  for (const char* colors : {"ushort", "float", "uint8"}) {
+    std::string text = "ply\nformat binary_big_endian 1.0\nobj_info x\n" + header;
+    for (const char* color : {"red", "green", "blue"}) text += detail::concat("property ", colors, " ", color, "\n");
+    const int bytes = colors[1] == 's' ? 2 : colors[0] == 'f' ? 4 : 1;
+    write_file(folder / colors, text + "end_header\n" + zeros.substr(0, static_cast<std::size_t>(24 + 3 * bytes)));
+  }
+  // Gaussians with colours instead of harmonics, and with the filter of Mip-Splatting.
+  write_file(folder / "filter",
+             "ply\nformat ascii 1.0\ncomment SplatRenderMode: other\n" + header +
+                 "property uchar red\nproperty uchar green\nproperty uchar blue\nproperty float opacity\nproperty "
+                 "float scale_0\nproperty float scale_1\nproperty float scale_2\nproperty float rot_0\nproperty float "
+                 "rot_1\nproperty float rot_2\nproperty float rot_3\nproperty float filter_3D\nproperty float "
+                 "other\nend_header\n1 2 3 10 20 30 inf -1 -2 -inf 1 0 0 0 0.01 5\n");
   // Other programs write them as text, with lists and other types.
   write_file(folder / "text",
              "ply\nformat ascii 1.0\ncomment x\nelement face 1\nproperty list uchar int vertex_indices\nelement vertex "
@@ -118,6 +142,7 @@ void write_spz_seeds(const fs::path& folder) {
   // The seeds are not compressed, so that a fuzzer can change values. The target compresses them.
   for (const std::uint8_t version : {1, 2, 3}) {
     write_file(folder / ("content" + std::to_string(version)), test::spz_content(version, 3, version));
+    write_file(folder / ("sizeless" + std::to_string(version)), test::spz_header(version, 0, 3));
   }
 }
 
@@ -175,15 +200,52 @@ void write_camera_seeds(const fs::path& folder) {
        "transform_matrix": [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 3], [0, 0, 0, 1]]}]})");
 }
 
-void write_image_seeds(const fs::path& folder) {
-  const fs::path png = folder / "a.png", jpeg = folder / "a.jpg";
-  for (const int channels : {1, 3}) {
-    const Image8 image(5, 4, channels);
-    write_image(png, image);
-    write_image(jpeg, image);
-    fs::rename(png, folder / ("png" + std::to_string(channels)));
-    fs::rename(jpeg, folder / ("jpeg" + std::to_string(channels)));
+/// Returns a file of each format, in variants.
+std::map<std::string, std::string> image_files() {
+  std::map<std::string, std::string> files;
+  const auto encode = [&](const std::string& format, int depth, int channels) {
+    cv::Mat image(4, 5, CV_MAKETYPE(depth, channels));
+    cv::randu(image, 0, depth == CV_8U ? 256 : 65536);
+    std::vector<std::uint8_t> bytes;
+    B3DGS_CHECK(cv::imencode("." + format, image, bytes), format);
+    files[detail::concat(format, channels, depth == CV_8U ? "" : "_deep")].assign(bytes.begin(), bytes.end());
+  };
+  for (const int channels : {1, 3, 4}) {
+    for (const char* format : {"png", "tif"}) {
+      for (const int depth : {CV_8U, CV_16U}) encode(format, depth, channels);
+    }
+    if (channels < 4) {
+      for (const char* format : {"jpg", "bmp", channels == 1 ? "pgm" : "ppm"}) encode(format, CV_8U, channels);
+    }
+    if (channels > 1) encode("webp", CV_8U, channels);
   }
+  files["text"] = "P3 # a comment\n2 1 255\n1 2 3 4 5 6\n";
+  const std::string samples(5 * 4 * 4, '\x64'), tile(2 * 16 * 16, '\x64');
+  for (const bool is_big : {false, true}) {
+    test::TiffOptions options;
+    options.is_big = is_big;
+    const std::string name = is_big ? "bigtiff_" : "tiff_";
+    files[name + "premultiplied"] = test::tiff_of(5, 4, 8, 4, {1}, samples, options);
+    options.orientation = 6;
+    files[name + "on_side"] = test::tiff_of(5, 4, 8, 3, {}, samples.substr(0, 60), options);
+    options.tile = 16;
+    files[name + "tiled"] = test::tiff_of(5, 4, 8, 2, {2}, tile, options);
+    const std::vector<std::uint8_t> jpeg = test::jpeg_with_orientation(12, 8, 6, is_big);
+    files[is_big ? "exif_little" : "exif_big"].assign(jpeg.begin(), jpeg.end());
+  }
+  return files;
+}
+
+void write_image_seeds(const fs::path& folder) {
+  for (const auto& [name, bytes] : image_files()) {
+    for (const char* target : {"image_header", "image_file", "exif"}) write_file(folder / target / name, bytes);
+  }
+  // The chunks before the metadata are enough to find them.
+  const std::string tiff = test::tiff_of(5, 4, 8, 1, {}, "", {false, false, 0, 0, 6});
+  const std::string length{'\0', '\0', static_cast<char>(tiff.size() >> 8), static_cast<char>(tiff.size() & 255)};
+  write_file(folder / "exif" / "png_metadata", "\x89PNG\r\n\x1a\n" + length + "eXIf" + tiff + "crc.");
+  write_file(folder / "exif" / "webp_metadata",
+             std::string("RIFF\0\0\0\0WEBPEXIF", 16) + std::string(length.rbegin(), length.rend()) + tiff);
 }
 
 void write_log_seeds(const fs::path& folder) {
@@ -235,7 +297,7 @@ int main(int argc, char** argv) {
   b3dgs::write_checkpoint_seeds(folder / "checkpoint");
   b3dgs::write_config_seeds(folder / "json_config");
   b3dgs::write_camera_seeds(folder / "camera_file");
-  b3dgs::write_image_seeds(folder / "image_header");
+  b3dgs::write_image_seeds(folder);
   b3dgs::write_log_seeds(folder / "train_log");
   b3dgs::write_view_seeds(folder / "view_request");
 }
