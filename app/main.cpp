@@ -16,8 +16,6 @@
 namespace b3dgs {
 namespace {
 
-constexpr int kFailed = 1, kBadInput = 2;
-
 std::string general_help() {
   std::string text = std::string("Balanced3DGS ") + version() +
                      ": 3D Gaussian Splatting\n\n"
@@ -35,7 +33,7 @@ int fail(const std::string& message, int code) {
 
 int answer(const std::string& text) {
   std::cout << text << std::flush;
-  return std::cout ? 0 : fail("cannot write to standard output", kBadInput);
+  return std::cout ? kDone : fail("cannot write to standard output", kBadInput);
 }
 
 bool needs_engine(const std::string& command) {

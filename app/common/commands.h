@@ -27,6 +27,9 @@ inline constexpr CommandName kCommandNames[] = {
     {"bench", "time kernels, rendering passes and training steps"},
 };
 
+/// Exit codes of the program. docs/README.md lists all of them.
+enum ExitCode { kDone = 0, kFailed = 1, kBadInput = 2 };
+
 /// Each returns its exit code: 0, or 128 + signal if a signal stopped a training or comparison.
 int run_reconstruct(const std::vector<std::string>& words);
 int run_train(const std::vector<std::string>& words);

@@ -17,9 +17,7 @@
 namespace b3dgs {
 namespace {
 
-enum ExitCode { kFailed = 1, kBadInput = 2, kPeerFailed = PeerError::kExitCode };
-
-int report_error(const std::string& message, ExitCode code) {
+int report_error(const std::string& message, int code) {
   std::cerr << "error: " + detail::one_line(first_line(message)) +
                    '\n';  // one write, so that lines of several ranks on one terminal do not mix
   return code;
@@ -67,7 +65,7 @@ int run_program(int argc, char** argv, const std::vector<Command>& commands) {
   } catch (const OutOfMemoryError& error) {
     return report_out_of_memory(error.what());
   } catch (const PeerError& error) {
-    return report_error(error.what(), kPeerFailed);
+    return report_error(error.what(), PeerError::kExitCode);
   } catch (const std::bad_alloc&) {
     return report_out_of_memory("out of memory");
   } catch (const std::exception& error) {
