@@ -37,7 +37,7 @@ last_of() {
 add_row() {
   local peak held
   peak=$(last_of "$2" gpu_peak_bytes)
-  held=$(sed -nE 's/.*"event":"held".*"count":([0-9]+).*/\1/p' "$2/train.jsonl" 2>/dev/null | tail -n 1)
+  held=$(sed -nE 's/.*"event":"capped".*"count":([0-9]+).*/\1/p' "$2/train.jsonl" 2>/dev/null | tail -n 1)
   rows+=("| $1 | $(last_of "$2" count) | ${held:--} | $(awk "BEGIN { printf \"%.2f\", ${peak:-0} / 1e9 }") GB | $(last_of "$2" elapsed_s) s | $(last_of "$2" test_psnr) | $3 | $4 |")
   [[ $3 == "as it should" ]] || failed=1
 }
@@ -60,7 +60,7 @@ at_most_gb() {
 
 # was_held STATUS MODEL
 was_held() {
-  (($1 == 0)) && grep -q '"event":"held"' "$2/train.jsonl"
+  (($1 == 0)) && grep -q '"event":"capped"' "$2/train.jsonl"
 }
 
 run_scene() {

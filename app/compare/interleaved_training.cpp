@@ -76,7 +76,7 @@ class InterleavedTraining {
     hooks.on_progress = [this, &turn](const TrainProgress& progress) { show(turn, progress); };
     hooks.stop_signal = &stop_signal();
     hooks.image_budget = image_budget;
-    hooks.on_result = [this, &turn] { record_previews(*turn.trainer, scene_, turn.folder, *ranks_); };
+    hooks.on_last_files_written = [this, &turn] { record_previews(*turn.trainer, scene_, turn.folder, *ranks_); };
     hooks.resume_command = resume_command(plan_);
     turn.trainer = std::make_unique<Trainer>(final_config, scene_, folder, hooks);
     status_.clear();

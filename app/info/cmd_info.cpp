@@ -146,7 +146,8 @@ void describe_checkpoint(const std::string& path) {
   print_row("scene", "%s", training.config.source_path.c_str());
   print_row("iteration", "%d of %d", training.iteration, training.config.iterations);
   print_row("Gaussians", "%s", format_count(training.n_gaussians).c_str());
-  if (training.held_at > 0) print_row("capped at", "%s for lack of GPU memory", format_count(training.held_at).c_str());
+  if (training.count_cap > 0)
+    print_row("capped at", "%s for lack of GPU memory", format_count(training.count_cap).c_str());
   print_row("SH degree", "%d of %d", training.sh_degree, training.config.sh_degree);
   print_row("loss", "%.4f, running average", training.loss_average);
   print_row("training time", "%s", format_duration(training.elapsed_s).c_str());

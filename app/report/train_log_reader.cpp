@@ -36,7 +36,7 @@ const Json& event_members() {
         {"pixel_processed", load},
         {"pixel_contributing", load}}},
       // The number of Gaussians has reached a limit, and never exceeds `count` after this.
-      {"held", {{"iteration", 0}, {"count", 0}, {"reason", ""}}},
+      {"capped", {{"iteration", 0}, {"count", 0}, {"reason", ""}}},
       {"floaters", {{"iteration", 0}, {"unseen", 0}, {"one_view", 0}, {"close", 0}, {"large", 0}}},
       // After `iteration`, with this kernel. Options have the form "name: old -> new".
       {"resumed", {{"iteration", 0}, {"kernel", ""}, {"changed_options", Json::array({""})}}}};

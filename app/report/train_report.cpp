@@ -40,7 +40,7 @@ Json settings(const ModelFolder& folder, const TrainConfig& config) {
 
 /// Returns the event after which memory or an option has limited the number of Gaussians, or null.
 Json limit_of(const TrainHistory& history) {
-  const Json& held = history.events["held"];
+  const Json& held = history.events["capped"];
   if (held.empty() || history.points.empty()) return nullptr;
   return history.points.back().count.value_or(0) > held.back()["count"] ? Json(nullptr) : held.back();
 }

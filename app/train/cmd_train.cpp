@@ -1,4 +1,4 @@
-// b3dgs train: trains a COLMAP scene, from the start or from a checkpoint.
+// b3dgs train: trains a scene, from the start or from a checkpoint.
 #include <fcntl.h>
 #include <unistd.h>
 
@@ -133,7 +133,7 @@ SceneOptions scene_options_of_rank(const TrainConfig& config, int n_ranks_here) 
 
 /// Performs all checks that are possible before photographs are read. From then on, only this process trains into the
 /// model folder.
-std::unique_ptr<FolderLock> claim_folder(TrainPlan& plan, torch::Device device, StatusLine& status) {
+std::unique_ptr<FolderLock> check_and_lock(TrainPlan& plan, torch::Device device, StatusLine& status) {
   check_options(plan.config, device);
   if (const int threads = set_compute_threads(plan.config.threads); threads < plan.config.threads) {
     status.warn(detail::concat("--threads ", plan.config.threads, " are far more than this machine has cores: using ",
@@ -178,7 +178,7 @@ int train(const CommandLine& line, const TrainCommandOptions& options, const Giv
   const torch::Device device = choose_device(device_name_of_all);
   if (has_peers) check_same_options(ranks, line.given());
   if (is_first) plan = make_plan(line, status, options, given, ranks.size(), device_name(device));
-  const std::unique_ptr<FolderLock> lock = is_first ? claim_folder(plan, device, status) : nullptr;
+  const std::unique_ptr<FolderLock> lock = is_first ? check_and_lock(plan, device, status) : nullptr;
   if (has_peers) share_plan(ranks, plan);
   if (!is_first) set_compute_threads(plan.config.threads);
   const ModelFolder folder(plan.config.model_path);
@@ -209,7 +209,7 @@ int train(const CommandLine& line, const TrainCommandOptions& options, const Giv
   use_rank_team(ranks, config, hooks);
   if (is_first) hooks.on_progress = std::ref(progress);
   std::unique_ptr<Trainer> owned;
-  hooks.on_result = [&] { record_previews(*owned, scene, folder, ranks); };
+  hooks.on_last_files_written = [&] { record_previews(*owned, scene, folder, ranks); };
   std::optional<WatchedTraining> watched;
   std::unique_ptr<ViewServer> server;
   if (!options.view.empty()) {

@@ -11,8 +11,8 @@
 namespace b3dgs {
 
 /// Renders up to three views (test views if there are any) and saves them for the report. Call this from
-/// TrainHooks::on_result, because a later opacity reset would make the images dark. With several ranks, all call this
-/// together, because rendering may need all of them, and rank 0 writes. @throws IoError
+/// TrainHooks::on_last_files_written, because a later opacity reset would make the images dark. With several ranks, all
+/// call this together, because rendering may need all of them, and rank 0 writes. @throws IoError
 void record_previews(Trainer& trainer, const Scene& scene, const ModelFolder& folder, Communicator& ranks);
 
 /// Adds a session, and the views if record_previews() was not called at this iteration, as in an interrupted training.

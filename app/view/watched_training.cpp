@@ -132,7 +132,7 @@ Frame WatchedTraining::paint(const FrameRequest& request, const ModelInTraining&
     const std::vector<View> refined = with_refined_poses({view}, source_.train, model.poses);
     wanted.camera = refined.front().camera.scaled_to(request.camera.width, request.camera.height);
   }
-  Frame frame = WatchedScene::paint(wanted, model.gaussians, evaluation_settings(config_, model.sh_degree));
+  Frame frame = WatchedScene::paint(wanted, model.gaussians, base_render_settings(config_, model.sh_degree));
   frame.iteration = model.iteration;
   frame.wait_s = request.is_draft ? 0 : kRefreshSeconds;
   return frame;

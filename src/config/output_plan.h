@@ -9,10 +9,10 @@
 namespace b3dgs {
 
 struct OutputPlan {
-  bool log = false;         // a line in train.jsonl
-  bool statistics = false;  // a line there with load statistics
-  bool evaluate = false;    // the test views
-  bool save = false;        // a PLY
+  bool log = false;       // a line in train.jsonl
+  bool load = false;      // a line there with load statistics
+  bool evaluate = false;  // the test views
+  bool save = false;      // a PLY
   bool checkpoint = false;
 };
 
@@ -28,7 +28,7 @@ inline OutputPlan output_plan(const TrainConfig& config, int first, int last, bo
   plan.evaluate = has_test_views && (is_last || is_in(config.test_iterations));
   plan.log = plan.evaluate || is_last || is_due(kLogInterval);
   // The load is most uneven in the first iteration.
-  plan.statistics = config.stats_interval > 0 && (first == 1 || is_due(config.stats_interval));
+  plan.load = config.stats_interval > 0 && (first == 1 || is_due(config.stats_interval));
   plan.save = is_last || is_in(config.save_iterations);
   plan.checkpoint = is_last || is_in(config.checkpoint_iterations) || is_due(config.checkpoint_interval);
   return plan;

@@ -226,7 +226,7 @@ void RankTeam::render_view(Part& part, std::size_t v, const ViewSplats& splats, 
   torch::Tensor entries, splat_grads, scores;
   with_remedies(training_.remedies(), [&] {
     const RenderedView rendered =
-        b3dgs::render_view(view, iteration, [&] { return rasterizer.forward_splats(splats, view.camera, settings); });
+        name_view_in_errors(view, iteration, [&] { return rasterizer.forward_splats(splats, view.camera, settings); });
     read_own_loss();  // of the previous view, before the next loss overwrites it
     entries = queue_row_entries();
     splat_grads = rasterizer.backward_splats(loss_gradient(training_, view, iteration, rendered, part_view.plan.score));
@@ -235,7 +235,8 @@ void RankTeam::render_view(Part& part, std::size_t v, const ViewSplats& splats, 
                                                             : torch::zeros_like(rendered.alpha));
     }
   });
-  part.sizes.push_back(measure_view(training_, iteration));
+  trim_after_view(training_);
+  part.sizes.push_back(full_size_of_view(training_, iteration));
   unread_view_ = UnreadView{v, entries};
   part.splat_grads.push_back(splat_grads);
   if (scores.defined()) part.scores.push_back(scores);

@@ -1,5 +1,5 @@
 // Forecasts the GPU memory that the rasterizer needs for a view. The sizes mirror the buffers of cuda/passes.h and
-// cuda/rasterize_cuda.cpp, and a test compares them with the buffers. cuda/README.md has them as a table.
+// cuda/cuda_backend.cpp, and a test compares them with the buffers. cuda/README.md has them as a table.
 #pragma once
 
 #include <algorithm>

@@ -43,7 +43,8 @@ void DensityControl::run_round(int iteration) {
   const auto together = [&](MemoryRemedy remedy) -> MemoryRemedy {  // all processes retry if it helped any of them
     return [this, remedy = std::move(remedy)] { return team_.max("remedy", remedy() ? 1 : 0) != 0; };
   };
-  const std::vector<MemoryRemedy> remedies{together(training_.wait_for_files()), together(training_.free_scratch())};
+  const std::vector<MemoryRemedy> remedies{together(training_.waiting_for_files()),
+                                           together(training_.freeing_scratch())};
   // The second attempt prunes but does not grow the model. Even with an unchanged total, one of several processes may
   // then need more memory, so the third attempt adds no Gaussians at all.
   for (int n_failures = 0;; ++n_failures) {
@@ -53,7 +54,7 @@ void DensityControl::run_round(int iteration) {
     } catch (const OutOfMemoryError&) {
       if (n_failures == 2) throw;
       growth_has_failed_ = true;
-      if (n_failures == 0) hold_count(state_.n_gaussians());
+      if (n_failures == 0) cap_count(state_.n_gaussians());
     }
   }
   training_.trim_memory();
@@ -62,11 +63,11 @@ void DensityControl::run_round(int iteration) {
 void DensityControl::plan_and_apply(int iteration, bool adds) {
   const std::int64_t before = state_.n_gaussians();
   const std::int64_t capacity = gaussian_capacity(training_, team_).value_or(0);
-  if (state_.held_at > 0 && can_grow_again(capacity)) state_.held_at = 0;
-  const std::int64_t allowed = smaller_limit(training_.config.max_gaussians, state_.held_at);
-  const std::int64_t limit = adds ? smaller_limit(allowed, capacity) : 1;
+  if (state_.count_cap > 0 && can_grow_again(capacity)) state_.count_cap = 0;
+  const std::int64_t allowed = smaller_limit(training_.config.max_gaussians, state_.count_cap);
+  const std::int64_t limit = adds ? smaller_limit(allowed, capacity) : 1;  // 1: below any number, so none is added
   team_.run_round(iteration, limit, [&](const DensityRound& round) {
-    if (adds && round.n_over_limit > 0 && limit != allowed) hold_count(std::max(capacity, before));
+    if (adds && round.n_over_limit > 0 && limit != allowed) cap_count(std::max(capacity, before));
   });
 }
 
@@ -74,15 +75,15 @@ bool DensityControl::can_grow_again(std::int64_t capacity) const {
   // Growing for less than 5 % would start and end a cap in every round.
   constexpr double kWorthwhile = 1.05;
   if (training_.config.deterministic || growth_has_failed_) return false;
-  return capacity == 0 || static_cast<double>(capacity) > kWorthwhile * static_cast<double>(state_.held_at);
+  return capacity == 0 || static_cast<double>(capacity) > kWorthwhile * static_cast<double>(state_.count_cap);
 }
 
-void DensityControl::hold_count(std::int64_t count) {
+void DensityControl::cap_count(std::int64_t count) {
   constexpr double kNoteworthy = 0.99;  // caps of at least this fraction of the previous one are not logged
-  const std::int64_t before = std::exchange(state_.held_at, count);
+  const std::int64_t before = std::exchange(state_.count_cap, count);
   if (before > 0 && static_cast<double>(count) >= kNoteworthy * static_cast<double>(before)) return;
   training_.recorder.say("capped at " + format_count(count) + " Gaussians: GPU memory");
-  training_.recorder.log_event(state_.iteration, "held",
+  training_.recorder.log_event(state_.iteration, "capped",
                                {{"reason", "GPU memory"},
                                 {"count", count},
                                 {"in_use_bytes", training_.memory->use().in_use},

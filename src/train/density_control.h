@@ -26,7 +26,7 @@ class DensityControl {
   bool can_grow_again(std::int64_t capacity) const;
   /// Caps the number of Gaussians at `count` until there is memory for more. Logs the start of a cap, and a later cap
   /// only if it is over 1 % lower.
-  void hold_count(std::int64_t count);
+  void cap_count(std::int64_t count);
 
   Training& training_;
   TrainState& state_;  // training_.state

@@ -5,7 +5,7 @@
 
 namespace b3dgs {
 
-RenderSettings evaluation_settings(const TrainConfig& config, int sh_degree) {
+RenderSettings base_render_settings(const TrainConfig& config, int sh_degree) {
   RenderSettings settings;
   settings.background = config.white_background ? Vec3f{1, 1, 1} : Vec3f{0, 0, 0};
   settings.sh_degree = sh_degree;

@@ -17,7 +17,7 @@ namespace b3dgs {
 
 /// Returns the settings for renders without random parts, as for evaluation: the configured background and kernel.
 /// `sh_degree` must not exceed that of the Gaussians.
-RenderSettings evaluation_settings(const TrainConfig& config, int sh_degree);
+RenderSettings base_render_settings(const TrainConfig& config, int sh_degree);
 
 /// How to compare renders with photographs whose colours differ because of the cameras' settings.
 struct ColorEvaluation {

@@ -17,7 +17,7 @@ void check_options(const TrainConfig& config, torch::Device device) {
         "--deterministic: --kernel published chooses by measured times, which differ from run to run; omit one of "
         "them");
   }
-  const KernelFamily family = family_of(evaluation_settings(config, 0).kernel);
+  const KernelFamily family = family_of(base_render_settings(config, 0).kernel);
   if (device.is_cuda() && config.deterministic && family == KernelFamily::kPaper) {
     input_error("--deterministic: on a GPU, the backward kernel of --kernel ", config.kernel,
                 " sums in an order that differs from run to run; use --kernel sub-tile or segmented");

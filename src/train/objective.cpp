@@ -26,8 +26,8 @@ std::int64_t Objective::bytes_per_pixel() const {
   return bytes;
 }
 
-RenderedViewGrad Objective::compare(const TrainView& view, int iteration, const torch::Tensor& full_valid,
-                                    const RenderedView& rendered, bool wants_errors, AppearanceState& appearance) {
+RenderedViewGrad Objective::gradient(const TrainView& view, int iteration, const torch::Tensor& full_valid,
+                                     const RenderedView& rendered, bool wants_errors, AppearanceState& appearance) {
   torch::Tensor color = rendered.color;
   if (appearance_) {
     appearance_->begin_step(view.index, iteration, appearance);

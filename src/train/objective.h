@@ -27,12 +27,12 @@ class Objective {
   /// @param full_valid  TrainView::valid of the view at its full size
   /// @param wants_errors  whether to compute errors()
   /// @param appearance  state of all views; deferred Adam steps of this view are applied to it
-  RenderedViewGrad compare(const TrainView& view, int iteration, const torch::Tensor& full_valid,
-                           const RenderedView& rendered, bool wants_errors, AppearanceState& appearance);
+  RenderedViewGrad gradient(const TrainView& view, int iteration, const torch::Tensor& full_valid,
+                            const RenderedView& rendered, bool wants_errors, AppearanceState& appearance);
 
-  /// Returns the loss of the last compare(). Waits for the GPU.
+  /// Returns the loss of the last gradient(). Waits for the GPU.
   double value() const { return loss_.value().loss; }
-  /// Returns the error of each pixel in the last compare() with `wants_errors`, [H, W] (loss.h).
+  /// Returns the error of each pixel in the last gradient() with `wants_errors`, [H, W] (loss.h).
   const torch::Tensor& errors() const { return error_image_.error(); }
 
   /// Returns the model of the photographs' colour differences that is learned with the Gaussians, or null if none is.

@@ -1,8 +1,8 @@
 // One step: view, SH degree, forward pass, loss, backward pass with Adam, density statistics.
 //
-// Two things differ from the original 3DGS. The original runs density control before Adam, which replaces the
-// parameters, so the gradients of such a step are lost. Here Adam comes first and uses them. The original also skips
-// Adam in the very last iteration. Here all iterations are alike, so that a training resumed with more iterations
+// Two things differ from the original 3DGS. There, density control runs before Adam and replaces the
+// parameter tensors, so Adam has no gradients in such a step. Here Adam comes first and uses them. The original also
+// skips Adam in the very last iteration. Here all iterations are alike, so that a training resumed with more iterations
 // equals one that never stopped. Each difference affects at most one step in a hundred. As in the original, the
 // evaluation and PLY of an iteration show the model before that iteration's density control. Otherwise they would show
 // a model right after an opacity reset.
@@ -55,23 +55,24 @@ StepOutcome take_step(Training& training, LastStep& before) {
   TrainState& state = training.state;
   GaussianOptimizer& optimizer = training.optimizer;
   const bool is_kept = keeps_gradients(training);
-  const int last = step_end(config.batch, config.iterations, state.iteration);
+  const int last_iteration = step_end(config.batch, config.iterations, state.iteration);
   StepOutcome outcome;
-  begin_step(training, last);
-  while (state.iteration < last) {
+  begin_step(training, last_iteration);
+  while (state.iteration < last_iteration) {
     const TrainView view = next_view(training);
     const int iteration = state.iteration;
     const DensityPlan plan = training.density->plan(iteration);
     decide_kernel(training, iteration);
     RenderSettings settings = step_settings(training, iteration);
     settings.camera_gradient = training.views.poses.refines(view.index, iteration);
-    const RenderedView rendered = render_view(view, iteration, [&] {
+    const RenderedView rendered = name_view_in_errors(view, iteration, [&] {
       // On a GPU, forward() then also applies deferred updates, with DeferredSh as the ColorPass.
       settings = optimizer.begin_view(state.gaussians, state.adam, training.kernels.begin_view(iteration, settings));
       return training.rasterizer.forward(state.gaussians, view.camera, settings);
     });
     if (is_kept) optimizer.make_room_for_view(state.gaussians);
-    outcome.sizes.push_back(measure_view(training, iteration));
+    trim_after_view(training);
+    outcome.sizes.push_back(full_size_of_view(training, iteration));
 
     // By now the device has finished the previous view, so reading its loss costs little.
     training.views.poses.take_queued_steps();
@@ -98,13 +99,13 @@ StepOutcome take_step(Training& training, LastStep& before) {
   return outcome;
 }
 
-void begin_step(Training& training, int last) {
+void begin_step(Training& training, int last_iteration) {
   const TrainConfig& config = training.config;
   TrainState& state = training.state;
   const int from = state.iteration;
-  const auto has_multiple = [&](int interval,
-                                int phase) {  // whether an iteration k of the step has k % interval == phase
-    return (last - phase + interval) / interval > (from - phase + interval) / interval;
+  // Returns whether the step has an iteration k with k % interval == phase.
+  const auto has_multiple = [&](int interval, int phase) {
+    return (last_iteration - phase + interval) / interval > (from - phase + interval) / interval;
   };
   // One step in a hundred is timed, because consecutive steps are similar. It is not at a multiple of 100, where
   // density control may change the number of Gaussians so that the next step reallocates. Filters are updated as
@@ -113,15 +114,16 @@ void begin_step(Training& training, int last) {
   if (training.hooks.on_stage_times || has_multiple(kInterval, kTimedPhase)) {
     training.timer.start(StageTimes::Kind::kStep);
   }
-  state.step_iterations = last - from;
-  state.sh_degree = std::min(state.sh_degree + last / config.sh_increase_interval - from / config.sh_increase_interval,
-                             config.sh_degree);
+  state.step_iterations = last_iteration - from;
+  state.sh_degree =
+      std::min(state.sh_degree + last_iteration / config.sh_increase_interval - from / config.sh_increase_interval,
+               config.sh_degree);
   training.update_filters(has_multiple(kInterval, kFilterPhase));
 }
 
 RenderSettings step_settings(Training& training, int iteration) {
   const TrainConfig& config = training.config;
-  RenderSettings settings = evaluation_settings(config, training.state.sh_degree);
+  RenderSettings settings = base_render_settings(config, training.state.sh_degree);
   settings.kernel = kernel_named(training.kernels.kernel());
   settings.stages = &training.timer;
   settings.inverse_depth = settings.depth_gradient = training.objective.has_depths();
@@ -133,17 +135,17 @@ RenderSettings step_settings(Training& training, int iteration) {
   return settings;
 }
 
-void decide_kernel(Training& training, int next_iteration) {
-  const bool is_over = next_iteration > training.config.iterations;
+void decide_kernel(Training& training, int iteration) {
+  const bool is_over = iteration > training.config.iterations;
   const std::optional<KernelDecision> check =
-      is_over ? training.kernels.finish(next_iteration) : training.kernels.decide(next_iteration);
+      is_over ? training.kernels.finish(iteration) : training.kernels.decide(iteration);
   if (!check) return;
   training.state.kernel_selection = training.kernels.to_json();
-  training.recorder.log_event(next_iteration, "kernel_check", to_json(*check));
+  training.recorder.log_event(iteration, "kernel_check", to_json(*check));
   if (!check->message.empty()) training.recorder.say(check->message);
 }
 
-RenderedView render_view(const TrainView& view, int iteration, const std::function<RenderedView()>& render) {
+RenderedView name_view_in_errors(const TrainView& view, int iteration, const std::function<RenderedView()>& render) {
   try {
     return render();
   } catch (const InvalidGaussianError&) {
@@ -153,9 +155,12 @@ RenderedView render_view(const TrainView& view, int iteration, const std::functi
   }
 }
 
-ViewSize measure_view(Training& training, int iteration) {
+void trim_after_view(Training& training) {
   const std::int64_t bytes = training.rasterizer.memory_bytes();
   if (bytes != std::exchange(training.view_bytes, bytes)) training.trim_memory();
+}
+
+ViewSize full_size_of_view(const Training& training, int iteration) {
   ViewSize size = training.rasterizer.view_size();
   // At full size, a splat touches at most scale^2 times as many tiles.
   const std::int64_t scale = coarse_scale_at(training.config, iteration);
@@ -167,8 +172,8 @@ RenderedViewGrad loss_gradient(Training& training, const TrainView& view, int it
                                bool wants_errors) {
   training.timer.begin(Stage::kLoss);
   const RenderedViewGrad grad =
-      training.objective.compare(view, iteration, training.views.images.stored_view(view.index).valid, rendered,
-                                 wants_errors, training.state.appearance);
+      training.objective.gradient(view, iteration, training.views.images.stored_view(view.index).valid, rendered,
+                                  wants_errors, training.state.appearance);
   training.timer.end();
   return grad;
 }
@@ -192,6 +197,7 @@ void finish_step(Training& training, const std::vector<StepView>& views, const t
     for (std::size_t place = 0; place < views.size(); ++place) {
       const StepView& view = views[place];
       appearance->set_place(static_cast<int>(place));
+      // The gradient of the first view was taken with its updates applied; the steps before this one moved the others.
       if (place > 0) appearance->begin_step(view.index, view.iteration, state.appearance);
       appearance->step(view.index, view.iteration, state.appearance);
     }

@@ -5,8 +5,8 @@
 // step therefore covers the iterations up to the next multiple of --batch. Work that is due in one of them but is not
 // part of a step (density control, evaluation, files) follows after the step.
 //
-// A step that fails can be taken again (recovery.h), because Gaussians, moments and statistics change last, after the
-// photographs are loaded and all memory is allocated. A step that keeps the gradients of its views adds to the
+// A step that fails can be taken again (step_runner.h), because Gaussians, moments and statistics change last, after
+// the photographs are loaded and all memory is allocated. A step that keeps the gradients of its views adds to the
 // statistics earlier, so the caller saves them. Deferred optimizer updates need no roll-back, because they may be
 // applied at any time (optimizer/deferred_sh.h).
 //
@@ -44,7 +44,7 @@ struct LastStep {
 /// Results of one step.
 struct StepOutcome {
   std::vector<StepView> views;          // all views of the step
-  std::vector<ViewSize> sizes;          // measure_view() of the views that this process rendered
+  std::vector<ViewSize> sizes;          // full_size_of_view() of the views that this process rendered
   std::vector<StepView> unread_losses;  // views whose losses have not been read yet
 };
 
@@ -54,27 +54,29 @@ StepOutcome take_step(Training& training, LastStep& before);
 
 // The parts of a step.
 
-/// Begins a step that ends with iteration `last`.
-void begin_step(Training& training, int last);
+/// Starts timing if the step is timed, raises the SH degree and updates the 3D filters. `last_iteration` is the last
+/// one of the step.
+void begin_step(Training& training, int last_iteration);
 /// Returns the settings for rendering the training view of an iteration.
 RenderSettings step_settings(Training& training, int iteration);
-/// Completes the current kernel check and logs its decision, unless the view of `next_iteration` still belongs to the
-/// check. Beyond the last iteration, completes it in any case.
-void decide_kernel(Training& training, int next_iteration);
-/// Calls render(), and adds iteration and view to the message of a NumericError other than InvalidGaussianError.
-RenderedView render_view(const TrainView& view, int iteration, const std::function<RenderedView()>& render);
-/// Returns the size of the view rendered last, with the number of pairs that it would have at most without
-/// --coarse_scale. If the size of the rasterizer's buffers has changed, also returns excess cached memory to the
-/// device.
-ViewSize measure_view(Training& training, int iteration);
-/// Returns the gradient of the loss, see Objective::compare().
+/// Completes the current kernel check and logs its decision, unless the view of `iteration` still belongs to the check.
+/// Beyond the last iteration, completes it in any case.
+void decide_kernel(Training& training, int iteration);
+/// Calls render(). Adds iteration and view to the message of a NumericError other than InvalidGaussianError.
+RenderedView name_view_in_errors(const TrainView& view, int iteration, const std::function<RenderedView()>& render);
+/// Returns the size of the view rendered last. With --coarse_scale, n_pairs is the most that it would have at full
+/// size.
+ViewSize full_size_of_view(const Training& training, int iteration);
+/// Returns excess cached memory to the device if the last view has changed the size of the rasterizer's buffers.
+void trim_after_view(Training& training);
+/// Returns the gradient of the loss, see Objective::gradient().
 RenderedViewGrad loss_gradient(Training& training, const TrainView& view, int iteration, const RenderedView& rendered,
                                bool wants_errors);
 /// Returns the weights of the regularisation, which depend on the average loss before the step, because all processes
 /// know that.
 RegularizationWeights regularization(const Training& training, const LastStep& before);
-/// Takes the Adam step along the kept gradients, and the steps of appearance and poses. For `model_rows` see
-/// DensityStrategy::after_step().
+/// Takes the Adam step if gradients were kept, and the steps of appearance and poses, calls
+/// DensityStrategy::after_step(), which explains `model_rows`, and ends timing.
 void finish_step(Training& training, const std::vector<StepView>& views, const torch::Tensor& model_rows = {});
 
 /// Returns whether steps keep the gradients of their views' splats, so that a separate pass takes the Adam step.

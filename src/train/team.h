@@ -1,6 +1,6 @@
 // The processes that train one model together. Team itself is a process that trains alone. RankTeam (multi/rank_team.h)
-// overrides it for several processes, each of which owns part of the Gaussians. This is all that the rest of a training
-// knows about them.
+// overrides it for several processes, each of which owns part of the Gaussians. Elsewhere, only TrainState::is_whole(),
+// Training::whole_device and Training::find_largest_filter depend on there being several.
 #pragma once
 
 #include <cstdint>

@@ -33,7 +33,7 @@ struct TrainHooks : TrainListeners {
   const std::atomic<int>* stop_signal = nullptr;  // if nonzero, training writes a checkpoint and returns
   // Called after the files of the last iteration and before its density control, so the model is the one that was
   // saved. With several processes, only the first one calls it.
-  std::function<void()> on_result;
+  std::function<void()> on_last_files_written;
   // For callers that show the model while it is trained. wants_model() is called after each step with its density
   // control, and if it returns true, on_model() is called. on_model() may read the model, call Trainer::save(), and
   // take its time, which counts as output time. It cannot affect the training. Not with several processes.

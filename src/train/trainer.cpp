@@ -14,9 +14,9 @@
 #include "train/density_control.h"
 #include "train/device.h"
 #include "train/gaussians/gaussian_model.h"
-#include "train/recovery.h"
 #include "train/scene_limits.h"
 #include "train/step.h"
+#include "train/step_runner.h"
 #include "train/team.h"
 #include "train/training.h"
 
@@ -51,7 +51,7 @@ Trainer::Trainer(const FinalConfig& config, const Scene& scene, ModelFolder fold
       recorder_(training_->recorder) {
   const auto& make_team = training_->hooks.make_team;
   team_ = make_team ? make_team(*training_) : std::make_unique<Team>(*training_);
-  steps_ = std::make_unique<StepRecovery>(*training_, *team_);
+  step_runner_ = std::make_unique<StepRunner>(*training_, *team_);
   density_control_ = std::make_unique<DensityControl>(*training_, *team_);
 }
 Trainer::~Trainer() = default;
@@ -124,7 +124,8 @@ TrainResult Trainer::run(std::optional<int> until) {
       end_with_checkpoint(error);
     }
   }
-  if (state_.iteration == config_.iterations && state_.iteration > 0) steps_->warn_of_empty_views(state_.iteration);
+  if (state_.iteration == config_.iterations && state_.iteration > 0)
+    step_runner_->warn_of_empty_views(state_.iteration);
   time_.finish_training();
   wait();
   time_.output([&] { recorder_.finish_files(); });
@@ -141,31 +142,31 @@ TrainResult Trainer::run(std::optional<int> until) {
 void Trainer::step() {
   ensure_model();
   time_.begin_training();
-  steps_->take_step();
+  step_runner_->run_step();
   density_control_->run();
   time_.end_training();
   recorder_.collect_stage_times();
 }
 
 void Trainer::wait() {
-  steps_->read_losses();
+  step_runner_->read_losses();
   if (state_.iteration == config_.iterations) decide_kernel(*training_, state_.iteration + 1);
   recorder_.wait_for_stage_times();
 }
 
 void Trainer::run_iteration() {
   time_.begin_training();
-  steps_->take_step();
+  step_runner_->run_step();
   recorder_.report_progress("training");
   time_.end_training();
   const bool is_last = state_.iteration == config_.iterations;
   const OutputPlan plan = output_plan(config_, state_.first_of_step(), state_.iteration, !scene_.test.empty());
-  const bool uses_device = plan.statistics || plan.evaluate || plan.save;
+  const bool renders_or_saves = plan.load || plan.evaluate || plan.save;
   // On a GPU, reading the loss waits for most of the step, so it is done only if needed.
   const bool ends = team_->requests().stop;
-  if (plan.log || uses_device || plan.checkpoint || ends) time_.train([&] { steps_->read_losses(); });
-  if (uses_device || plan.checkpoint || ends) time_.train([&] { training_->flush(); });
-  if (uses_device) {
+  if (plan.log || renders_or_saves || plan.checkpoint || ends) time_.train([&] { step_runner_->read_losses(); });
+  if (renders_or_saves || plan.checkpoint || ends) time_.train([&] { training_->flush(); });
+  if (renders_or_saves) {
     time_.output([&] { write_outputs(plan); });
   } else if (plan.log) {
     // The device is still computing. Counting the log line as output would mean waiting for the device, and would not
@@ -175,7 +176,7 @@ void Trainer::run_iteration() {
   if (is_last) {
     time_.output([&] {
       render_on_first([&](const RenderModelFn&) {
-        if (training_->hooks.on_result) recorder_.try_to_write(training_->hooks.on_result);
+        if (training_->hooks.on_last_files_written) recorder_.try_to_write(training_->hooks.on_last_files_written);
       });
     });
   }
@@ -196,7 +197,7 @@ void Trainer::run_iteration() {
 
 void Trainer::show_model() {
   time_.train([&] {
-    steps_->read_losses();
+    step_runner_->read_losses();
     training_->flush();
   });
   time_.output([&] {
@@ -256,9 +257,9 @@ std::string Trainer::save_last_state() {
   const int iteration = state_.iteration;
   if (!team_->can_save()) return training_->last_checkpoint();
   if (iteration == 0) return "";
-  steps_->read_losses();
+  step_runner_->read_losses();
   if (!training_->is_consistent) return training_->last_checkpoint();
-  training_->free_scratch()();
+  training_->freeing_scratch()();
   recorder_.set_ending(true);
   write_state();
   if (!team_->ask_first("files", recorder_.failed_files().empty())) {

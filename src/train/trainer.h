@@ -25,7 +25,7 @@
 namespace b3dgs {
 
 class DensityControl;
-class StepRecovery;
+class StepRunner;
 class Team;
 struct OutputPlan;
 struct Training;
@@ -59,8 +59,8 @@ class Trainer {
   int iteration() const { return state_.iteration; }
 
   /// Renders `views` with the current model and computes their PSNR and SSIM. Training views have their refined poses.
-  /// Call run() first. With several processes, all call this together, except in TrainHooks::on_result, and the first
-  /// one gets the result.
+  /// Call run() first. With several processes, all call this together, except in TrainHooks::on_last_files_written, and
+  /// the first one gets the result.
   Evaluation evaluate(const std::vector<View>& views, const RenderedFn& on_rendered = {});
 
   /// Writes a checkpoint of the current state, waits for it and returns its path. Call run() first. @throws IoError
@@ -103,7 +103,7 @@ class Trainer {
   /// Prepares the first step of this session. Does nothing when called again.
   void begin();
   /// Marks the folder as that of this training, and moves files of later iterations aside.
-  void claim_folder();
+  void mark_folder();
   void warn_of_disk_space();
   /// Reads back the losses, then calls work() in the first process.
   void render_on_first(const std::function<void(const RenderModelFn&)>& work);
@@ -124,7 +124,7 @@ class Trainer {
   TimeAccount& time_;
   TrainRecorder& recorder_;
   std::unique_ptr<Team> team_;
-  std::unique_ptr<StepRecovery> steps_;
+  std::unique_ptr<StepRunner> step_runner_;
   std::unique_ptr<DensityControl> density_control_;
   std::unique_ptr<OwnFiles> own_files_;  // marks the folder as in use
   TrainResult result_;

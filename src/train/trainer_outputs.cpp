@@ -7,14 +7,14 @@
 #include "train/checkpoint/checkpoint.h"
 #include "train/density_control.h"
 #include "train/gaussians/gaussian_model.h"
-#include "train/recovery.h"
+#include "train/step_runner.h"
 #include "train/team.h"
 #include "train/trainer.h"
 #include "train/training.h"
 
 namespace b3dgs {
 
-void Trainer::claim_folder() {
+void Trainer::mark_folder() {
   const ModelFolder& folder = training_->folder;
   own_files_ = std::make_unique<OwnFiles>(folder.root());
   state_.training_id = claim_training_id(folder, resumed_, state_.training_id);
@@ -48,7 +48,7 @@ void Trainer::begin() {
   if (has_begun_) return;
   if (training_->fingerprint.is_null()) training_->fingerprint = scene_identity(*training_);
   ensure_model();
-  team_->on_first([&] { claim_folder(); });
+  team_->on_first([&] { mark_folder(); });
   if (config_.pose_opt && scene_.train.size() < 3) {
     recorder_.warn("--pose_opt has no effect: only the first and the last training view exist, whose poses are fixed");
   }
@@ -90,7 +90,7 @@ void Trainer::begin() {
 }
 
 void Trainer::render_on_first(const std::function<void(const RenderModelFn&)>& work) {
-  steps_->read_losses();
+  step_runner_->read_losses();
   team_->render_on_first(work);
 }
 
@@ -99,14 +99,14 @@ void Trainer::render_on_first(const std::function<void(const RenderModelFn&)>& w
 void Trainer::log_load(const RenderModelFn& render) {
   constexpr int kMostViews = 4;
   const int n = std::min(kMostViews, training_->views.size());
-  RenderSettings settings = evaluation_settings(config_, state_.sh_degree);
+  RenderSettings settings = base_render_settings(config_, state_.sh_degree);
   settings.kernel = kernel_named(training_->kernels.kernel());  // so that tiles are those of training
   settings.keep_for_backward = false;
   std::vector<ViewLoad> loads;
   for (int i = 0; i < n; ++i) {
     const TrainView& view = training_->views.images.stored_view(training_->views.size() * i / n);
     loads.push_back(with_remedies(training_->remedies(), [&] {
-      steps_->without_invalid_gaussians([&] { render(view.camera, settings); });
+      step_runner_->without_invalid_gaussians([&] { render(view.camera, settings); });
       return training_->rasterizer.count_load();
     }));
   }
@@ -120,9 +120,9 @@ void Trainer::log_floaters() {
     views.push_back(to_camera_view(view.camera));
   }
   try {
-    const FloaterCount count = with_remedies({training_->wait_for_files(), training_->free_scratch()}, [&] {
+    const FloaterCount count = with_remedies({training_->waiting_for_files(), training_->freeing_scratch()}, [&] {
       return count_floaters(training_->rasterizer, training_->flushed_state().gaussians, views,
-                            evaluation_settings(config_, state_.sh_degree));
+                            base_render_settings(config_, state_.sh_degree));
     });
     recorder_.log_event(
         state_.iteration, "floaters",
@@ -140,20 +140,20 @@ Evaluation Trainer::evaluate_with(const RenderModelFn& render, const std::vector
   if (state_.appearance.exposures.defined()) {
     colors.exposures = named_exposures(state_.appearance.exposures, scene_.train);
   }
-  RenderSettings settings = evaluation_settings(config_, state_.sh_degree);
+  RenderSettings settings = base_render_settings(config_, state_.sh_degree);
   settings.keep_for_backward = false;
   const RenderFn render_view = [&](const CameraView& view) { return render(view, settings); };
   return with_remedies(training_->remedies(), [&] {
-    return steps_->without_invalid_gaussians(
+    return step_runner_->without_invalid_gaussians(
         [&] { return evaluate_views(render_view, training_->device, views, on_rendered, /*lpips=*/nullptr, colors); });
   });
 }
 
 void Trainer::write_outputs(const OutputPlan& plan) {
   std::optional<ImageQuality> test_quality;
-  if (plan.statistics || plan.evaluate) {
+  if (plan.load || plan.evaluate) {
     render_on_first([&](const RenderModelFn& render) {
-      if (plan.statistics) log_load(render);
+      if (plan.load) log_load(render);
       if (!plan.evaluate) return;
       recorder_.report_progress("evaluating");
       const std::vector<View>& views = scene_.test;
@@ -194,7 +194,7 @@ void Trainer::write_poses() {
 
 void Trainer::write_state() {
   recorder_.report_progress("checkpoint");
-  steps_->read_losses();
+  step_runner_->read_losses();
   state_.elapsed_s = recorder_.elapsed_s();
   team_->write_checkpoint();
 }

@@ -100,7 +100,7 @@ void Training::update_filters(bool is_due) {
   }
 }
 
-MemoryRemedy Training::wait_for_files() {
+MemoryRemedy Training::waiting_for_files() {
   return [this] {
     if (!recorder.is_writing()) return false;
     recorder.wait_for_files();  // frees the copies on the device that the files are written from
@@ -108,7 +108,7 @@ MemoryRemedy Training::wait_for_files() {
   };
 }
 
-MemoryRemedy Training::free_scratch() {
+MemoryRemedy Training::freeing_scratch() {
   return [this] {
     rasterizer.release_memory();
     memory->release_unused();
@@ -116,7 +116,7 @@ MemoryRemedy Training::free_scratch() {
   };
 }
 
-MemoryRemedy Training::release_photographs() {
+MemoryRemedy Training::releasing_photographs() {
   return [this] {
     // The next views may need as much as the model's largest tensor, which is about a quarter of the state.
     constexpr std::int64_t kAtLeast = std::int64_t{256} << 20;

@@ -58,10 +58,10 @@ struct Training {
   }
 
   // Remedies for a lack of memory, in the order in which they are tried.
-  MemoryRemedy wait_for_files();
-  MemoryRemedy free_scratch();
-  MemoryRemedy release_photographs();
-  std::vector<MemoryRemedy> remedies() { return {wait_for_files(), free_scratch(), release_photographs()}; }
+  MemoryRemedy waiting_for_files();
+  MemoryRemedy freeing_scratch();
+  MemoryRemedy releasing_photographs();
+  std::vector<MemoryRemedy> remedies() { return {waiting_for_files(), freeing_scratch(), releasing_photographs()}; }
   /// Returns cached memory to the device if the allocator caches more than a certain share.
   void trim_memory() {
     if (keeps_too_much(memory->use())) memory->release_unused();

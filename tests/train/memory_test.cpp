@@ -26,7 +26,7 @@ struct Outcome {
   TrainResult result;
   std::vector<std::string> messages;
   std::string log;
-  std::int64_t held_at = 0;  // in the last checkpoint
+  std::int64_t count_cap = 0;  // in the last checkpoint
 };
 
 TrainConfig growing_config() {
@@ -46,7 +46,7 @@ Outcome train_with(const std::shared_ptr<test::ShortMemory>& memory, const Train
   if (!resume.empty()) trainer.resume(resume);
   outcome.result = trainer.run();
   outcome.log = test::read_bytes(ModelFolder(folder).log());
-  outcome.held_at = read_checkpoint_header(outcome.result.checkpoint).value("held_at", std::int64_t{-1});
+  outcome.count_cap = read_checkpoint_header(outcome.result.checkpoint).value("count_cap", std::int64_t{-1});
   return outcome;
 }
 
@@ -69,21 +69,21 @@ TEST(Memory, WithoutALimitTheCountIsNotHeld) {
   const test::TempDir temp;
   const Outcome outcome = train_with(std::make_shared<test::ShortMemory>(), growing_config(), temp / "model");
   EXPECT_GT(outcome.result.n_gaussians, 160);
-  EXPECT_EQ(outcome.held_at, 0);
+  EXPECT_EQ(outcome.count_cap, 0);
   EXPECT_EQ(outcome.log.find("held"), std::string::npos);
 }
 
-TEST(Memory, HoldsTheCountBeforeARoundThatWouldNotFitAndTrainsToTheEnd) {
+TEST(Memory, CapsTheCountBeforeARoundThatWouldNotFitAndTrainsToTheEnd) {
   const test::TempDir temp;
   auto memory = std::make_shared<test::ShortMemory>();
   memory->bytes = 290000;
   const TrainConfig config = growing_config();
   const Outcome outcome = train_with(memory, config, temp / "model");
   EXPECT_EQ(outcome.result.iteration, config.iterations);
-  ASSERT_GT(outcome.held_at, 0);
-  EXPECT_LE(outcome.result.n_gaussians, outcome.held_at);
-  EXPECT_TRUE(says(outcome, "capped at " + std::to_string(outcome.held_at) + " Gaussians: GPU memory"));
-  EXPECT_NE(outcome.log.find("\"event\":\"held\",\"reason\":\"GPU memory\",\"count\":"), std::string::npos);
+  ASSERT_GT(outcome.count_cap, 0);
+  EXPECT_LE(outcome.result.n_gaussians, outcome.count_cap);
+  EXPECT_TRUE(says(outcome, "capped at " + std::to_string(outcome.count_cap) + " Gaussians: GPU memory"));
+  EXPECT_NE(outcome.log.find("\"event\":\"capped\",\"reason\":\"GPU memory\",\"count\":"), std::string::npos);
   EXPECT_NE(outcome.log.find("\"limit_bytes\":290000"), std::string::npos);
   EXPECT_EQ(memory->n_releases, 0) << "nothing failed";
 }
@@ -95,12 +95,12 @@ TEST(Memory, AHoldEndsWhenThereIsMemoryForMore) {
   TrainConfig config = growing_config();
   config.iterations = 25;
   const Outcome held = train_with(memory, config, temp / "held");
-  ASSERT_GT(held.held_at, 0);
+  ASSERT_GT(held.count_cap, 0);
   config.iterations = 40;
   const Outcome resumed =
-      train_with(std::make_shared<test::ShortMemory>(), config, temp / "held", held.result.checkpoint);
-  EXPECT_EQ(resumed.held_at, 0);
-  EXPECT_GT(resumed.result.n_gaussians, held.held_at);
+      train_with(std::make_shared<test::ShortMemory>(), config, temp / "capped", held.result.checkpoint);
+  EXPECT_EQ(resumed.count_cap, 0);
+  EXPECT_GT(resumed.result.n_gaussians, held.count_cap);
 }
 
 TEST(Memory, AHoldStaysInDeterministicTraining) {
@@ -111,12 +111,12 @@ TEST(Memory, AHoldStaysInDeterministicTraining) {
   config.deterministic = true;
   config.iterations = 25;
   const Outcome held = train_with(memory, config, temp / "held");
-  ASSERT_GT(held.held_at, 0);
+  ASSERT_GT(held.count_cap, 0);
   config.iterations = 40;
   const Outcome resumed =
-      train_with(std::make_shared<test::ShortMemory>(), config, temp / "held", held.result.checkpoint);
-  EXPECT_EQ(resumed.held_at, held.held_at) << "there is memory now, but a deterministic training keeps the hold";
-  EXPECT_LE(resumed.result.n_gaussians, held.held_at);
+      train_with(std::make_shared<test::ShortMemory>(), config, temp / "capped", held.result.checkpoint);
+  EXPECT_EQ(resumed.count_cap, held.count_cap) << "there is memory now, but a deterministic training keeps the hold";
+  EXPECT_LE(resumed.result.n_gaussians, held.count_cap);
 }
 
 // The first cap after a resume is at the same iteration as without the interruption, because the views before the
@@ -143,9 +143,9 @@ TEST(Memory, AResumedDeterministicTrainingIsHeldAtTheSameNumber) {
     trainer.run(held.front() - 1);
     checkpoint = trainer.write_checkpoint();
   }
-  EXPECT_EQ(read_checkpoint_header(checkpoint).value("held_at", std::int64_t{-1}), 0);
+  EXPECT_EQ(read_checkpoint_header(checkpoint).value("count_cap", std::int64_t{-1}), 0);
   const Outcome resumed = train_with(limited(), config, temp / "halves", checkpoint);
-  EXPECT_EQ(resumed.held_at, whole.held_at);
+  EXPECT_EQ(resumed.count_cap, whole.count_cap);
   EXPECT_TRUE(
       test::same(test::timeless_bytes(resumed.result.checkpoint), test::timeless_bytes(whole.result.checkpoint)));
 
@@ -153,7 +153,7 @@ TEST(Memory, AResumedDeterministicTrainingIsHeldAtTheSameNumber) {
   CheckpointFile early = read_checkpoint_file(checkpoint);
   EXPECT_EQ(early.header.erase("view_ratios"), 1u);
   write_checkpoint_file(checkpoint, early);
-  EXPECT_GT(train_with(limited(), config, temp / "halves", checkpoint).held_at, 0);
+  EXPECT_GT(train_with(limited(), config, temp / "halves", checkpoint).count_cap, 0);
 }
 
 TEST(Memory, GrowsIfFreeingMemoryHelps) {
@@ -163,18 +163,18 @@ TEST(Memory, GrowsIfFreeingMemoryHelps) {
   memory->n_failures = 2;  // with and without spare capacity
   const Outcome outcome = train_with(memory, growing_config(), temp / "model");
   EXPECT_EQ(memory->n_releases, 1);
-  EXPECT_EQ(outcome.held_at, 0);
+  EXPECT_EQ(outcome.count_cap, 0);
   EXPECT_TRUE(test::same(test::read_bytes(outcome.result.ply), test::read_bytes(expected.result.ply)));
 }
 
-TEST(Memory, HoldsTheCountIfFreeingDoesNotHelp) {
+TEST(Memory, CapsTheCountIfFreeingDoesNotHelp) {
   const test::TempDir temp;
   auto memory = std::make_shared<test::ShortMemory>();
   memory->rows_that_fit = 125;  // there are 120 at the start
   const Outcome outcome = train_with(memory, growing_config(), temp / "model");
   EXPECT_EQ(outcome.result.iteration, 40);
   EXPECT_GE(memory->n_releases, 1);
-  EXPECT_EQ(outcome.held_at, 120);
+  EXPECT_EQ(outcome.count_cap, 120);
   EXPECT_LE(outcome.result.n_gaussians, 120);
   EXPECT_TRUE(says(outcome, "capped at 120 Gaussians: GPU memory"));
 }

@@ -304,11 +304,11 @@ TEST(Trainer, AddsUpTimeOverAllSessions) {
 
 TEST(Trainer, RendersWithTheGivenOptions) {
   TrainConfig config;
-  EXPECT_EQ(evaluation_settings(config, 2).culling, Culling::kEllipse);
-  EXPECT_EQ(evaluation_settings(config, 2).kernel, kStandardKernel);
-  EXPECT_FALSE(evaluation_settings(config, 2).deterministic);
+  EXPECT_EQ(base_render_settings(config, 2).culling, Culling::kEllipse);
+  EXPECT_EQ(base_render_settings(config, 2).kernel, kStandardKernel);
+  EXPECT_FALSE(base_render_settings(config, 2).deterministic);
   config_from_json(config, {{"culling", "square"}, {"kernel", "combined"}, {"deterministic", true}}, "test");
-  const RenderSettings settings = evaluation_settings(config, 2);
+  const RenderSettings settings = base_render_settings(config, 2);
   EXPECT_EQ(settings.culling, Culling::kSquare);
   EXPECT_EQ(settings.kernel, ForwardKernel::kCombined);
   EXPECT_TRUE(settings.deterministic);

@@ -273,7 +273,7 @@ void add_cameras(LoadedModel& model, const ModelOptions& options, StatusLine& st
 }
 
 RenderSettings image_settings(const LoadedModel& model) {
-  RenderSettings settings = evaluation_settings(model.config, model.splats.sh_degree);
+  RenderSettings settings = base_render_settings(model.config, model.splats.sh_degree);
   settings.keep_for_backward = false;
   settings.near_plane = static_cast<float>(model.near_plane);
   settings.antialiasing = settings.antialiasing || model.splats.antialiased;

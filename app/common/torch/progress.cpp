@@ -43,7 +43,7 @@ std::string format_train_progress(const TrainProgress& progress, double iteratio
   }
   if (seconds_left) text += "  ETA " + format_duration(*seconds_left);
   text += print_to_string("  loss %.4f  ", progress.loss) + format_count(progress.n_gaussians) + " Gaussians";
-  if (progress.held_at > 0) text += " (capped: GPU memory)";
+  if (progress.count_cap > 0) text += " (capped: GPU memory)";
   return text + "  " + progress.activity;
 }
 

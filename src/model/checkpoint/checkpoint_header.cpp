@@ -126,7 +126,7 @@ CheckpointHeader parse_checkpoint_header(const Json& json, const std::string& pl
     take_integer("step_iterations", header.step_iterations, 1, std::clamp(header.iteration, 1, kMaxBatch));
     take_integer("n_density_pending", header.n_density_pending, 0, header.step_iterations);
     take_integer("n_removed", header.n_removed, 0, kAny);
-    take_integer("held_at", header.held_at, 0, kAny);
+    take_integer("count_cap", header.count_cap, 0, kAny);
     if (json.contains("appearance_steps")) {
       take_integer("appearance_steps", header.appearance_steps, 0, header.iteration);
     }

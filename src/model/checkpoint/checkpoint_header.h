@@ -83,7 +83,7 @@ struct StateValues : StepPosition {
   // ended before it.
   int n_density_pending = 0;
   std::int64_t n_removed = 0;  // invalid Gaussians that were removed (train/density/row_edit.h)
-  std::int64_t held_at = 0;    // limit of the count for lack of memory; 0 = no limit
+  std::int64_t count_cap = 0;  // limit of the count for lack of memory; 0 = no limit
   nlohmann::ordered_json kernel_selection = nlohmann::ordered_json::object();
 };
 

@@ -2,7 +2,7 @@
 // ProjectOutputs.
 //
 //   projection        adds each span of tiles that a splat touches in a row to a difference array (tile_spans.cuh)
-//   1. number_lists   one block: a prefix sum of this array gives the length of each list. Further prefix sums give
+//   1. count_lists   one block: a prefix sum of this array gives the length of each list. Further prefix sums give
 //                     the start of each list and the numbers of its buckets. Tiles are ordered by length
 //   2. emit_entries   a thread per row of tiles that a splat of its block touches: writes a 64-bit key of depth and
 //                     id to the next free entry of each tile's list, in any order. If a list is long, each block
@@ -29,7 +29,7 @@ namespace {
 constexpr int kThreads = 256;
 constexpr int kNumberThreads = 512;
 
-// ---- 1. number_lists
+// ---- 1. count_lists
 
 /// Returns the number of runs of a list after the first.
 __device__ __forceinline__ std::int32_t n_more_runs(std::int32_t length) {
@@ -282,7 +282,7 @@ void list_seen(const ProjectOutputs& projected, std::int64_t n_rows, BinBuffers&
   });
 }
 
-void number_lists(ListArgs& args, BinBuffers& buffers, ViewCounts* host_counts, const LaunchContext& context) {
+void count_lists(ListArgs& args, BinBuffers& buffers, ViewCounts* host_counts, const LaunchContext& context) {
   const std::int32_t n_tiles = args.grid.n_tiles();
   args.tile_offsets = buffers.tile_offsets.resize(n_tiles + 1, context);
   args.bucket_offsets = buffers.bucket_offsets.resize(n_tiles, context);

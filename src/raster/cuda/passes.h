@@ -1,5 +1,5 @@
 // The CUDA rasterizer, its passes and their arguments. Each pass is queued on context.stream and does not wait for the
-// device. rasterize_cuda.cpp calls them.
+// device. cuda_backend.cpp calls them.
 #pragma once
 
 #include <algorithm>
@@ -26,7 +26,7 @@ struct ViewCounts {
   std::int64_t n_splats = 0;        // of visible Gaussians
   std::int64_t n_second = 0;        // splats across the seam of a panorama
   std::int64_t first_invalid = -1;  // smallest index of an invalid Gaussian, -1 if there is none
-  // Set by number_lists():
+  // Set by count_lists():
   std::int64_t n_pairs = 0;                        // (tile, splat) pairs: entries of all lists
   std::int64_t n_buckets = 0;                      // of all lists
   std::int64_t longest_list = 0;                   // entries
@@ -129,7 +129,7 @@ struct ListArgs {
   std::int64_t n_rows = 0;
   TileGrid grid{};
   Culling culling = Culling::kEllipse;
-  // Outputs of number_lists():
+  // Outputs of count_lists():
   std::int64_t* tile_offsets = nullptr;     // [n_tiles + 1] start of each list
   std::int64_t* bucket_offsets = nullptr;   // [n_tiles] first bucket of each list
   std::int32_t* next_entries = nullptr;     // [n_tiles], kCounterStride apart: next free entry of each list
@@ -149,7 +149,7 @@ struct ListArgs {
 
 /// First part of binning, which needs no counts on the host. Computes the start of each tile's list, and all counts,
 /// which it writes to pinned memory. Sets the arrays of `args` that it writes.
-void number_lists(ListArgs& args, BinBuffers& buffers, ViewCounts* host_counts, const LaunchContext& context);
+void count_lists(ListArgs& args, BinBuffers& buffers, ViewCounts* host_counts, const LaunchContext& context);
 
 /// Second part of binning, given args.counts. Pairs are sorted in `scratch`, which can be reused afterwards.
 void bin(ListArgs& args, bool with_slots, BinBuffers& buffers, PassScratch& scratch, const LaunchContext& context);

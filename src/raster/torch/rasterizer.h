@@ -1,4 +1,5 @@
-// The parameters of all Gaussians, one tensor per group. Gradients and Adam's moments have the same structure.
+// The rasterizer for LibTorch, on CPU or GPU: the public interface of src/raster. Forward and backward are explicit
+// calls rather than autograd functions, because the graph of a training step is fixed and does not have to be recorded.
 #pragma once
 
 #include <torch/types.h>
@@ -15,7 +16,8 @@
 
 namespace b3dgs {
 
-/// The groups, in the order that files and loops use. K = (SH degree + 1)^2.
+/// The parameters of all Gaussians, one tensor per group, in the order that files and loops use. Gradients and Adam's
+/// moments have the same structure. K = (SH degree + 1)^2.
 struct GaussianTensors {
   torch::Tensor means;            // [N, 3] world space
   torch::Tensor log_scales;       // [N, 3]
@@ -45,9 +47,6 @@ inline int sh_degree_of(const GaussianTensors& gaussians) {
   }
   throw LogicError(detail::concat("shN has ", k - 1, " coefficients, expected 0, 3, 8 or 15"));
 }
-
-// The rasterizer for LibTorch, on CPU or GPU: the public interface of src/raster. Forward and backward are explicit
-// calls rather than autograd functions, because the graph of a training step is fixed and does not have to be recorded.
 
 /// A rendered view: float tensors on the rasterizer's device, overwritten by its next forward().
 struct RenderedView {

@@ -22,7 +22,7 @@ inline constexpr bool kTorchHasCuda = B3DGS_TORCH_CUDA;
 
 /// Use of the current device by this process, bytes.
 struct MemoryUse {
-  std::int64_t in_use = 0;         // in_use plus memory that the allocator caches for reuse
+  std::int64_t in_use = 0;         // live allocations, without the allocator's cache
   std::int64_t reserved = 0;       // in_use and what the allocator caches for reuse
   std::int64_t peak_reserved = 0;  // largest `reserved` so far
   std::int64_t n_requests = 0;     // number of allocations from the device so far

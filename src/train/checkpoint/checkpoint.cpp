@@ -171,7 +171,7 @@ Json checkpoint_header(const TrainConfig& config, const TrainState& state, const
               {"step_iterations", state.step_iterations},
               {"n_density_pending", state.n_density_pending},
               {"n_removed", state.n_removed},
-              {"held_at", state.held_at},
+              {"count_cap", state.count_cap},
               {"kernel_selection", state.kernel_selection},
               {"config", config_to_json(config)},
               {"scene", fingerprint}};

@@ -1,9 +1,9 @@
 // The interface of density control: which Gaussians are added and removed while a model is trained.
 //
-// In each iteration the trainer calls plan(), and then, as planned and in this order, after_view() after the backward
-// pass, after_step() after the optimizer, plan_round() after log line, evaluation and PLY, and lower_opacities(). The
-// strategy decides. The trainer applies the RowEdit, keeps the model within memory, and repeats a round that ran out of
-// memory.
+// In each iteration, take_step() calls plan(), after_view() after the backward pass and after_step() after the
+// optimizer. After the outputs, DensityControl calls plan_round(), end_round() once the edit is applied, and
+// lower_opacities(). All but plan() are called only where plan() says so. DensityControl also keeps the model within
+// memory, and repeats a round that ran out of memory.
 //
 // A strategy has no state of its own, so that a resumed training continues bit for bit. Data per Gaussian are columns
 // of DensityStatistics, which row edits and checkpoints carry along. Random numbers are a function of seed, purpose,
@@ -88,7 +88,7 @@ class DensityStrategy {
   const double extent_;
 };
 
-/// Creates the strategy that config.strategy names. @throws LogicError if there is none of this name
+/// Creates the strategy config.strategy.
 std::unique_ptr<DensityStrategy> make_density_strategy(const TrainConfig& config, double extent);
 
 }  // namespace b3dgs

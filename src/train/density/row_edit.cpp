@@ -99,8 +99,8 @@ void RowEditor::reserve(const RowEdit& edit, std::int64_t n_room, GaussianTensor
                 " rows, but has ", added->size(0), " new values");
   }
   B3DGS_CHECK(n_room >= n_rows, "reserving ", n_room, " rows for an edit of ", n_rows);
-  std::int64_t n_scratch =
-      0;  // largest need of a tensor: its new rows, which are read before their sources move, and one piece
+  // The largest need of a tensor: its new rows, which are read before their sources move, and one piece.
+  std::int64_t n_scratch = 0;
   visit_rows(gaussians, adam, statistics, [&](torch::Tensor& tensor) {
     const std::int64_t n_moved = std::min(edit.n_kept, piece_rows(tensor, piece_elements_));
     n_scratch = std::max(n_scratch, (n_new + n_moved) * row_elements(tensor));

@@ -19,6 +19,7 @@ struct DensityStatistics {
     torch::Tensor values;  // [N] float
   };
 
+  // The next three are filled by strategy default only.
   // [N] float, sum over views of the norm of dL/d(projected centre) in normalised device coordinates, which is dL/dpx
   // times half the image size. The threshold of the original 3DGS has this unit.
   torch::Tensor grad_norm_sum;

@@ -21,7 +21,7 @@ void TrainRecorder::report_progress(const char* activity) const {
   const TrainState& state = source_.state;
   if (!source_.listeners.on_progress) return;
   source_.listeners.on_progress({state.iteration, source_.config.iterations, state.loss_average, state.n_gaussians(),
-                                 state.held_at, source_.time.train_s(), activity});
+                                 state.count_cap, source_.time.train_s(), activity});
 }
 
 void TrainRecorder::say(const std::string& message) const {

@@ -27,10 +27,9 @@ struct TrainProgress {
   int iteration = 0, iterations = 0;
   double loss = 0;  // running average, 0.4 x new + 0.6 x old as the original 3DGS prints it
   std::int64_t n_gaussians = 0;
-  std::int64_t held_at = 0;  // cap on the number of Gaussians for lack of GPU memory; 0: none
-  double elapsed_s = 0;      // training time in this session, without evaluation and saving
-  // "training", "checking kernels", "densifying", "timing kernels", "evaluating", "saving", "checkpoint",
-  // "counting floaters"
+  std::int64_t count_cap = 0;  // cap on the number of Gaussians for lack of GPU memory; 0: none
+  double elapsed_s = 0;        // training time in this session, without evaluation and saving
+  // "training", "densifying", "evaluating", "saving", "checkpoint" or "counting floaters"
   std::string activity;
 };
 
@@ -50,8 +49,8 @@ struct TrainListeners {
 struct TrainOutputs {
   std::filesystem::path ply, checkpoint;  // last files written
   std::int64_t n_saved = 0;  // Gaussians in the last PLY, which precedes the density control of the same iteration
-  std::vector<std::filesystem::path>
-      not_written;  // files that the system refused to write, for example because the disk is full
+  // Files that the system refused to write, for example because the disk is full.
+  std::vector<std::filesystem::path> not_written;
   std::vector<std::pair<int, Evaluation>> evaluations;  // of the test views, by iteration
 };
 

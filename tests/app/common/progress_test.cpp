@@ -51,7 +51,7 @@ TEST(Format, TrainProgress) {
             " 37%  740/2000  6.1 it/s  ETA 3:27  loss 0.0412  84,120 Gaussians  densifying");
   EXPECT_EQ(format_train_progress(progress, 120, std::nullopt),
             " 37%  740/2000  120 it/s  loss 0.0412  84,120 Gaussians  densifying");
-  progress.held_at = 84200;
+  progress.count_cap = 84200;
   EXPECT_EQ(format_train_progress(progress, 120, 207),
             " 37%  740/2000  120 it/s  ETA 3:27  loss 0.0412  84,120 Gaussians (capped: GPU memory)  densifying");
 }

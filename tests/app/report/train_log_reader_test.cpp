@@ -43,7 +43,7 @@ TEST(TrainLogReader, SeparatesEventsFromPoints) {
       R"({"iteration":1000,"event":"load_statistics","views":4,"tile_lists":{"min":1,"median":5,"p90":8,"p99":9,"max":10,)"
       R"("mean":5.5,"gini":0.25,"log2_bins":[0,1,2]}})"
       "\n"
-      R"({"iteration":1000,"event":"held","reason":"GPU memory","count":2912344,"limit_bytes":4000000000})"
+      R"({"iteration":1000,"event":"capped","reason":"GPU memory","count":2912344,"limit_bytes":4000000000})"
       "\n"
       R"({"iteration":1000,"event":"of a later version"})"
       "\n");
@@ -62,8 +62,8 @@ TEST(TrainLogReader, SeparatesEventsFromPoints) {
   EXPECT_EQ(history.events["resumed"][0]["kernel"], "naive");
   EXPECT_EQ(history.events["resumed"][0]["changed_options"], Json::array({"kernel: published -> naive"}))
       << "what is not a text is ignored";
-  ASSERT_EQ(history.events["held"].size(), 1u);
-  EXPECT_EQ(history.events["held"][0], Json({{"iteration", 1000}, {"count", 2912344}, {"reason", "GPU memory"}}));
+  ASSERT_EQ(history.events["capped"].size(), 1u);
+  EXPECT_EQ(history.events["capped"][0], Json({{"iteration", 1000}, {"count", 2912344}, {"reason", "GPU memory"}}));
   ASSERT_EQ(history.events["load_statistics"].size(), 1u);
   const Json& load = history.events["load_statistics"][0];
   EXPECT_EQ(load["views"], 4);
@@ -106,11 +106,11 @@ TEST(TrainLogReader, IgnoresNumbersOutOfRange) {
   const TrainHistory history = parse(R"({"iteration":4294967297,"loss":1}
 {"iteration":-3,"loss":1}
 {"iteration":10,"loss":1,"count":1e300}
-{"iteration":20,"event":"held","count":1e300})");
+{"iteration":20,"event":"capped","count":1e300})");
   ASSERT_EQ(history.points.size(), 1u);
   EXPECT_EQ(history.points[0].iteration, 10);
   EXPECT_FALSE(history.points[0].count);
-  EXPECT_EQ(history.events["held"][0]["count"], 0);
+  EXPECT_EQ(history.events["capped"][0]["count"], 0);
 }
 
 }  // namespace

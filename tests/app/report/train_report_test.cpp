@@ -115,7 +115,7 @@ TEST_F(TrainReport, SaysThatTestViewsWereBetterBefore) {
 TEST_F(TrainReport, SaysWhatLimitedTheNumberOfGaussians) {
   EXPECT_TRUE(data(60, true)["limit"].is_null());
   std::ofstream(folder_.log(), std::ios::app)
-      << R"({"iteration": 60, "event": "held", "reason": "GPU memory", "count": 1060})";
+      << R"({"iteration": 60, "event": "capped", "reason": "GPU memory", "count": 1060})";
   EXPECT_EQ(train_report_data(folder_)["limit"], Json({{"iteration", 60}, {"count", 1060}, {"reason", "GPU memory"}}));
 }
 

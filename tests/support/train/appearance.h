@@ -55,7 +55,7 @@ inline double corrected_psnr(const std::filesystem::path& ply, const TrainConfig
   ColorEvaluation colors;
   colors.corrected_psnr = true;
   return evaluate_views(rasterizer, to_tensors(cloud, cloud.sh_degree, torch::kCPU), views,
-                        evaluation_settings(config, cloud.sh_degree), {}, nullptr, colors)
+                        base_render_settings(config, cloud.sh_degree), {}, nullptr, colors)
       .mean.corrected_psnr.value();
 }
 

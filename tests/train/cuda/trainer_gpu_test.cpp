@@ -491,7 +491,7 @@ TEST(TrainerOnGpu, ContinuesWithoutAGaussianOfWhichOnlyTheColorIsNotANumber) {
   EXPECT_EQ(run.result.iteration, 20);
 }
 
-TEST(TrainerOnGpu, HoldsTheCountAndTrainsToTheEndWhereMemoryIsShort) {
+TEST(TrainerOnGpu, CapsTheCountAndTrainsToTheEndWhereMemoryIsShort) {
   B3DGS_NEEDS_GPU();
   const Scene scene = test::make_tiny_scene();
   const test::TempDir temp;
@@ -499,11 +499,11 @@ TEST(TrainerOnGpu, HoldsTheCountAndTrainsToTheEndWhereMemoryIsShort) {
   memory->bytes = 200000;
   TrainHooks hooks;
   hooks.memory = memory;
-  const Trained held = train(deterministic_config(), scene, temp / "held", {}, hooks);
+  const Trained held = train(deterministic_config(), scene, temp / "capped", {}, hooks);
   const Trained again = train(deterministic_config(), scene, temp / "again", {}, hooks);
   EXPECT_TRUE(test::same(held.ply, again.ply));
   EXPECT_EQ(held.result.iteration, 40);
-  EXPECT_GT(read_checkpoint_header(held.result.checkpoint).value("held_at", 0), 0);
+  EXPECT_GT(read_checkpoint_header(held.result.checkpoint).value("count_cap", 0), 0);
   EXPECT_LT(held.result.n_gaussians, train(deterministic_config(), scene, temp / "free").result.n_gaussians);
 }
 

@@ -76,20 +76,20 @@ std::pair<std::int64_t, std::int64_t> counts_with(const std::shared_ptr<test::Sh
   TrainHooks hooks;
   hooks.memory = memory;
   const TrainResult result = Trainer(finalize(mcmc_config(), scene), scene, ModelFolder(folder), hooks).run();
-  return {result.n_gaussians, read_checkpoint_header(result.checkpoint).at("held_at").get<std::int64_t>()};
+  return {result.n_gaussians, read_checkpoint_header(result.checkpoint).at("count_cap").get<std::int64_t>()};
 }
 
-TEST(McmcTraining, HoldsTheCountOnlyWhereMemoryIsShort) {
+TEST(McmcTraining, CapsTheCountOnlyWhereMemoryIsShort) {
   const test::TempDir temp;
   auto memory = std::make_shared<test::ShortMemory>();
   memory->bytes = std::int64_t{1} << 30;
   EXPECT_EQ(counts_with(memory, temp / "ample"), (std::pair<std::int64_t, std::int64_t>{130, 0}))
       << "--max_gaussians is no lack of memory";
   memory->bytes = 130000;
-  const auto [count, held_at] = counts_with(memory, temp / "short");
-  EXPECT_GE(held_at, 120);
-  EXPECT_LT(held_at, 130);
-  EXPECT_EQ(count, held_at);
+  const auto [count, count_cap] = counts_with(memory, temp / "short");
+  EXPECT_GE(count_cap, 120);
+  EXPECT_LT(count_cap, 130);
+  EXPECT_EQ(count, count_cap);
   memory->bytes.reset();
   memory->rows_that_fit = 125;  // an allocation for more fails
   EXPECT_EQ(counts_with(memory, temp / "failing"), (std::pair<std::int64_t, std::int64_t>{120, 120}));

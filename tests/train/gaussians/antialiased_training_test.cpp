@@ -97,7 +97,7 @@ TEST(AntialiasedTraining, ThePlyRendersAsTheModelThatItWasSavedFrom) {
   EXPECT_TRUE(cloud.antialiased);
   const GaussianTensors gaussians = to_tensors(cloud, 1, torch::kCPU);
   Rasterizer rasterizer(torch::kCPU);
-  RenderSettings settings = evaluation_settings(config, trainer.sh_degree());
+  RenderSettings settings = base_render_settings(config, trainer.sh_degree());
   const double of_ply = evaluate_views(rasterizer, gaussians, scene.train, settings).mean.psnr;
   EXPECT_NEAR(of_ply, of_model, 1e-3);
   settings.antialiasing = false;

@@ -336,7 +336,7 @@ void check_memory(Communicator& ranks) {
   TrainHooks hooks;
   hooks.memory = memory;
   hooks.on_message = [&](const std::string& message) { messages += message + "\n"; };
-  const Files held = train(config, scene, folder / "held", &ranks, {}, hooks);
+  const Files held = train(config, scene, folder / "capped", &ranks, {}, hooks);
   for (const std::int64_t count : ranks.exchange_record("counts", held.result.n_gaussians)) {
     expect(count == held.result.n_gaussians && count <= 120, "the number is held");
   }

@@ -36,7 +36,7 @@ class CudaBackend final : public RasterizerBackend {
       if (sums_.are_zero) args.out.sums = sums_.splats.resize(n_rows_, lists);
       cuda::project(args, lists);
       if (has_pass) side_.join(context);  // the colour pass follows the projection
-      number_view(args.out, lists);
+      count_view(args.out, lists);
       if (has_pass) {
         color_splats(args, colored_reader_.begin(), context);
         colored_reader_.mark(context);
@@ -112,7 +112,7 @@ class CudaBackend final : public RasterizerBackend {
     const ProjectCudaArgs args = begin_drawn({rows.n_splats}, view, settings, context);
     sums_.are_zero = false;
     load_rows(rows, args, context);
-    number_view(args.out, context);
+    count_view(args.out, context);
     bin_view(/*widest=*/"the Gaussian of splat", context);
     draw(out, context);
     state_.n_given_rows = rows.n_splats;
@@ -241,9 +241,9 @@ class CudaBackend final : public RasterizerBackend {
   }
 
   /// Runs the first part of binning. bin_view() must follow.
-  void number_view(const ProjectOutputs& projected, const LaunchContext& context) {
+  void count_view(const ProjectOutputs& projected, const LaunchContext& context) {
     lists_ = {projected, n_rows_, state_.grid, state_.settings.culling};
-    number_lists(lists_, bin_buffers_, counts_reader_.begin(), context);
+    count_lists(lists_, bin_buffers_, counts_reader_.begin(), context);
     counts_reader_.mark(context);
   }
 

@@ -1,4 +1,4 @@
-#include "train/recovery.h"
+#include "train/step_runner.h"
 
 #include <optional>
 #include <string>
@@ -10,7 +10,7 @@
 
 namespace b3dgs {
 
-void StepRecovery::take_step() {
+void StepRunner::run_step() {
   TrainState& state = training_.state;
   std::vector<MemoryRemedy> remedies = training_.remedies();
   std::optional<StepOutcome> outcome;
@@ -40,12 +40,12 @@ void StepRecovery::take_step() {
   note_views(*outcome);
 }
 
-void StepRecovery::read_losses() {
+void StepRunner::read_losses() {
   training_.views.poses.take_queued_steps();
   team_.read_losses(last_);
 }
 
-void StepRecovery::note_views(const StepOutcome& outcome) {
+void StepRunner::note_views(const StepOutcome& outcome) {
   TrainState& state = training_.state;
   if (training_.memory->limit()) {
     for (const ViewSize& size : outcome.sizes) {
@@ -57,7 +57,7 @@ void StepRecovery::note_views(const StepOutcome& outcome) {
   }
 }
 
-void StepRecovery::warn_of_empty_views(int iteration) {
+void StepRunner::warn_of_empty_views(int iteration) {
   const std::string warning = training_.empty_views.take_warning();
   if (warning.empty()) return;
   team_.on_first([&] {
@@ -67,7 +67,7 @@ void StepRecovery::warn_of_empty_views(int iteration) {
   });
 }
 
-void StepRecovery::save_statistics() {
+void StepRunner::save_statistics() {
   if (!keeps_gradients(training_)) return;
   const int from = training_.state.iteration;
   bool adds = false;
@@ -80,7 +80,7 @@ void StepRecovery::save_statistics() {
   saved_statistics_ = std::move(saved);
 }
 
-void StepRecovery::roll_back() {
+void StepRunner::roll_back() {
   training_.timer.cancel();
   TrainState& state = training_.state;
   if (state.adam.steps != last_.adam_steps) {  // Adam has begun, so Gaussians may have changed
@@ -94,7 +94,7 @@ void StepRecovery::roll_back() {
   static_cast<StepPosition&>(state) = last_.position;
 }
 
-void StepRecovery::remove_invalid_gaussians(const InvalidGaussianError& error) {
+void StepRunner::remove_invalid_gaussians(const InvalidGaussianError& error) {
   TrainState& state = training_.state;
   read_losses();  // throws if a loss is not finite, which would be the cause
   training_.flush();

@@ -1,6 +1,6 @@
-// Recovery from failed steps. The state is rolled back to the end of the previous step. If Gaussians cannot be
-// rendered, they are removed. If memory is short, the step is repeated as long as some can be freed. step.h explains
-// why a roll-back is cheap.
+// Runs steps. A step that fails is repeated after a roll-back to the end of the previous one. Gaussians that cannot be
+// rendered are removed. If memory is short, some is freed, as long as there is some to free. step.h explains why a
+// roll-back is cheap.
 #pragma once
 
 #include <cstdint>
@@ -13,14 +13,14 @@
 
 namespace b3dgs {
 
-class StepRecovery {
+class StepRunner {
  public:
   /// Both arguments must outlive this object.
-  StepRecovery(Training& training, Team& team) : training_(training), team_(team) {}
+  StepRunner(Training& training, Team& team) : training_(training), team_(team) {}
 
   /// Takes one step. Repeats it without Gaussians that cannot be rendered, or with more free memory. @throws the error
   /// of the step, with the state rolled back; LossError
-  void take_step();
+  void run_step();
   /// Reads back the losses of the last step, updates the running average, and applies the pose updates. @throws
   /// LossError
   void read_losses();
