@@ -7,6 +7,7 @@
 
 #include "core/check.h"
 #include "raster/args.h"
+#include "raster/geometry.h"
 #include "raster/stages.h"
 
 namespace b3dgs {
@@ -46,8 +47,8 @@ struct LastView {
     B3DGS_CHECK(family_of(kernel) == family_of(settings.kernel), kernel_name(kernel), " on the lists of ",
                 kernel_name(settings.kernel), ", which is of the other family");
   }
-  void check_same(const GaussianArrays& gaussians) const {
-    B3DGS_CHECK(n_gaussians == gaussians.n_gaussians, "backward() with ", gaussians.n_gaussians,
+  void check_same(const GaussianArrays& gaussians, const char* call = "backward()") const {
+    B3DGS_CHECK(n_gaussians == gaussians.n_gaussians, call, " with ", gaussians.n_gaussians,
                 " Gaussians after a forward() with ", n_gaussians, " (-1: none)");
   }
 };
@@ -114,6 +115,9 @@ class RasterizerBackend {
   virtual void score(const float* error, const ScoreArrays& out) = 0;
   /// `out`: [M] as for backward_splats().
   virtual void score_splats(const float* error, ScoreSums* out) = 0;
+
+  /// `gaussians` must be unchanged since forward().
+  virtual void geometry(const GaussianArrays& gaussians, DepthKind kind, const GeometryArrays& out) = 0;
 
   /// `kernel` must be of the same family as the kernel of forward().
   virtual void reblend(ForwardKernel kernel) = 0;

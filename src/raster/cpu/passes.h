@@ -14,6 +14,7 @@
 #include "core/parallel.h"
 #include "raster/args.h"
 #include "raster/checks.h"
+#include "raster/geometry.h"
 #include "raster/rasterizer_backend.h"
 
 namespace b3dgs::cpu {
@@ -158,6 +159,11 @@ struct PairSums {
     });
   }
 };
+
+/// Computes the planes of M splats. `out`: [M]
+void splat_planes(const PlaneArgs& args, std::int64_t n_splats, const Splat* splats, PlaneRow* out);
+/// Computes depth, normals and confidence of the surface that a view shows.
+void geometry(const GeometryArgs& args);
 
 /// Data that turns the sums of splats into gradients of Gaussians.
 struct ProjectBackwardArgs {

@@ -114,6 +114,13 @@ class CpuBackend final : public RasterizerBackend {
         [&](std::int64_t m, const ScoreSums& sum) { out[splats_.data()[m].gaussian] = sum; });
   }
 
+  void geometry(const GaussianArrays& gaussians, DepthKind kind, const GeometryArrays& out) override {
+    state_.check_same(gaussians, "geometry()");
+    PlaneRow* const planes = planes_.resize(state_.n_splats);
+    splat_planes({gaussians, state_.view, state_.settings.antialiasing, kind}, state_.n_splats, splats_.data(), planes);
+    cpu::geometry({lists(), planes, kind, out});
+  }
+
   void reblend(ForwardKernel kernel) override {
     state_.check_view("reblend()");
     state_.check_family(kernel);
@@ -231,6 +238,7 @@ class CpuBackend final : public RasterizerBackend {
   Buffer<std::int32_t> radii_, last_ids_;
   Buffer<float> transmittance_;
   Buffer<SplatGrad> pair_grads_;
+  Buffer<PlaneRow> planes_;
   BinBuffers bin_buffers_;
   BinnedSplats bins_{};
   std::array<double, kCameraGradients> camera_gradients_{};  // of the last backward pass

@@ -141,6 +141,16 @@ class CudaBackend final : public RasterizerBackend {
     sum_rows(out, context, [&](ScoreSums* sums) { score_rows(error, sums, /*wants_weights=*/true, context); });
   }
 
+  void geometry(const GaussianArrays& gaussians, DepthKind kind, const GeometryArrays& out) override {
+    state_.check_same(gaussians, "geometry()");
+    const LaunchContext context = context_();
+    PlaneRow* planes = nullptr;
+    assign_scratch(scratch_, context, [&](ScratchArrays& arrays) { planes = arrays.take<PlaneRow>(n_rows_); });
+    splat_planes({gaussians, state_.view, state_.settings.antialiasing, kind}, lists_.projected, n_rows_, planes,
+                 context);
+    cuda::geometry({tile_lists(), planes, kind, out}, lists_.tiles_by_length, context);
+  }
+
   void reblend(ForwardKernel kernel) override {
     state_.check_view("reblend()");
     state_.check_family(kernel);

@@ -10,6 +10,7 @@
 
 #include "raster/args.h"
 #include "raster/cuda/device_buffer.h"
+#include "raster/geometry.h"
 #include "raster/rasterizer_backend.h"
 
 namespace b3dgs::cuda {
@@ -251,6 +252,12 @@ void score(const ScoreArgs& args, const std::int32_t* tiles_by_length, bool want
            const LaunchContext& context);
 /// Adds the sums of each row to the scores of its Gaussian. Rows with radius 0 are skipped, unless `radii` is null.
 void add_scores(const AddScoresArgs& args, const std::int32_t* radii, const LaunchContext& context);
+
+/// Computes the planes of the rows that have a splat. `planes`: [n_rows] out, written only there.
+void splat_planes(const PlaneArgs& args, const ProjectOutputs& projected, std::int64_t n_rows, PlaneRow* planes,
+                  const LaunchContext& context);
+/// Computes depth, normals and confidence of the surface that a view shows.
+void geometry(const GeometryArgs& args, const std::int32_t* tiles_by_length, const LaunchContext& context);
 
 struct BlendBackwardCudaArgs {
   BlendBackwardArgs blend{};  // its pair_grads are not used

@@ -207,6 +207,19 @@ torch::Tensor Rasterizer::score_splats(const torch::Tensor& error) {
   return sums;
 }
 
+SurfaceView Rasterizer::geometry(const GaussianTensors& gaussians, DepthKind kind) {
+  const LastView& view = backend().view_state();
+  view.check_gaussians("geometry()");
+  const GaussianArrays arrays = arrays_of(gaussians, device_);
+  const torch::TensorOptions options = rendered_.color.options();
+  const std::int64_t height = view.view.height, width = view.view.width;
+  SurfaceView out{torch::empty({height, width}, options), torch::empty({height, width, 3}, options),
+                  torch::empty({height, width}, options)};
+  backend().geometry(arrays, kind,
+                     {out.depth.data_ptr<float>(), out.normal.data_ptr<float>(), out.confidence.data_ptr<float>()});
+  return out;
+}
+
 void Rasterizer::score(const torch::Tensor& error, const GaussianScores& scores) {
   const LastView& view = backend().view_state();
   view.check_gaussians("score()");

@@ -12,6 +12,7 @@
 #include "core/check.h"
 #include "raster/args.h"
 #include "raster/constants.h"
+#include "raster/geometry.h"
 #include "raster/rasterizer_backend.h"
 
 namespace b3dgs {
@@ -91,6 +92,13 @@ struct ViewSplats {
 struct GaussianScores {
   torch::Tensor error_sum, max_weight, n_views;  // [N] each
   torch::Tensor weight_sum;                      // [N]; undefined: not computed
+};
+
+/// Depth and normals of the surface that a view shows, in new tensors (GeometryArrays). Pixels without a surface are 0.
+struct SurfaceView {
+  torch::Tensor depth;       // [H, W] world units, measured like Splat::depth
+  torch::Tensor normal;      // [H, W, 3] unit vector of the camera frame, towards the camera
+  torch::Tensor confidence;  // [H, W] at most 1
 };
 
 struct ViewSize {
@@ -180,6 +188,10 @@ class Rasterizer {
 
   /// Counts the load of the last forward().
   ViewLoad count_load() const;
+
+  /// Computes the geometry of the last forward(), with any settings. `gaussians` must be unchanged. Exactly the same
+  /// for any forward kernel and number of threads. backward() may still follow. Asynchronous on a GPU.
+  SurfaceView geometry(const GaussianTensors& gaussians, DepthKind kind = DepthKind::kSurface);
 
   /// Adds the scores of the last forward() to `scores`: sums of the Gaussians' weights, and of weights times `error`
   /// [H, W], which is clamped to [0, 1]. Exactly the same for any forward kernel and number of threads. Overwrites the

@@ -98,6 +98,15 @@ class CpuView {
                         scores.max_weight.data_ptr<float>(), scores.n_views.data_ptr<float>()});
   }
 
+  SurfaceView geometry(DepthKind kind) {
+    const std::int64_t h = scene_.view.height, w = scene_.view.width;
+    SurfaceView out{torch::full({h, w}, NAN), torch::full({h, w, 3}, NAN), torch::full({h, w}, NAN)};
+    rasterizer_->geometry(
+        arrays_of(scene_), kind,
+        {out.depth.data_ptr<float>(), out.normal.data_ptr<float>(), out.confidence.data_ptr<float>()});
+    return out;
+  }
+
   /// [N] int64
   torch::Tensor radii() const {
     torch::Tensor copy = torch::zeros({scene_.gaussians.size()}, torch::kInt64);

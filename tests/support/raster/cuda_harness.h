@@ -135,6 +135,14 @@ class CudaView {
     for (int i = 0; i < 4; ++i) out[i]->copy_(sums[static_cast<std::size_t>(i)].to_host());
   }
 
+  /// Returns tensors in host memory.
+  SurfaceView geometry(DepthKind kind) {
+    const std::int64_t h = scene_.view.height, w = scene_.view.width;
+    const DeviceTensor depth({h, w}), normal({h, w, 3}), confidence({h, w});
+    rasterizer_->geometry(gaussians_.arrays(), kind, {depth.data(), normal.data(), confidence.data()});
+    return {depth.to_host(), normal.to_host(), confidence.to_host()};
+  }
+
   /// [N] int64
   torch::Tensor radii() const {
     const std::vector<std::int32_t> host = download(rasterizer_->radii(), scene_.gaussians.size());

@@ -245,6 +245,29 @@ torch::Tensor meets_a_tile(const Ellipses& e, std::int64_t width, std::int64_t h
 
 }  // namespace
 
+torch::Tensor dense_rotations(const torch::Tensor& quats) {
+  return rotations(quats);
+}
+
+DenseCenters dense_centers(const torch::Tensor& means, const CameraView& view) {
+  DenseCenters out;
+  out.rotation = matrix3(view.rotation);
+  out.points = (torch::matmul(means, out.rotation.t()) + vector3(view.translation)).detach();
+  const torch::Tensor x = column(out.points, 0), y = column(out.points, 1), z = column(out.points, 2);
+  const torch::Tensor zero = torch::zeros_like(z);
+  out.depth = sees_all_around(view) ? out.points.norm(2, 1) : z;
+  out.deeper = sees_all_around(view) ? out.points / out.depth.unsqueeze(1) : torch::stack({zero, zero, zero + 1}, 1);
+  if (view.lens.kind == LensKind::kPinhole) {
+    out.jacobian = torch::stack({view.fx / z, zero, -view.fx * x / z.square(),  //
+                                 zero, view.fy / z, -view.fy * y / z.square()},
+                                1)
+                       .view({-1, 2, 3});
+  } else {
+    out.jacobian = project_through_lens(view, out.points).second.detach();
+  }
+  return out;
+}
+
 torch::Tensor dense_sh_basis(const torch::Tensor& directions, int degree) {
   const torch::Tensor x = column(directions, 0), y = column(directions, 1), z = column(directions, 2);
   std::vector<torch::Tensor> basis;

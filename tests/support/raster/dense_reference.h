@@ -85,6 +85,20 @@ DenseGradients dense_gradients(const GaussianTensors& leaves, const DenseView& v
 /// Returns the gradient of the same sum with respect to `motion`, a leaf that `view` was rendered with.
 torch::Tensor dense_motion_gradient(const torch::Tensor& motion, const DenseView& view, const RenderedViewGrad& grad);
 
+/// Returns rotation matrices [N, 3, 3] of quaternions [N, 4], w x y z.
+torch::Tensor dense_rotations(const torch::Tensor& quats);
+
+/// Centres of N Gaussians in a view.
+struct DenseCenters {
+  torch::Tensor rotation;  // [3, 3] world to camera
+  torch::Tensor points;    // [N, 3] camera frame
+  torch::Tensor depth;     // [N]
+  torch::Tensor deeper;    // [N, 3] gradient of depth with respect to the point
+  torch::Tensor jacobian;  // [N, 2, 3] of the pixel, as the lens is linearised; at the centre for pinholes
+};
+/// `means`: [N, 3] double
+DenseCenters dense_centers(const torch::Tensor& means, const CameraView& view);
+
 /// Returns real spherical harmonics up to `degree` at unit vectors [N, 3]: [N, (degree + 1)^2], with the
 /// Condon-Shortley sign, in the order (0,0), (1,-1), (1,0), (1,1), (2,-2), ...
 torch::Tensor dense_sh_basis(const torch::Tensor& directions, int degree);

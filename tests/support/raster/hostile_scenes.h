@@ -124,6 +124,9 @@ void expect_finite_or_refused(const TestScene& scene, const RenderSettings& sett
       EXPECT_TRUE(all_finite(*gradients.parameters.all()[i], GaussianTensors::kNames[i])) << "a gradient";
     }
     EXPECT_TRUE(all_finite(gradients.means2d, "the gradient with respect to the projected centres"));
+    const SurfaceView surface = view.geometry(DepthKind::kSurface);
+    EXPECT_TRUE(all_finite(surface.depth, "surface") && all_finite(surface.normal, "normal") &&
+                all_finite(surface.confidence, "confidence"));
     ++outcome.rendered;
   } catch (const NumericError& error) {
     EXPECT_EQ(std::string(error.what()).rfind("Gaussian ", 0), 0u) << error.what();
