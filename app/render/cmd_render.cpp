@@ -1,5 +1,5 @@
-// b3dgs render: renders colour, depth and alpha images or a video of a model, from its views, from cameras of a file,
-// or along a path.
+// b3dgs render: renders colour, depth, normal and alpha images or a video of a model, from its views, from cameras of a
+// file, or along a path.
 #include <algorithm>
 #include <atomic>
 #include <filesystem>
@@ -32,6 +32,8 @@ struct RenderOptions {
   std::string output;
   bool depth = true;
   std::string depth_format = "color";
+  DepthKind depth_kind = DepthKind::kMean;
+  bool normals = false;
   bool alpha = true;
   std::string video;
   std::string video_of = "color";
@@ -40,6 +42,10 @@ struct RenderOptions {
   bool overwrite = false;
 
   bool writes_images() const { return video.empty() || !output.empty(); }
+  bool needs_depth() const { return (writes_images() && depth) || colors_depth(); }
+  bool needs_surface() const {
+    return (writes_images() && normals) || (needs_depth() && depth_kind != DepthKind::kMean);
+  }
   bool colors_depth() const {
     return (writes_images() && depth && depth_format == "color") || (!video.empty() && video_of == "depth");
   }
@@ -54,6 +60,10 @@ void visit_fields(RenderOptions& c, Visitor&& field) {
         "write depth/: inverse depth in turbo colours, red is near, one range for all");
   field(Option{"depth_format"}.common(), c.depth_format, OneOf{{"color", "png16", "exr"}},
         "depth/ as colours, as 16-bit inverse depth, or as OpenEXR in world units");
+  field(Option{"depth_kind"}, c.depth_kind, one_of<DepthKind>(),
+        "depth of a pixel: of the surface, of the median Gaussian, or the mean of Gaussians");
+  field(Option{"normals"}, c.normals, Any{},
+        "write normals/: of the surface; red is right, green is up, blue is to the camera");
   field(Option{"alpha"}, c.alpha, Any{}, "write alpha/: accumulated opacity as grey");
   field(Option{"video"}.common().group("Video (needs ffmpeg)"), c.video, Any{},
         "write this .mp4, .webm or .gif instead of images; with --output, both");
@@ -70,6 +80,9 @@ void check_options(const CommandLine& line, const ModelOptions& model, const Ren
     input_error("-m and --ply both name a model; use one of them");
   }
   if (!options.video.empty()) check_video_file(options.video, options.overwrite);
+  if (options.normals && !options.writes_images()) {
+    input_error("--normals is for images; to write them beside the --video, name a folder with --output");
+  }
   for (const char* name : {"video_of", "fps", "crf"}) {
     if (line.was_given(name) && options.video.empty()) input_error("--", name, " is for --video");
   }
@@ -105,7 +118,7 @@ ImageSize frame_size(const std::vector<Camera>& cameras) {
 /// The images of a view to write. They are in host memory, because the next view overwrites its tensors.
 struct RenderedFrame {
   std::size_t index;
-  Image8 color, alpha;                  // empty if not written
+  Image8 color, alpha, normals;         // empty if not written
   torch::Tensor depth, depth_of_alpha;  // [H, W] and the alpha that belongs to it; undefined as above
 };
 
@@ -120,7 +133,7 @@ class Output {
     const bool is_in_model = options.output.empty() && !model.is_file();
     if (options.writes_images()) {
       own_files_.emplace(is_in_model ? model.folder.root() : folder_);
-      for (const char* part : {"renders", "depth", "alpha", "depth.json", "views.json"}) {
+      for (const char* part : {"renders", "depth", "normals", "alpha", "depth.json", "views.json"}) {
         own_files_->remove(folder_ / part);  // of an earlier run, which may have written more
       }
     }
@@ -138,18 +151,22 @@ class Output {
     }
   }
 
-  /// Returns before the view is written. @throws errors from writing it, or a view before it
-  void write(std::size_t index, const RenderedView& rendered) {
+  /// `surface` is undefined unless needs_surface(). Returns before the view is written. @throws errors from writing it,
+  /// or a view before it
+  void write(std::size_t index, const RenderedView& rendered, const SurfaceView& surface) {
     const bool needs_color = options_.writes_images() || options_.video_of == "color";
     const bool needs_alpha = (options_.writes_images() && options_.alpha) || options_.video_of == "alpha";
-    const bool needs_depth = (options_.writes_images() && options_.depth) || options_.colors_depth();
     const auto frame = std::make_shared<RenderedFrame>();
     frame->index = index;
     if (needs_color) frame->color = to_image8(rendered.color);
     if (needs_alpha) frame->alpha = to_image8(rendered.alpha);
-    if (needs_depth) {
+    if (options_.writes_images() && options_.normals) frame->normals = color_normals(surface.normal);
+    if (options_.needs_depth() && options_.depth_kind == DepthKind::kMean) {
       frame->depth = host_copy(rendered.depth);
       frame->depth_of_alpha = host_copy(rendered.alpha);
+    } else if (options_.needs_depth()) {
+      frame->depth = host_copy(surface.depth);
+      frame->depth_of_alpha = (frame->depth > 0).to(torch::kFloat32);  // a surface is opaque
     }
     tasks_.push([this, frame] { write(*frame); });
   }
@@ -195,6 +212,7 @@ class Output {
     if (!options_.writes_images()) return;
     write_image(folder_ / "renders" / image_name(frame.index), frame.color);
     if (options_.alpha) write_image(folder_ / "alpha" / image_name(frame.index), frame.alpha);
+    if (options_.normals) write_image(folder_ / "normals" / image_name(frame.index), frame.normals);
     if (!options_.depth) return;
     const fs::path file = folder_ / "depth" / image_name(frame.index);
     options_.depth_format == "color" ? write_image(file, depth) : write_depth_numbers(file, frame);
@@ -259,7 +277,10 @@ int run_render(const std::vector<std::string>& words) {
   const ProgressFn progress = show_loading(status);
   const double start_s = steady_seconds();
   for (std::size_t i = 0; i < choice.cameras.size(); ++i) {
-    output.write(i, renderer.render(to_camera_view(choice.cameras[i])));
+    const RenderedView rendered = renderer.render(to_camera_view(choice.cameras[i]));
+    SurfaceView surface;
+    if (options.needs_surface()) surface = renderer.rasterizer.geometry(renderer.gaussians, options.depth_kind);
+    output.write(i, rendered, surface);
     progress("rendering", i + 1, choice.cameras.size());
   }
   output.wait();

@@ -87,6 +87,24 @@ Image8 color_depth(const torch::Tensor& depth, const torch::Tensor& alpha, const
   return image;
 }
 
+Image8 color_normals(const torch::Tensor& normal) {
+  const torch::Tensor normal_cpu = normal.cpu().contiguous();
+  B3DGS_CHECK(normal_cpu.dim() == 3 && normal_cpu.size(2) == 3, "normals are [H, W, 3]");
+  Image8 image(static_cast<int>(normal_cpu.size(1)), static_cast<int>(normal_cpu.size(0)), 3);
+  const float* normals = normal_cpu.data_ptr<float>();
+  const auto level = [](float value) {
+    return static_cast<std::uint8_t>(std::lround(127.5f * (1 + std::clamp(value, -1.0f, 1.0f))));
+  };
+  for (std::size_t i = 0; i < image.pixels.size(); i += 3) {
+    const float x = normals[i], y = normals[i + 1], z = normals[i + 2];
+    if (x == 0 && y == 0 && z == 0) continue;
+    image.pixels[i] = level(x);
+    image.pixels[i + 1] = level(-y);
+    image.pixels[i + 2] = level(-z);
+  }
+  return image;
+}
+
 std::vector<float> mean_depths(const torch::Tensor& depth, const torch::Tensor& alpha) {
   const torch::Tensor means =
       torch::where(alpha >= kLeastDepthAlpha, depth / alpha, torch::zeros_like(depth)).cpu().contiguous();

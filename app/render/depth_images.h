@@ -1,5 +1,6 @@
-// Depth images. For people, they show inverse depth, which preserves contrast at close range, in the turbo colour map,
-// near red and far blue, fading to black with decreasing alpha. For programs: `b3dgs render --depth_format png16|exr`.
+// Depth and normal images. For people, depth images, show inverse depth, which preserves contrast at close range, in
+// the turbo colour map, near red and far blue, fading to black with decreasing alpha. For programs: `b3dgs render
+// --depth_format png16|exr`.
 #pragma once
 
 #include <torch/types.h>
@@ -33,6 +34,10 @@ DepthRange depth_range(const torch::Tensor& depth, const torch::Tensor& alpha);
 /// Colours rendered depth. `depth` [H, W]: the sum of weight x depth in world units. `alpha` [H, W]: the sum of the
 /// weights.
 Image8 color_depth(const torch::Tensor& depth, const torch::Tensor& alpha, const DepthRange& range);
+
+/// Colours normals. `normal` [H, W, 3]: unit vectors of the camera frame, or 0 where there is no surface, which is
+/// black. Red is right, green is up and blue is towards the camera, as in normal maps: -1 is 0 and 1 is 255.
+Image8 color_normals(const torch::Tensor& normal);
 
 /// Pixels less opaque than this have no depth.
 inline constexpr float kLeastDepthAlpha = 0.5f / 255;

@@ -1,4 +1,4 @@
-// b3dgs render --depth_format png16 and exr: the files contain the rendered depth.
+// b3dgs render --depth_format png16 and exr, --depth_kind and --normals: the files contain what was rendered.
 #include "app/render/depth_images.h"
 
 #include <gtest/gtest.h>
@@ -71,6 +71,53 @@ TEST(RenderedDepth, IsTheSameInFilesOfNumbers) {
     }
   }
   EXPECT_FALSE(std::filesystem::exists(folder / "exr/depth.json"));
+}
+
+TEST(RenderedSurface, IsThatOfTheRasterizer) {
+  const test::TempDir folder;
+  const auto run = [](const std::vector<std::string>& words) { return run_b3dgs(words); };
+  const std::string truth = (folder / "scene/truth.ply").string(), above = (folder / "above.json").string();
+  ASSERT_EQ(run({"synth", "orbit", (folder / "scene").string(), "--views", "3", "--quiet"}).exit_code, 0);
+  test::write_bytes(above, R"({"render_width": 64, "render_height": 48, "camera_path": [
+      {"camera_to_world": [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 9, 0, 0, 0, 1], "fov": 50}]})");
+  const auto render = [&](std::vector<std::string> more) {
+    more.insert(more.begin(), {"render", truth, "--cameras", above, "--device", "cpu", "--quiet"});
+    return run(more);
+  };
+  const Outcome rendered =
+      render({"--depth_format", "exr", "--depth_kind", "surface", "--normals", "--output", (folder / "out").string()});
+  ASSERT_EQ(rendered.exit_code, 0) << rendered.err;
+
+  ModelOptions options;
+  options.model_path = truth;
+  options.device = "cpu";
+  const LoadedModel model = load_model(options);
+  ModelRenderer renderer(model, torch::kCPU);
+  renderer.render(to_camera_view(read_camera_file(above).cameras[0].camera));
+  const SurfaceView expected = renderer.rasterizer.geometry(renderer.gaussians);
+  ::setenv("OPENCV_IO_ENABLE_OPENEXR", "1", 0);
+  const cv::Mat exr = cv::imread((folder / "out/depth/00000.exr").string(), cv::IMREAD_UNCHANGED);
+  const Image8 normals = read_image(folder / "out/normals/00000.png", false);
+  ASSERT_EQ(exr.type(), CV_32FC1);
+  ASSERT_EQ(normals.width, 64);
+  const torch::Tensor colors =
+      (127.5 * (1 + expected.normal * torch::tensor({1.0f, -1.0f, -1.0f}))) * (expected.depth > 0).unsqueeze(2);
+  int n_blue = 0, n_black = 0;
+  for (int at = 0; at < 64 * 48; ++at) {
+    ASSERT_EQ(exr.at<float>(at / 64, at % 64), expected.depth.flatten()[at].item<float>());
+    const std::uint8_t* const pixel = normals.pixels.data() + static_cast<std::size_t>(3 * at);
+    for (int c = 0; c < 3; ++c) ASSERT_NEAR(pixel[c], colors.view({-1, 3})[at][c].item<float>(), 0.51);
+    n_blue += pixel[2] > 250 ? 1 : 0;
+    n_black += pixel[2] == 0 ? 1 : 0;
+  }
+  EXPECT_GT(n_blue, 64 * 48 / 10) << "the ground faces the camera";
+  EXPECT_GT(n_black, 64 * 48 / 10) << "nothing is seen in the corners";
+
+  ASSERT_EQ(render({"--output", (folder / "mean").string()}).exit_code, 0);
+  EXPECT_FALSE(std::filesystem::exists(folder / "mean/normals"));
+  const Outcome refused = render({"--normals", "--video", (folder / "v.mp4").string()});
+  EXPECT_EQ(refused.exit_code, 2);
+  EXPECT_NE(refused.err.find("--normals is for images"), std::string::npos) << refused.err;
 }
 
 TEST(InverseDepth, CountsPixelsThatAreTooNear) {
