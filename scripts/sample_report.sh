@@ -1,6 +1,7 @@
 #!/usr/bin/env bash
-# Makes docs/sample_report.html and docs/images/report.png, a screenshot of it: the report of a short training on a
-# synthetic scene on the CPU, which takes a few minutes. The screenshot needs chromium and pngquant.
+# Makes a sample report, WORK_FOLDER/model/report.html, and docs/images/report.png, a screenshot of it. The report is
+# that of a short training on a synthetic scene on the CPU, which takes a few minutes. The screenshot needs chromium and
+# pngquant.
 # Usage: scripts/sample_report.sh B3DGS [WORK_FOLDER [TRAIN_OPTIONS...]]    default: output/sample
 #   scripts/sample_report.sh build/cpu/app/b3dgs output/sample --seed 1
 set -euo pipefail
@@ -11,7 +12,7 @@ work=${2:-output/sample}
 shift $(($# < 2 ? $# : 2))
 max_page_bytes=140000 max_picture_bytes=150000
 
-# small FILE MAX_BYTES: fails if a file is too large to be committed.
+# small FILE MAX_BYTES: fails if a file is too large.
 small() {
   local bytes
   bytes=$(stat -c %s "$1")
@@ -39,8 +40,7 @@ fi
 report=$work/model/report.html
 small "$report" "$max_page_bytes"
 scripts/check_report.sh "$report" || (($? == 77))
-sed "s#$PWD/##g" "$report" > docs/sample_report.html  # no folder of this machine
-echo "written: docs/sample_report.html"
+echo "written: $report"
 
 browser=$(command -v chromium || command -v chromium-browser || true)
 if [[ -z $browser || -z $(command -v pngquant) ]]; then
