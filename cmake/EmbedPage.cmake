@@ -1,10 +1,13 @@
 # b3dgs_embed_page(SOURCE NAME PAGE FILES...) sets SOURCE to a generated C++ file that defines the string b3dgs::NAME.
-# It is the HTML file PAGE, in which the style sheets among FILES replace @STYLE@, and the scripts replace @SCRIPT@.
-# Paths are relative to the folder of the caller.
+# It is the HTML file PAGE, in which the style sheets among FILES replace @STYLE@, and the scripts replace @SCRIPT@. Both
+# begin with uPlot, whose licence goes with it. Paths are relative to the folder of the caller.
 function(b3dgs_embed_page source name page)
   set(output ${CMAKE_CURRENT_BINARY_DIR}/page.cpp)
   set(files ${page} ${ARGN})
   list(TRANSFORM files PREPEND ${CMAKE_CURRENT_SOURCE_DIR}/)
+  set(uplot LICENSE uPlot.iife.min.js uPlot.min.css)
+  list(TRANSFORM uplot PREPEND ${PROJECT_SOURCE_DIR}/third_party/uplot/)
+  list(PREPEND files ${uplot})
   string(JOIN "|" joined ${files})
   add_custom_command(OUTPUT ${output}
     COMMAND ${CMAKE_COMMAND} -DOUTPUT=${output} -DNAME=${name} "-DFILES=${joined}"
@@ -25,6 +28,8 @@ foreach(file ${FILES})
     string(APPEND scripts "${text}")
   elseif(file MATCHES "\\.css$")
     string(APPEND styles "${text}")
+  elseif(file MATCHES "/LICENSE$")
+    string(APPEND scripts "/*\n${text}*/\n")
   else()
     set(page "${text}")
   endif()

@@ -10,7 +10,7 @@ usage="usage: scripts/sample_report.sh B3DGS [WORK_FOLDER [TRAIN_OPTIONS...]]"
 b3dgs=${1:?missing argument: path of the b3dgs program; $usage}
 work=${2:-output/sample}
 shift $(($# < 2 ? $# : 2))
-max_page_bytes=140000 max_picture_bytes=150000
+max_page_bytes=200000 max_picture_bytes=150000
 
 # small FILE MAX_BYTES: fails if a file is too large.
 small() {

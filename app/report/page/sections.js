@@ -171,16 +171,13 @@ function load_figure(events, field, name, caption) {
     return paragraph(`${name} at iteration ${count_text(events[0].iteration)}: median ${text("median")}, 90th ` +
       `percentile ${text("p90")}, 99th percentile ${text("p99")}, maximum ${text("max")}.${ginis}`);
   }
-  const of = (key) => events.map((event) => [event.iteration, event[field][key]]);
-  const columns = Object.entries({minimum: "min", median: "median", "90th percentile": "p90", "99th percentile": "p99",
-                                  maximum: "max"}).map(([column, key]) => ({name: column, points: of(key)}));
+  const quantile = (name, key, color, own) =>
+      ({name, color, points: events.map((event) => [event.iteration, event[field][key]]), ...own});
   return Charts.figure("lines", {
-    title: `${name} over the iterations`, y_label: name, log: true, height: 280, columns,
-    bands: [{name: "99th percentile to maximum", lower: of("p99"), upper: of("max"), color: 0, opacity: 0.2},
-            {name: "90th to 99th percentile", lower: of("p90"), upper: of("p99"), color: 0, opacity: 0.4},
-            {name: "median to 90th percentile", lower: of("median"), upper: of("p90"), color: 0, opacity: 0.6},
-            {name: "minimum to median", lower: of("min"), upper: of("median"), color: 8, opacity: 0.3}],
-    series: [{name: "median", points: of("median"), color: 0, markers: events.length <= 40}],
+    title: `${name} over the iterations`, y_label: name, log: true, height: 280,
+    series: [quantile("maximum", "max", 0, {band: "33"}), quantile("99th percentile", "p99", 0, {band: "66"}),
+             quantile("90th percentile", "p90", 0, {band: "99"}),
+             quantile("median", "median", 0, {markers: events.length <= 40}), quantile("minimum", "min", 8)],
   }, caption + ginis);
 }
 
