@@ -12,11 +12,11 @@
 namespace b3dgs {
 namespace {
 
-/// In the order of kCommandNames.
 const std::vector<Command> kCommands{
-    {"reconstruct", run_reconstruct}, {"train", run_train},   {"eval", run_eval},  {"render", run_render},
-    {"export", run_export},           {"view", run_view},     {"info", run_info},  {"synth", run_synth},
-    {"compare", run_compare},         {"report", run_report}, {"bench", run_bench}};
+#define B3DGS_ROW(name, help) {#name, run_##name},
+    B3DGS_COMMANDS(B3DGS_ROW, B3DGS_ROW)
+#undef B3DGS_ROW
+};
 
 /// Returns the output of the commands for --help-markdown.
 std::string option_tables() {

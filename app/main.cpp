@@ -16,6 +16,15 @@
 namespace b3dgs {
 namespace {
 
+/// The commands that this program links. The others are in the engine.
+const std::vector<Command> kLightCommands{
+#define B3DGS_LIGHT(name, help) {#name, run_##name},
+#define B3DGS_TORCH(name, help)
+    B3DGS_COMMANDS(B3DGS_LIGHT, B3DGS_TORCH)
+#undef B3DGS_LIGHT
+#undef B3DGS_TORCH
+};
+
 std::string general_help() {
   std::string text = std::string("Balanced3DGS ") + version() +
                      ": 3D Gaussian Splatting\n\n"
@@ -65,8 +74,7 @@ int run_engine(int argc, char** argv) {
 
 int run_command(int argc, char** argv) {
   if (needs_engine(argv[1])) return run_engine(argc, argv);
-  return run_program(
-      argc, argv, {{"reconstruct", run_reconstruct}, {"info", run_info}, {"synth", run_synth}, {"report", run_report}});
+  return run_program(argc, argv, kLightCommands);
 }
 
 }  // namespace

@@ -7,41 +7,42 @@
 
 namespace b3dgs {
 
+// The commands, in the order of --help: LIGHT(name, one line for the help text) if the command does not need LibTorch,
+// and otherwise TORCH(...). run_NAME() runs it.
+#define B3DGS_COMMANDS(LIGHT, TORCH)                                                             \
+  LIGHT(reconstruct, "make a scene from photographs or a video, with COLMAP")                    \
+  TORCH(train, "train a scene")                                                                  \
+  TORCH(eval, "compute PSNR and SSIM of a trained model")                                        \
+  TORCH(render, "render colour, depth and alpha images of a model")                              \
+  TORCH(export, "write a model for viewers and editors: SPZ, SOG, HTML, glTF; measure the loss") \
+  TORCH(view, "show a model in a browser")                                                       \
+  LIGHT(info, "describe a scene folder, model folder, PLY or checkpoint")                        \
+  LIGHT(synth, "write a synthetic COLMAP scene")                                                 \
+  TORCH(compare, "train a scene with several configurations; compare time and quality")          \
+  LIGHT(report, "rewrite report.html of a training or a comparison")                             \
+  TORCH(bench, "time kernels, rendering passes and training steps")
+
 struct CommandName {
   const char* name;
   const char* help;
-  bool needs_torch = true;
+  bool needs_torch;
 };
 
 inline constexpr CommandName kCommandNames[] = {
-    {"reconstruct", "make a scene from photographs or a video, with COLMAP", false},
-    {"train", "train a scene"},
-    {"eval", "compute PSNR and SSIM of a trained model"},
-    {"render", "render colour, depth and alpha images of a model"},
-    {"export", "write a model for viewers and editors: SPZ, SOG, HTML, glTF; measure the loss"},
-    {"view", "show a model in a browser"},
-    {"info", "describe a scene folder, model folder, PLY or checkpoint", false},
-    {"synth", "write a synthetic COLMAP scene", false},
-    {"compare", "train a scene with several configurations; compare time and quality"},
-    {"report", "rewrite report.html of a training or a comparison", false},
-    {"bench", "time kernels, rendering passes and training steps"},
+#define B3DGS_LIGHT(name, help) {#name, help, false},
+#define B3DGS_TORCH(name, help) {#name, help, true},
+    B3DGS_COMMANDS(B3DGS_LIGHT, B3DGS_TORCH)
+#undef B3DGS_LIGHT
+#undef B3DGS_TORCH
 };
 
 /// Exit codes of the program. docs/README.md lists all of them.
 enum ExitCode { kDone = 0, kFailed = 1, kBadInput = 2 };
 
 /// Each returns its exit code: 0, or 128 + signal if a signal stopped a training or comparison.
-int run_reconstruct(const std::vector<std::string>& words);
-int run_train(const std::vector<std::string>& words);
-int run_eval(const std::vector<std::string>& words);
-int run_render(const std::vector<std::string>& words);
-int run_export(const std::vector<std::string>& words);
-int run_view(const std::vector<std::string>& words);
-int run_info(const std::vector<std::string>& words);
-int run_synth(const std::vector<std::string>& words);
-int run_compare(const std::vector<std::string>& words);
-int run_report(const std::vector<std::string>& words);
-int run_bench(const std::vector<std::string>& words);
+#define B3DGS_ROW(name, help) int run_##name(const std::vector<std::string>& words);
+B3DGS_COMMANDS(B3DGS_ROW, B3DGS_ROW)
+#undef B3DGS_ROW
 int run_bench_sweep(const std::vector<std::string>& words);  // b3dgs bench sweep
 int run_bench_step(const std::vector<std::string>& words);   // b3dgs bench step
 int run_bench_paper(const std::vector<std::string>& words);  // b3dgs bench paper

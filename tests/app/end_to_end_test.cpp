@@ -5,6 +5,7 @@
 #include <csignal>
 #include <nlohmann/json.hpp>
 
+#include "app/common/commands.h"
 #include "core/text.h"
 #include "model/formats/splat_formats.h"
 #include "scene/images/image.h"
@@ -335,11 +336,12 @@ TEST(Program, PrintsVersionAndHelp) {
   EXPECT_EQ(version.out.compare(0, 6, "b3dgs "), 0);
   const Outcome help = run_b3dgs({"--help"});
   EXPECT_EQ(help.exit_code, 0);
-  for (const std::string command : {"train", "eval", "render", "info", "synth"}) {
-    EXPECT_NE(help.out.find(command), std::string::npos);
-    const Outcome of_command = run_b3dgs({command, "--help"});
-    EXPECT_EQ(of_command.exit_code, 0);
-    EXPECT_NE(of_command.out.find("Usage: b3dgs " + command), std::string::npos);
+  for (const CommandName& command : kCommandNames) {
+    const std::string name = command.name;
+    EXPECT_NE(help.out.find("\n  " + name + " "), std::string::npos) << name;
+    const Outcome of_command = run_b3dgs({name, "--help"});
+    EXPECT_EQ(of_command.exit_code, 0) << name;
+    EXPECT_NE(of_command.out.find("Usage: b3dgs " + name), std::string::npos) << name;
   }
   EXPECT_EQ(run_b3dgs({"help", "report"}).out, run_b3dgs({"report", "--help"}).out);
   EXPECT_EQ(run_b3dgs({"help", "bench", "step"}).out, run_b3dgs({"bench", "step", "--help"}).out);

@@ -3,6 +3,7 @@
 
 #include <sstream>
 
+#include "app/common/commands.h"
 #include "core/options/command_line.h"
 #include "support/files.h"
 #include "support/run_program.h"
@@ -28,6 +29,18 @@ std::string first_difference(const std::string& found, const std::string& expect
   }
 }
 
+std::vector<Words> all_commands() {
+  std::vector<Words> commands;
+  for (const CommandName& command : kCommandNames) commands.push_back({command.name});
+  commands.push_back({"bench", "step"});
+  commands.push_back({"bench", "sweep"});
+  return commands;
+}
+
+std::string joined(const Words& words) {
+  return words.size() == 1 ? words[0] : words[0] + " " + words[1];
+}
+
 TEST(OptionsPage, IsUpToDate) {
   const Outcome page = run_b3dgs({"help-markdown"});
   ASSERT_EQ(page.exit_code, 0) << page.err;
@@ -38,9 +51,8 @@ TEST(OptionsPage, IsUpToDate) {
 
 TEST(OptionsPage, HasASectionForEveryCommandAndNoTableTwice) {
   const std::string page = run_b3dgs({"help-markdown"}).out;
-  for (const std::string command : {"reconstruct", "train", "eval", "render", "info", "synth", "compare", "report",
-                                    "bench", "bench step", "bench sweep"}) {
-    EXPECT_NE(page.find("\n## b3dgs " + command + "\n"), std::string::npos) << command;
+  for (const Words& words : all_commands()) {
+    EXPECT_NE(page.find("\n## b3dgs " + joined(words) + "\n"), std::string::npos) << joined(words);
   }
   const std::string row = "\n| `--position_lr_init` |";
   ASSERT_NE(page.find(row), std::string::npos);
@@ -54,11 +66,8 @@ TEST(Help, OfTrainListsTheLiveView) {
 }
 
 TEST(Help, IsShortForEveryCommandAndNamesAnExample) {
-  const std::vector<Words> commands{{"reconstruct"}, {"train"},         {"eval"},          {"render"},  {"export"},
-                                    {"view"},        {"info"},          {"synth"},         {"compare"}, {"report"},
-                                    {"bench"},       {"bench", "step"}, {"bench", "sweep"}};
-  for (Words words : commands) {
-    const std::string name = words.size() == 1 ? words[0] : words[0] + " " + words[1];
+  for (Words words : all_commands()) {
+    const std::string name = joined(words);
     words.emplace_back("--help");
     const Outcome help = run_b3dgs(words);
     EXPECT_EQ(help.exit_code, 0) << help.err;
