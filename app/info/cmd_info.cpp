@@ -183,15 +183,14 @@ int run_info(const std::vector<std::string>& words) {
   FileReader file(path);
   std::string start(std::min<std::uint64_t>(8, file.remaining()), '\0');  // identifies the format
   file.read_bytes(start.data(), start.size());
-  if (start.compare(0, 3, "ply") == 0 || splat_format(path) == SplatFormat::kSpz) {
+  if (start == "B3DGSCKP") {
+    describe_checkpoint(path);
+  } else if (start.compare(0, 3, "ply") == 0 || splat_format(path)) {
     holds_splats(path) ? describe_splats(path) : describe_points(path);
-    return 0;
-  }
-  if (start != "B3DGSCKP") {
+  } else {
     input_error("unknown file format: ", path, " (expected a PLY, an SPZ or a b3dgs checkpoint); the program ",
                 "splat-transform converts other files of Gaussians to PLY");
   }
-  describe_checkpoint(path);
   return 0;
 }
 

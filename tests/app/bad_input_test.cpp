@@ -173,6 +173,7 @@ TEST_F(BadInput, WrongPly) {
   const std::string ply = (folder_.path() / "wrong.ply").string();
   expect_refused(train({"--init_ply", ply}), {"wrong.ply"});
   expect_refused(run_b3dgs({"render", "--ply", ply, "-s", scene().string()}), {"wrong.ply"});
+  expect_refused(run_b3dgs({"info", ply}), {"wrong.ply: not a PLY file"});
   write_file(ply,
              "ply\nformat binary_little_endian 1.0\nelement vertex 1000\nproperty float x\nproperty float y\n"
              "property float z\nend_header\n");
