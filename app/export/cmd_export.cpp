@@ -51,7 +51,7 @@ void visit_fields(ExportOptions& c, Visitor&& field) {
   field(Option{"min_opacity"}, c.min_opacity, InRange{0, 1}, "leave out Gaussians of lower opacity");
   field(Option{"max_sh_degree"}, c.max_sh_degree, InRange{0, 3}, "leave out SH coefficients of higher degrees");
   field(Option{"max_gaussians"}, c.max_gaussians, AtLeast{0},
-        "keep so many, those that contribute most to the training views (0 = all)");
+        "keep the N Gaussians that contribute most to the training views (0 = all)");
   field(Option{"sh_bits"}, c.sh_bits, InRange{1, kSpzShBits},
         "SPZ: bits kept of SH coefficients; fewer compress better");
   field(Option{"compare_views"}, c.compare_views, AtLeast{0},

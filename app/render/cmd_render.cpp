@@ -59,7 +59,7 @@ void visit_fields(RenderOptions& c, Visitor&& field) {
   field(Option{"depth"}, c.depth, Any{},
         "write depth/: inverse depth in turbo colours, red is near, one range for all");
   field(Option{"depth_format"}.common(), c.depth_format, OneOf{{"color", "png16", "exr"}},
-        "depth/ as colours, as 16-bit inverse depth, or as OpenEXR in world units");
+        "depth/ in a colour map, as 16-bit inverse depth, or as OpenEXR in world units");
   field(Option{"depth_kind"}, c.depth_kind, one_of<DepthKind>(),
         "depth of a pixel: of the surface, of the median Gaussian, or the mean of Gaussians");
   field(Option{"normals"}, c.normals, Any{},
