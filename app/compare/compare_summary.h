@@ -21,7 +21,8 @@ inline constexpr const char *kPsnrMeasure = "PSNR, dB", *kSsimMeasure = "SSIM", 
 ///               one seed
 ///   "finding": several seeds: "differs" if the interval excludes 0 and the mean is at least "limit", "equal" if the
 ///              interval lies within the limit on both sides of 0; one seed: "differs" above the limit, "equal" if the
-///              values hardly differ; otherwise "unclear": it may be chance. Of times, "too short" if the trainings are
+///              values hardly differ; otherwise "unclear": it may be chance. For times, "too short" if there are too
+///              few turns, or too short ones, to judge
 /// Time saved is a share of the baseline's time, negative if time was lost. "machine_spread" is the difference between
 /// two trainings of the baseline, null if it was trained once; "inflection" (the paper's word) is the iteration of the
 /// first check that switched to another kernel, and "before" and "after" refer to it.

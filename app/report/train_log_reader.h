@@ -21,8 +21,8 @@ struct LogPoint {
   std::string kernel;                                                   // "" if the line does not name it
   nlohmann::ordered_json stages_ms = nlohmann::ordered_json::object();  // mean per step; empty if not timed
 
-  /// Calls field(key, member) for quantities drawn over the iterations, with their keys in train.jsonl and
-  /// compare.json.
+  /// Calls field(key, member) for each quantity that reports draw over the iterations. The key is that of train.jsonl,
+  /// and of the curves in the data of the pages and in compare.json.
   template <class Point, class Field>
   static void visit_curves(Point& point, Field&& field) {
     field("iteration", point.iteration);
