@@ -192,6 +192,10 @@ Json comparison_report_data(const Comparison& comparison) {
           {"reading_s", plan.reading_s},
           {"output_s", comparison.output_s()},
           {"summary", comparison.summary},
+          {"tables",
+           {{"results", results_table(comparison.summary)},
+            {"balancing", balancing_table(comparison.summary)},
+            {"paper", paper_table(comparison.summary)}}},
           {"settings", rows},
           {"options", options},
           {"machine", machine},
@@ -206,12 +210,21 @@ void write_comparison(const Comparison& comparison) {
 
 std::string describe_comparison(const Comparison& comparison) {
   const Json& summary = comparison.summary;
-  const bool has_savings = have_equal_lengths(summary) && summary["done"] > 0;
-  return summary_table(summary) +
-         (has_savings ? "time saved: share of " + summary["baseline"].get<std::string>() + "'s training time\n" : "") +
-         paper_table(summary) + "times do not include reading the scene (" +
-         format_seconds(comparison.plan.reading_s, 0) + ") or evaluation, saving and checkpoints (" +
-         format_seconds(comparison.output_s(), 0) + ")\n" + summary["verdict"].get<std::string>() + "\n";
+  const TextTable results = results_table(summary), balancing = balancing_table(summary), paper = paper_table(summary);
+  std::string text = aligned_text(results);
+  if (have_equal_lengths(summary) && summary["done"] > 0) {
+    text += "time saved: share of " + summary["baseline"].get<std::string>() + "'s training time\n";
+  }
+  if (std::count(results[0].begin(), results[0].end(), kOneSeedLimit) > 0) {
+    text += "one-seed limit: smaller differences may be chance, if times vary as turns do and PSNR by at most 0.2 dB\n";
+  }
+  if (!balancing.empty()) {
+    text += "\n" + aligned_text(balancing) + "against the fastest kernel without load balancing, all else equal\n";
+  }
+  if (!paper.empty()) text += "\n" + aligned_text(paper);
+  return text + "\ntimes do not include reading the scene (" + format_seconds(comparison.plan.reading_s, 0) +
+         ") or evaluation, saving and checkpoints (" + format_seconds(comparison.output_s(), 0) + ")\n" +
+         summary["verdict"].get<std::string>() + "\n";
 }
 
 }  // namespace b3dgs

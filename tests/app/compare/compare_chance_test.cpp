@@ -1,4 +1,4 @@
-// Tests which differences verdict, report and standard output claim, for simulated runs with and without one: in at
+// Tests which differences the headline and the tables claim, for simulated runs with and without one: in at
 // most about 5 % of the comparisons of equals, and in nearly all of those with an effect.
 #include <gtest/gtest.h>
 
@@ -7,7 +7,7 @@
 #include <cstdint>
 #include <random>
 
-#include "app/compare/comparison.h"
+#include "app/compare/compare_verdict.h"
 #include "app/compare/synthetic_histories.h"
 #include "core/vec.h"
 #include "support/expect_error.h"
@@ -56,17 +56,14 @@ TrainHistory run(Chance& chance, const Simulated& simulated, double seed_db, dou
   return history;
 }
 
-Comparison simulate(Chance& chance, const Simulated& simulated) {
-  Comparison comparison;
-  comparison.plan.base.source_path = "/scenes/garden";
-  std::vector<ConfigurationHistory>& histories = comparison.configurations;
-  histories = {{"a", {}, {}}, {"b", {}, {}}};
+/// Returns the summary of simulated runs.
+nlohmann::ordered_json simulate(Chance& chance, const Simulated& simulated) {
+  std::vector<ConfigurationHistory> histories{{"a", {}, {}}, {"b", {}, {}}};
   for (ConfigurationHistory& own : histories) own.config.iterations = 4000;
   histories[1].config.feature_lr *= 2;
   if (simulated.has_own_length) histories[1].config.iterations = 2000;
   if (simulated.has_repetition) histories.push_back({"a_again", histories[0].config, {}});
   for (int seed = 0; seed < simulated.n_seeds; ++seed) {
-    comparison.plan.seeds.push_back(seed);
     const double seed_db = chance(0.3);  // moves all configurations equally
     for (ConfigurationHistory& own : histories) {
       const bool is_other = own.name == "b";
@@ -74,9 +71,7 @@ Comparison simulate(Chance& chance, const Simulated& simulated) {
                                 is_other ? 1 - simulated.saved : 1, own.config.iterations));
     }
   }
-  comparison.infos.assign(histories.size(), std::vector<RunInfo>(comparison.plan.seeds.size()));
-  comparison.summary = summarize_comparison(histories, 4000, 100);
-  return comparison;
+  return summarize_comparison(histories, 4000, 100);
 }
 
 /// The differences that a text claims.
@@ -86,45 +81,29 @@ struct Called {
 };
 
 Called called_in_verdict(const std::string& text) {
-  return {test::contains(text, " saved ") || test::contains(text, " longer than "),
-          !test::contains(text, "which may be chance") && !test::contains(text, "so equal")};
+  return {test::contains(text, " of the training time of ") || test::contains(text, " took longer than "),
+          test::contains(text, " differs (")};
 }
 
-/// Returns the text from `from` up to the next `until`.
-std::string part_of(const std::string& text, const std::string& from, const std::string& until) {
-  const std::size_t at = text.find(from);
-  return at == std::string::npos ? "" : text.substr(at, text.find(until, at) - at);
-}
-
-Called called_in_report(const nlohmann::ordered_json& data) {
-  const auto& other = data["summary"]["compared"][0];
-  EXPECT_EQ(other["name"], "b");
-  EXPECT_EQ(other["quality"][0]["measure"], kPsnrMeasure);
-  return {other["saved_overall"]["finding"] == "differs", other["quality"][0]["finding"] == "differs"};
-}
-
-Called called_on_terminal(const std::string& text) {
-  const std::string row = part_of(text, "\nb ", "\na");  // ends before the next configuration, or at the end
-  const std::string line = row.substr(0, row.find('\n', 1)) + " ";
-  return {test::contains(line, " faster ") || test::contains(line, " slower "), test::contains(line, " differs ")};
+Called called_in_table(const TextTable& table) {
+  const auto& row = table.at(2);
+  const auto has = [&](const char* cell) { return std::count(row.begin(), row.end(), cell) > 0; };
+  EXPECT_EQ(row.front(), "b");
+  return {has("faster") || has("slower"), has("differs")};
 }
 
 struct Rates {
   double time = 0, psnr = 0;
 };
 
-/// Returns the shares of simulated comparisons that are called different, by all three texts.
+/// Returns the shares of simulated comparisons that are called different, by headline and table.
 Rates rates_of(const Simulated& simulated, std::uint32_t random_seed, int n = kSimulations) {
   Chance chance(random_seed);
   Rates rates;
   for (int i = 0; i < n; ++i) {
-    const Comparison comparison = simulate(chance, simulated);
-    const std::string text = comparison.summary["verdict"];
-    const Called called = called_in_verdict(text);
-    EXPECT_TRUE(called_on_terminal(describe_comparison(comparison)) == called) << describe_comparison(comparison);
-    if (i % 20 == 0) {  // takes longer, but has the same findings
-      EXPECT_TRUE(called_in_report(comparison_report_data(comparison)) == called) << text;
-    }
+    const nlohmann::ordered_json summary = simulate(chance, simulated);
+    const Called called = called_in_verdict(summary["verdict"]);
+    EXPECT_TRUE(called_in_table(results_table(summary)) == called) << summary["verdict"];
     rates.time += called.time ? 1.0 / n : 0;
     rates.psnr += called.psnr ? 1.0 / n : 0;
   }
@@ -188,7 +167,7 @@ TEST(CompareChance, EqualsOfDifferentLengthsAreRarelyCalledDifferent) {
     Chance chance(31);
     double n_called = 0;
     for (int i = 0; i < kSimulations; ++i) {
-      if (called_in_verdict(simulate(chance, equal).summary["verdict"]).psnr) ++n_called;
+      if (called_in_verdict(simulate(chance, equal)["verdict"]).psnr) ++n_called;
     }
     EXPECT_LE(n_called / kSimulations, kAtMost) << n_seeds << " seeds";
   }
@@ -210,11 +189,10 @@ TEST(CompareChance, BalancingIsRarelyCreditedWhereItSavesNothing) {
             for (LogPoint& point : histories.back().by_seed.back().points) point.kernel = kernel;
           }
         }
-        const std::string text =
-            part_of(summarize_comparison(histories, 4000, 100)["verdict"], "load balancing alone", ", the");
-        ASSERT_FALSE(text.empty());
-        if (test::contains(text, "segmented saved ")) ++n_saved;
-        if (test::contains(text, "longer than")) ++n_lost;
+        const TextTable table = balancing_table(summarize_comparison(histories, 4000, 100));
+        ASSERT_EQ(table.size(), 2u);
+        if (table[1].back() == "faster") ++n_saved;
+        if (table[1].back() == "slower") ++n_lost;
       }
       EXPECT_LE(n_saved / kSimulations, kAtMost) << n_seeds << " seeds, repetition " << has_repetition;
       EXPECT_LE((n_saved + n_lost) / kSimulations, kAtMost) << n_seeds << " seeds, repetition " << has_repetition;

@@ -1,250 +1,198 @@
-// The headline of a comparison, for synthetic histories.
+// The headline and the tables of a comparison, for synthetic histories.
+#include "app/compare/compare_verdict.h"
+
 #include <gtest/gtest.h>
 
-#include <sstream>
-
-#include "app/compare/compare_summary.h"
-#include "app/compare/compare_verdict.h"
 #include "app/compare/synthetic_histories.h"
 
 namespace b3dgs {
 namespace {
 
 using namespace test;
+using Json = nlohmann::ordered_json;
 
-/// The end of a verdict about times, with one seed.
-const std::string kOneSeed =
-    " One seed: this assumes that runs differ no more than the spread of their turns suggests.";
+const std::string kOneSeed = "one seed, assuming that runs differ no more than the spread of their turns suggests";
+const std::string kNoQuality = "; quality was not measured, because no views were held out (--no_eval).";
 
-std::string verdict_of(const std::vector<ConfigurationHistory>& configurations) {
-  return summarize_comparison(configurations, 4000, 100)["verdict"];
+Json summary_of(const std::vector<ConfigurationHistory>& configurations) {
+  return summarize_comparison(configurations, 4000, 100);
 }
 
-/// Returns the verdict for naive with 10 ms per step, sub-tile with 5, and `ours` as adaptive.
-std::string three(const TrainHistory& ours) {
-  return verdict_of({trained("naive", {history(10, 10)}), trained("sub-tile", {with_kernel(history(5, 5), "sub-tile")}),
-                     trained("adaptive", {ours})});
+/// Returns runs with these times per step.
+std::vector<TrainHistory> runs(const std::vector<double>& ms, const std::string& kernel = "segmented") {
+  std::vector<TrainHistory> runs;
+  for (const double own : ms) runs.push_back(with_kernel(history(own, own), kernel));
+  return runs;
 }
 
-TEST(Verdict, LoadBalancingIsComparedWithTheFastestUnbalancedKernel) {
-  EXPECT_EQ(three(with_kernel(history(4, 4), "segmented")),
-            "adaptive saved 60.0 % of the training time of naive (adaptive 16.0 s, naive 40.0 s); load balancing "
-            "alone: adaptive saved 20.0 % of the training time of sub-tile, the fastest kernel without it." +
-                kOneSeed);
-  EXPECT_EQ(three(with_kernel(history(6, 6), "segmented")),
-            "adaptive saved 40.0 % of the training time of naive (adaptive 24.0 s, naive 40.0 s); load balancing "
-            "alone: adaptive took 20.0 % longer than sub-tile, the fastest kernel without it." +
-                kOneSeed);
-  EXPECT_EQ(three(with_kernel(history(4.8, 4.8), "segmented")),
-            "adaptive saved 52.0 % of the training time of naive (adaptive 19.2 s, naive 40.0 s); load balancing "
-            "alone: adaptive shows no clear difference in training time from sub-tile (time saved: 4.0 %; with "
-            "one seed, less than 10.0 % may be chance), the fastest kernel without it." +
-                kOneSeed);
-  EXPECT_EQ(verdict_of({trained("naive", {history(10, 10)}), trained("shared-memory", {history(12, 12)}),
-                        trained("combined", {with_kernel(history(8, 8), "combined")})}),
-            "combined saved 20.0 % of the training time of naive (combined 32.0 s, naive 40.0 s); load balancing "
-            "alone: combined saved 20.0 % of the training time of naive, the fastest kernel without it." +
-                kOneSeed)
-      << "without an adaptive configuration, the verdict is about the balanced one";
-}
-
-TEST(Verdict, SeveralSeedsTellSmallDifferencesFromChance) {
-  const auto trained_for = [](const std::string& kernel, std::vector<double> ms) {
-    std::vector<TrainHistory> runs;
-    for (const double own : ms) runs.push_back(with_kernel(history(own, own), kernel));
-    return trained(kernel, runs);
+TEST(Verdict, SaysHowMuchTimeWasSavedOrThatItMayBeChance) {
+  const auto time = [](const std::vector<double>& naive_ms, const std::vector<double>& ms) {
+    const std::string text = summarize_pair(runs(naive_ms), runs(ms))["verdict"];
+    EXPECT_EQ(text.find(kNoQuality), text.size() - kNoQuality.size()) << text;
+    return text.substr(0, text.find(';'));
   };
-  const auto balancing = [&](std::vector<double> ms) {
-    const std::string text = verdict_of(
-        {trained_for("naive", {10, 10, 10}), trained_for("sub-tile", {5, 5, 5}), trained_for("segmented", ms)});
-    return text.substr(text.find("alone: ") + 7);
-  };
-  EXPECT_EQ(balancing({4.8, 4.79, 4.81}),
-            "segmented saved 4.0 % of the training time of sub-tile (95 % interval 3.5 to 4.5 %), the fastest "
-            "kernel without it.");
-  EXPECT_EQ(balancing({5.2, 5.19, 5.21}),
-            "segmented took 4.0 % longer than sub-tile (95 % interval 3.5 to 4.5 %), the fastest kernel without "
-            "it.");
-  EXPECT_EQ(balancing({4.99, 5, 5}),
-            "segmented took as long as sub-tile (95 % interval -0.2 to 0.4 %), the fastest kernel without it.");
-  EXPECT_EQ(balancing({4.6, 5, 5.1}),
-            "segmented shows no clear difference in training time from sub-tile (time saved: 2.0 %, 95 % interval "
-            "-11.1 to 15.1 %), the fastest kernel without it.");
-}
-
-TEST(Verdict, WithoutAllUnbalancedKernelsTheShareOfLoadBalancingIsUnknown) {
-  const auto pair = [](TrainHistory ours, const char* kernel = "sub-tile") {
-    return summarize_pair({history(10, 10)}, {std::move(ours)}, kernel)["verdict"].get<std::string>();
-  };
-  EXPECT_EQ(pair(with_kernel(history(8, 9.5), "segmented"), "adaptive"),
-            "ours saved 12.5 % of the training time of naive (ours 35.0 s, naive 40.0 s); what load balancing "
-            "contributes is unknown, since sub-tile was not trained." +
-                kOneSeed);
-  EXPECT_EQ(pair(history(8, 8)),
-            "ours saved 20.0 % of the training time of naive (ours 32.0 s, naive 40.0 s)." + kOneSeed);
-  EXPECT_EQ(pair(history(12, 12)), "ours took 20.0 % longer than naive (ours 48.0 s, naive 40.0 s)." + kOneSeed);
-  EXPECT_EQ(pair(TrainHistory{}), "No result yet: not every configuration has been trained.");
-}
-
-TEST(Verdict, OtherOptionsAreNoLoadBalancing) {
-  ConfigurationHistory ours = trained("adaptive", {with_kernel(history(6, 6), "segmented")});
-  ours.config.sh_degree = 0;
-  EXPECT_EQ(verdict_of({trained("naive", {history(10, 10)}), trained("sub-tile", {history(5, 5)}), ours}),
-            "adaptive saved 40.0 % of the training time of naive (adaptive 24.0 s, naive 40.0 s)." + kOneSeed +
-                " No views were held out (--no_eval), so quality was not measured.");
-
-  ConfigurationHistory original = trained("naive", {history(20, 20)});
-  original.name = "naive-kernels";
-  original.config.culling = Culling::kSquare;
-  EXPECT_EQ(verdict_of({original, trained("naive", {history(10, 10)}), trained("sub-tile", {history(5, 5)}),
-                        trained("adaptive", {with_kernel(history(4, 4), "segmented")})}),
-            "adaptive saved 80.0 % of the training time of naive-kernels (adaptive 16.0 s, naive-kernels 80.0 s); load "
-            "balancing alone: adaptive saved 20.0 % of the training time of sub-tile, the fastest kernel without "
-            "it." +
-                kOneSeed);
-}
-
-/// Returns a configuration with another learning rate.
-ConfigurationHistory with_other_rate(const std::string& name, std::vector<TrainHistory> by_seed) {
-  ConfigurationHistory own = trained("naive", std::move(by_seed));
-  own.name = name;
-  own.config.feature_lr *= 2;
-  return own;
-}
-
-TEST(Verdict, NamesThePsnrOfConfigurationsThatLearnDifferently) {
-  const auto measured = [](double psnr, double ms = 5) { return with_quality(history(ms, ms), psnr, 1000); };
-  std::vector<ConfigurationHistory> all{
-      trained("naive", {measured(28.3)}), with_other_rate("fast", {measured(26.1, 4)}),
-      with_other_rate("fine", {measured(29.5)}), with_other_rate("same", {measured(28.35)})};
-  for (ConfigurationHistory& own : all) own.config.eval = true;
+  EXPECT_EQ(time({10}, {8}), "ours saved 20.0 % of the training time of naive (" + kOneSeed + ")");
+  EXPECT_EQ(time({10}, {12}), "ours took longer than naive (time saved -20.0 %, " + kOneSeed + ")");
+  EXPECT_EQ(time({10}, {10}), "ours took as long as naive (time saved 0.0 %, " + kOneSeed + ")");
   EXPECT_EQ(
-      verdict_of(all),
-      "fast saved 20.0 % of the training time of naive (fast 16.0 s, naive 20.0 s)." + kOneSeed +
-          " PSNR of the test views, compared with naive: fast -2.20 dB, fine +1.20 dB, same +0.05 dB, which may "
-          "be chance. One seed: differences below 1 dB may be chance, assuming that runs vary by at most 0.2 dB.");
-  std::vector<ConfigurationHistory> equal = all;
-  equal[3].by_seed = {measured(28.304)};
-  equal.push_back({"naive_again", equal[0].config, {measured(28.4)}});
-  const std::string with_noise = verdict_of(equal);
-  EXPECT_NE(with_noise.find("fast -2.20 dB, fine +1.20 dB, which may be chance, same +0.00 dB, so equal. One seed: "
-                            "differences below 1.27 dB may be chance, judging by two runs of naive."),
-            std::string::npos)
-      << with_noise;
-  EXPECT_EQ(verdict_of({trained("naive", {measured(28), measured(29), measured(28.5)}),
-                        with_other_rate("fast", {measured(27.5, 6), measured(28.48, 6), measured(28.02, 6)}),
-                        with_other_rate("same", {measured(28.01), measured(29), measured(28.5)}),
-                        with_other_rate("odd", {measured(28.5), measured(28.6), measured(28.41)})}),
-            "fast took 20.0 % longer than naive (95 % interval 20.0 to 20.0 %; fast 24.0 s, naive 20.0 s). PSNR of "
-            "the test views, compared with naive: fast -0.50 dB (95 % interval -0.55 to -0.45), same +0.00 dB (95 % "
-            "interval -0.01 to +0.02), so equal, odd +0.00 dB (95 % interval -1.13 to +1.14), which may be chance.");
-  const auto last_sentence = [&] {
-    const std::string text = verdict_of(all);
-    return text.substr(text.find(kOneSeed) + kOneSeed.size() + 1);
+      time({10}, {9.5}),
+      "ours shows no clear difference in training time from naive (time saved 5.0 %, one seed, less than 10 % may "
+      "be chance, assuming that runs differ no more than the spread of their turns suggests)");
+  EXPECT_EQ(time({10, 10, 10}, {9.6, 9.58, 9.62}),
+            "ours saved 4.0 % of the training time of naive (95 % interval 3.5 to 4.5 %)");
+  EXPECT_EQ(time({10, 10, 10}, {10.4, 10.38, 10.42}),
+            "ours took longer than naive (time saved -4.0 %, 95 % interval -4.5 to -3.5 %)");
+  EXPECT_EQ(time({10, 10, 10}, {9.98, 10, 10}),
+            "ours took as long as naive (time saved 0.1 %, 95 % interval -0.2 to 0.4 %)");
+  EXPECT_EQ(time({10, 10, 10}, {9.2, 10, 10.2}),
+            "ours shows no clear difference in training time from naive (time saved 2.0 %, 95 % interval -11.1 to 15.1 "
+            "%)");
+  EXPECT_EQ(time({4}, {2}),
+            "ours and naive ran for too short a time to compare them (it takes 10 turns and 10 s of each)");
+}
+
+TEST(Verdict, SaysWhetherQualityDiffers) {
+  const auto quality = [](const std::vector<double>& naive, const std::vector<double>& ours, double again = 0) {
+    std::vector<ConfigurationHistory> all{trained("naive", {}), {"ours", config_with("adaptive"), {}}};
+    all[0].config.eval = true;
+    for (const double psnr : naive) all[0].by_seed.push_back(with_quality(history(10, 10), psnr, 1000));
+    for (const double psnr : ours) all[1].by_seed.push_back(with_quality(history(8, 8), psnr, 1000));
+    if (again > 0) all.push_back({"again", all[0].config, {with_quality(history(10, 10), again, 1000)}});
+    const std::string text = summary_of(all)["verdict"];
+    return text.substr(text.find("; ") + 2);
   };
-  for (ConfigurationHistory& own : all) own.by_seed = {with_quality(history(50, 50, 1000), 20, 10)};
-  EXPECT_EQ(last_sentence().find("PSNR of the test views after 1000 iterations, compared with naive: fast +0.00 dB"),
-            0u);
+  EXPECT_EQ(quality({28}, {26}),
+            "the PSNR of ours differs (-2.00 dB, one seed, assuming that runs vary by at most 0.2 dB).");
+  EXPECT_EQ(quality({28}, {28.004}),
+            "the PSNR of ours is equal (+0.00 dB, one seed, assuming that runs vary by at most 0.2 dB).");
+  EXPECT_EQ(
+      quality({28}, {28.05}),
+      "the PSNR of ours shows no clear difference (+0.05 dB, one seed, less than 1 dB may be chance, assuming that "
+      "runs vary by at most 0.2 dB).");
+  EXPECT_EQ(
+      quality({28}, {29.2}, 28.1),
+      "the PSNR of ours shows no clear difference (+1.20 dB, one seed, less than 1.27 dB may be chance, judging by "
+      "two runs of naive).");
+  EXPECT_EQ(quality({28, 29, 28.5}, {27.5, 28.48, 28.02}),
+            "the PSNR of ours differs (-0.50 dB, 95 % interval -0.55 to -0.45 dB).");
+  EXPECT_EQ(quality({28, 29, 28.5}, {28.01, 29, 28.5}),
+            "the PSNR of ours is equal (+0.00 dB, 95 % interval -0.01 to +0.02 dB).");
+  EXPECT_EQ(quality({28, 29, 28.5}, {28.5, 28.6, 28.41}),
+            "the PSNR of ours shows no clear difference (+0.00 dB, 95 % interval -1.13 to +1.14 dB).");
+
+  std::vector<ConfigurationHistory> all{trained("naive", {with_quality(history(50, 50, 1000), 20, 10)}),
+                                        trained("adaptive", {with_quality(history(50, 50, 1000), 20, 10)})};
+  all[0].config.eval = true;
+  EXPECT_NE(summary_of(all)["verdict"].get<std::string>().find("the PSNR of adaptive after 1,000 iterations is equal"),
+            std::string::npos);
   for (ConfigurationHistory& own : all) own.by_seed = {history(50, 50, 1000)};
-  EXPECT_EQ(last_sentence(), "Quality has not been measured yet.");
+  EXPECT_NE(summary_of(all)["verdict"].get<std::string>().find("; quality has not been measured yet."),
+            std::string::npos);
 }
 
-TEST(Verdict, NamesNoPsnrWhereOnlyKernelsDiffer) {
-  ConfigurationHistory original = trained("naive", {with_quality(history(20, 20), 28, 1000)});
-  original.name = "naive-kernels";
-  original.config.culling = Culling::kSquare;
-  original.config.save_iterations = {7};
-  const std::string text = verdict_of({original, trained("naive", {with_quality(history(10, 10), 25, 1000)})});
-  EXPECT_EQ(text.find("PSNR"), std::string::npos) << text;
-}
-
-TEST(Verdict, SavingsOfUnbalancedKernelsAreNotLoadBalancing) {
-  EXPECT_EQ(three(with_switch(history(5.1, 5.1), 1)),
-            "adaptive saved 49.0 % of the training time of naive (adaptive 20.4 s, naive 40.0 s); load balancing saved "
-            "no time: no load-balanced kernel was used." +
-                kOneSeed);
-  EXPECT_EQ(summarize_pair({history(10, 10)}, {with_switch(history(9.5, 9.5), 1)})["verdict"],
-            "ours shows no clear difference in training time from naive (time saved: 5.0 %; with one seed, less than "
-            "10.0 % may be chance; ours 38.0 s, naive 40.0 s); load balancing saved no time: no load-balanced kernel "
-            "was used." +
-                kOneSeed)
-      << "even if not every unbalanced kernel was trained";
-}
-
-TEST(Verdict, DifferencesWithinRunToRunVariationAreNotSavings) {
-  const auto text = [](double again_ms) {
-    ConfigurationHistory again = trained("naive", {history(again_ms, again_ms)});
-    again.name = "naive_again";
-    return verdict_of({trained("naive", {history(10, 10)}), trained("sub-tile", {history(5, 5)}),
-                       trained("adaptive", {with_kernel(history(4.9, 4.9), "segmented")}), again});
-  };
-  EXPECT_EQ(text(10.01),
-            "adaptive saved 51.0 % of the training time of naive (adaptive 19.6 s, naive 40.0 s); load balancing "
-            "alone: adaptive saved 2.0 % of the training time of sub-tile, the fastest kernel without it; two "
-            "runs of naive differ by 0.1 %." +
-                kOneSeed);
-  EXPECT_EQ(text(9.9),
-            "adaptive saved 51.0 % of the training time of naive (adaptive 19.6 s, naive 40.0 s); load balancing "
-            "alone: adaptive shows no clear difference in training time from sub-tile (time saved: 2.0 %; with "
-            "one seed, less than 12.7 % may be chance), the fastest kernel without it; two runs of naive differ by 1.0 "
-            "%." +
-                kOneSeed);
-}
-
-TEST(Verdict, SaysIfSeedsAreMissing) {
-  EXPECT_EQ(summarize_pair({history(10, 10, 3000)}, {history(8, 8, 2000)}, "sub-tile")["verdict"],
-            "Not finished: 2000 of 4000 iterations. So far: ours saved 20.0 % of the training time of naive (ours "
-            "16.0 s, naive 20.0 s)." +
-                kOneSeed);
-  const nlohmann::ordered_json one_of_three =
-      summarize_pair({history(10, 10), history(10, 10, 500), TrainHistory{}},
-                     {history(8, 8), TrainHistory{}, TrainHistory{}}, "sub-tile");
+TEST(Verdict, SaysIfTrainingIsNotFinished) {
+  EXPECT_EQ(summarize_pair({history(10, 10, 3000)}, {history(8, 8, 2000)})["verdict"],
+            "Not finished: 2000 of 4000 iterations. So far: ours saved 20.0 % of the training time of naive (" +
+                kOneSeed + ")" + kNoQuality);
+  const Json one_of_three = summarize_pair({history(10, 10), history(10, 10, 500), TrainHistory{}},
+                                           {history(8, 8), TrainHistory{}, TrainHistory{}});
   EXPECT_EQ(one_of_three["done"], 4000);
   EXPECT_EQ(one_of_three["done_by_seed"], (std::vector<int>{4000, 0, 0}));
   EXPECT_EQ(one_of_three["compared"][0]["saved_overall"]["n"], 1);
   EXPECT_EQ(one_of_three["verdict"],
             "Not finished: 4000 of 4000 iterations in 1 of 3 seeds. So far: ours saved 20.0 % of the training time of "
-            "naive (ours 32.0 s, naive 40.0 s)." +
-                kOneSeed);
-  EXPECT_EQ(summarize_pair({TrainHistory{}}, {TrainHistory{}})["done"], 0);
+            "naive (" +
+                kOneSeed + ")" + kNoQuality);
+  EXPECT_EQ(summarize_pair({history(10, 10)}, {TrainHistory{}})["verdict"],
+            "No result yet: not every configuration has been trained.");
 }
 
-TEST(Verdict, DoesNotCompareTimesOfShortTrainings) {
-  const auto text = [](double ms, int until) {
-    return verdict_of({trained("naive", {history(2 * ms, 2 * ms, until)}),
-                       trained("sub-tile", {with_kernel(history(ms, ms, until), "sub-tile")}),
-                       trained("adaptive", {with_kernel(history(ms, ms, until), "segmented")})});
+TEST(BalancingTable, ComparesWithTheFastestKernelWithoutLoadBalancing) {
+  const auto row = [](const TrainHistory& ours) {
+    return row_of(balancing_table(summary_of({trained("naive", runs({10})), trained("sub-tile", runs({5}, "sub-tile")),
+                                              trained("adaptive", {ours})})),
+                  "adaptive against sub-tile");
   };
-  EXPECT_EQ(text(2, 4000),
-            "adaptive against naive: too short to judge the training time (adaptive 8.00 s, naive 16.00 s); load "
-            "balancing alone: too short to judge. Times need at least 10 turns and 10 s of each configuration.");
-  EXPECT_EQ(text(200, 200),
-            "Not finished: 200 of 4000 iterations. So far: adaptive against naive: too short to judge the training "
-            "time (adaptive 40.0 s, naive 80.0 s); load balancing alone: too short to judge. Times need at least 10 "
-            "turns and 10 s of each configuration.");
+  EXPECT_EQ(row(with_kernel(history(4, 4), "segmented")), "adaptive against sub-tile | 20.0 % | 10 % | faster");
+  EXPECT_EQ(row(with_kernel(history(6, 6), "segmented")), "adaptive against sub-tile | -20.0 % | 10 % | slower");
+  EXPECT_EQ(row(with_kernel(history(4.8, 4.8), "segmented")), "adaptive against sub-tile | 4.0 % | 10 % | unclear");
+  EXPECT_EQ(row(with_switch(history(5.1, 5.1), 1)), "adaptive against sub-tile | -2.0 % | 10 % | unclear")
+      << "what sub-tile saves against naive is not load balancing";
+  EXPECT_EQ(row_of(balancing_table(summary_of({trained("naive", runs({10})), trained("shared-memory", runs({12})),
+                                               trained("combined", runs({8}))})),
+                   "combined against naive"),
+            "combined against naive | 20.0 % | 10 % | faster");
+  EXPECT_EQ(
+      row_of(balancing_table(summary_of({trained("naive", runs({10, 10, 10})), trained("sub-tile", runs({5, 5, 5})),
+                                         trained("segmented", runs({4.8, 4.79, 4.81}))})),
+             "segmented against sub-tile"),
+      "segmented against sub-tile | 4.0 % | 3.5 to 4.5 % | faster");
+  EXPECT_EQ(row_of(balancing_table(summary_of(
+                       {trained("naive", runs({4})), trained("sub-tile", runs({2})), trained("adaptive", runs({2}))})),
+                   "adaptive against sub-tile"),
+            "adaptive against sub-tile | 0.0 % | too short");
 }
 
-/// Returns the first four cells of the line that begins with `name`.
-std::string times_in_table(const nlohmann::ordered_json& summary, const std::string& name) {
-  const std::string table = summary_table(summary);
-  std::istringstream line(table.substr(table.find("\n" + name) + 1));
-  std::string text, word;
-  for (int i = 0; i < 4 && line >> word; ++i) text += word + " ";
-  return text;
+TEST(BalancingTable, CreditsOnlyConfigurationsThatDifferInNothingButTheKernel) {
+  EXPECT_TRUE(balancing_table(summary_of({trained("naive", runs({10})), trained("adaptive", runs({4}))})).empty())
+      << "sub-tile may be as fast";
+  ConfigurationHistory ours = trained("adaptive", runs({6}));
+  ours.config.sh_degree = 0;
+  EXPECT_TRUE(
+      balancing_table(summary_of({trained("naive", runs({10})), trained("sub-tile", runs({5})), ours})).empty());
+  ConfigurationHistory original = trained("naive", runs({20}));
+  original.name = "naive-kernels";
+  original.config.culling = Culling::kSquare;
+  const TextTable table = balancing_table(summary_of(
+      {original, trained("naive", runs({10})), trained("sub-tile", runs({5})), trained("adaptive", runs({4}))}));
+  EXPECT_EQ(row_of(table, "adaptive against sub-tile"), "adaptive against sub-tile | 20.0 % | 10 % | faster");
 }
 
-TEST(SummaryTable, TimesAreThoseOfOneNumberOfIterations) {
-  const nlohmann::ordered_json in_a_turn =
-      summarize_comparison({trained("naive", {history(10, 10)}), trained("shared-memory", {history(9, 9)}),
-                            trained("combined", {history(8, 8, 2000)})},
-                           4000, 100);
-  EXPECT_EQ(times_in_table(in_a_turn, "naive"), "naive 30,000 20.00 - ");
-  EXPECT_EQ(times_in_table(in_a_turn, "shared-memory"), "shared-memory 30,000 18.00 10.0 ");
-  EXPECT_EQ(times_in_table(in_a_turn, "combined"), "combined 30,000 16.00 20.0 ");
-  const nlohmann::ordered_json second_seed_begun =
-      summarize_pair({history(10, 10), history(10, 10, 1000)}, {history(8, 8), history(8, 8, 1000)});
-  EXPECT_EQ(times_in_table(second_seed_begun, "naive"), "naive 30,000 40.00 - ");
-  EXPECT_EQ(times_in_table(second_seed_begun, "ours"), "ours 30,000 32.00 20.0 ");
+TEST(PaperTable, HasTheNumbersOfThePaperBesideTheSameComparison) {
+  const auto table = [](const TrainHistory& first, const TrainHistory& second) {
+    return paper_table(summarize_pair({history(10, 10), history(10, 10)}, {first, second}, kPublishedKernel));
+  };
+  const TrainHistory ours = history(8, 9.5), switches = with_switch(ours, 2001, "combined", "shared-memory"),
+                     later = with_switch(ours, 3001, "combined", "shared-memory"),
+                     never = with_kernel(ours, "combined");
+  EXPECT_EQ(row_of(table(switches, switches), "time saved"),
+            "time saved | up to the inflection | from it | overall | 95 % interval | finding | inflection");
+  EXPECT_EQ(row_of(table(switches, switches), "in the paper"),
+            "in the paper | 19.6 % | 7.9 % | 8.5 % | - | - | about 2,000");
+  const auto row = [&](const TrainHistory& first, const TrainHistory& second) {
+    return row_of(table(first, second), "ours against naive");
+  };
+  EXPECT_EQ(row(switches, switches), "ours against naive | 20.0 % | 5.0 % | 12.5 % | 5.1 to 19.9 % | faster | 2,001");
+  EXPECT_EQ(row(switches, later),
+            "ours against naive | 17.5 % | 5.0 % | 12.5 % | 5.1 to 19.9 % | faster | 2,001 to 3,001");
+  EXPECT_EQ(row(never, never), "ours against naive | no switch | no switch | 12.5 % | 5.1 to 19.9 % | faster | -");
+  EXPECT_EQ(row(never, switches),
+            "ours against naive | 20.0 % in 1 of 2 seeds | 5.0 % in 1 of 2 seeds | 12.5 % | 5.1 "
+            "to 19.9 % | faster | 2,001");
+  EXPECT_EQ(row(TrainHistory{}, TrainHistory{}), "ours against naive | - | - | - | -");
+  EXPECT_TRUE(paper_table(summarize_pair({history(10, 10)}, {ours}, "combined")).empty());
+}
+
+TEST(ResultsTable, HasTheRepeatedBaselineBesideEveryDifference) {
+  ConfigurationHistory again = trained("naive", runs({9.9}));
+  again.name = "naive_again";
+  const TextTable table =
+      results_table(summary_of({trained("naive", runs({10})), trained("sub-tile", runs({8})), again}));
+  EXPECT_EQ(row_of(table, "sub-tile"), "sub-tile | 30,000 | 32.00 | 20.0 % | 12.7 % | faster");
+  EXPECT_EQ(row_of(table, "naive_again"), "naive_again | 30,000 | 39.60 | 1.0 % | 12.7 % | unclear");
+}
+
+TEST(ResultsTable, TimesAreThoseOfOneNumberOfIterations) {
+  const TextTable in_a_turn =
+      results_table(summary_of({trained("naive", {history(10, 10)}), trained("shared-memory", {history(8.5, 8.5)}),
+                                trained("combined", {history(8, 8, 2000)})}));
+  EXPECT_EQ(row_of(in_a_turn, "naive"), "naive | 30,000 | 20.00 | - | - | -");
+  EXPECT_EQ(row_of(in_a_turn, "shared-memory"), "shared-memory | 30,000 | 17.00 | 15.0 % | 10 % | faster");
+  EXPECT_EQ(row_of(in_a_turn, "combined"), "combined | 30,000 | 16.00 | 20.0 % | 10 % | faster");
+  const TextTable second_seed_begun =
+      results_table(summarize_pair({history(10, 10), history(10, 10, 1000)}, {history(8, 8), history(8, 8, 1000)}));
+  EXPECT_EQ(row_of(second_seed_begun, "naive"), "naive | 30,000 | 40.00 | - | - | -");
+  EXPECT_EQ(row_of(second_seed_begun, "ours"), "ours | 30,000 | 32.00 | 20.0 % | 10 % | faster");
 }
 
 }  // namespace

@@ -6,6 +6,8 @@
 #include <vector>
 
 #include "app/compare/compare_summary.h"
+#include "app/compare/compare_verdict.h"
+#include "core/text.h"
 
 namespace b3dgs::test {
 
@@ -73,6 +75,14 @@ inline nlohmann::ordered_json summarize_pair(std::vector<TrainHistory> naive, st
                                              const std::string& kernel = "adaptive") {
   return summarize_comparison({trained("naive", std::move(naive)), {"ours", config_with(kernel), std::move(ours)}},
                               4000, 100);
+}
+
+/// Returns the cells of the row with this name, separated by " | ", or "" if there is none.
+inline std::string row_of(const TextTable& table, const std::string& name) {
+  for (const std::vector<std::string>& row : table) {
+    if (row.front() == name) return list_text(row, " | ");
+  }
+  return "";
 }
 
 }  // namespace b3dgs::test
