@@ -4,7 +4,6 @@
 #include <array>
 #include <cmath>
 #include <optional>
-#include <set>
 #include <string>
 #include <utility>
 
@@ -51,29 +50,22 @@ std::optional<double> saved_between(const TrainHistory& before, const TrainHisto
   return (before_s - seconds_between(after, from, until)) / before_s;
 }
 
-/// Two trainings of the baseline; null if it was trained once.
-struct Repetition {
-  const ConfigurationHistory *first = nullptr, *second = nullptr;
-};
-
 /// The iterations over which times are compared.
 struct TimedIterations {
   std::vector<int> by_seed;  // common_iterations()
   int chunk = 0;             // iterations per turn
 };
 
-/// The time saved in the same part of the training, one share for each seed, and the run-to-run variation.
-struct SavedShares {
-  std::vector<double> shares;
-  std::optional<double> noise;  // the largest of all seeds
-
-  void add(double share, const Repetition& repetition, std::size_t seed, int from, int until) {
-    shares.push_back(share);
-    if (repetition.second == nullptr) return;
-    const auto differs = saved_between(repetition.first->by_seed[seed], repetition.second->by_seed[seed], from, until);
-    if (differs) noise = std::max(noise, std::optional(std::fabs(*differs)));
+/// Returns the largest difference in time between the two trainings of the baseline, as a share, over all seeds.
+std::optional<double> repetition_noise(const ConfigurationHistory& baseline, const ConfigurationHistory* repetition,
+                                       const TimedIterations& timed) {
+  std::optional<double> noise;
+  for (std::size_t seed = 0; repetition != nullptr && seed < timed.by_seed.size(); ++seed) {
+    const auto saved = saved_between(baseline.by_seed[seed], repetition->by_seed[seed], 0, timed.by_seed[seed]);
+    if (saved) noise = std::max(noise, std::optional(std::fabs(*saved)));
   }
-};
+  return noise;
+}
 
 /// Adds the times of two runs in each turn of `chunk` iterations. Turns end at the first line of the log after them.
 void add_turns(TurnTimes& turns, const TrainHistory& before, const TrainHistory& after, int until, int chunk) {
@@ -107,44 +99,26 @@ std::optional<int> first_kernel_switch(const TrainHistory& history) {
   return std::nullopt;
 }
 
-/// Returns the part of `ours` with a load-balanced kernel, or the part with any other kernel: which kernels, how many
-/// iterations, and the time saved in them.
-Json kernel_part(const ConfigurationHistory& baseline, const ConfigurationHistory& ours,
-                 const std::vector<int>& done_by_seed, bool is_balanced) {
-  std::set<std::string> kernels;
-  std::vector<double> iterations, saved;
-  for (std::size_t seed = 0; seed < done_by_seed.size(); ++seed) {
-    const TrainHistory &before = baseline.by_seed[seed], &after = ours.by_seed[seed];
-    int n = 0;
-    double before_s = 0, after_s = 0;
-    for (const KernelPeriod& period : kernel_periods(after)) {
-      const int until = std::min(period.until, done_by_seed[seed]);
-      if (until <= period.from || is_balanced_kernel(period.kernel) != is_balanced) continue;
-      kernels.insert(period.kernel);
-      n += until - period.from;
-      before_s += seconds_between(before, period.from, until);
-      after_s += seconds_between(after, period.from, until);
-    }
-    if (before_s <= 0) continue;
-    iterations.push_back(n);
-    saved.push_back((before_s - after_s) / before_s);
+/// Returns the share of time that `after` saved in the iterations of each seed that all configurations have done.
+Json saved_overall(const ConfigurationHistory& before, const ConfigurationHistory& after, const TimedIterations& timed,
+                   const std::optional<double>& noise) {
+  std::vector<double> shares;
+  for (std::size_t seed = 0; seed < timed.by_seed.size(); ++seed) {
+    const auto saved = saved_between(before.by_seed[seed], after.by_seed[seed], 0, timed.by_seed[seed]);
+    if (saved) shares.push_back(*saved);
   }
-  return {{"names", kernels}, {"iterations", spread_of(iterations)}, {"saved_against_baseline", spread_of(saved)}};
+  return effect_of(shares, time_limits(before, after, timed, noise));
 }
 
 /// Compares one configuration with another, over the iterations of each seed that all configurations have done.
-Json compare_times(const ConfigurationHistory& baseline, const ConfigurationHistory& ours, const Repetition& repetition,
-                   const TimedIterations& timed) {
-  const std::vector<int>& done_by_seed = timed.by_seed;
-  SavedShares overall, before, after;
-  std::vector<double> switches;
+Json compare_times(const ConfigurationHistory& baseline, const ConfigurationHistory& ours, const TimedIterations& timed,
+                   const std::optional<double>& noise) {
+  std::vector<double> before, after, switches;
   Json by_seed = Json::array();
-  for (std::size_t seed = 0; seed < done_by_seed.size(); ++seed) {
+  for (std::size_t seed = 0; seed < timed.by_seed.size(); ++seed) {
     const TrainHistory &base = baseline.by_seed[seed], &own = ours.by_seed[seed];
-    const int until = done_by_seed[seed];
-    const auto saved = saved_between(base, own, 0, until);
-    if (!saved) continue;
-    overall.add(*saved, repetition, seed, 0, until);
+    const int until = timed.by_seed[seed];
+    if (!saved_between(base, own, 0, until)) continue;
     by_seed.push_back({{"until", until}, {"baseline_s", elapsed_at(base, until)}, {"ours_s", elapsed_at(own, until)}});
     const std::optional<int> at = first_kernel_switch(own);
     if (!at) continue;
@@ -152,23 +126,15 @@ Json compare_times(const ConfigurationHistory& baseline, const ConfigurationHist
     const auto saved_before = saved_between(base, own, 0, *at - 1),
                saved_after = saved_between(base, own, *at - 1, until);
     if (*at >= until || !saved_before || !saved_after) continue;
-    before.add(*saved_before, repetition, seed, 0, *at - 1);
-    after.add(*saved_after, repetition, seed, *at - 1, until);
+    before.push_back(*saved_before);
+    after.push_back(*saved_after);
   }
-  const DifferingOptions differing = differing_options(baseline.config, ours.config);
   return {{"name", ours.name},
           {"baseline", baseline.name},
-          {"differs_in", differing.others},  // options, except those of the kernel
-          {"has_own_kernel", !differing.kernel.empty()},
-          {"learns_differently", learns_differently(baseline.config, ours.config)},
-          {"saved_overall", effect_of(overall.shares, time_limits(baseline, ours, timed, overall.noise))},
-          {"saved_before_inflection", spread_of(before.shares)},
-          {"saved_after_inflection", spread_of(after.shares)},
-          {"machine_spread",
-           {{"overall", or_null(overall.noise)}, {"before", or_null(before.noise)}, {"after", or_null(after.noise)}}},
+          {"saved_overall", saved_overall(baseline, ours, timed, noise)},
+          {"saved_before_inflection", spread_of(before)},
+          {"saved_after_inflection", spread_of(after)},
           {"inflection", spread_of(switches)},
-          {"balanced_kernels", kernel_part(baseline, ours, done_by_seed, true)},
-          {"other_kernels", kernel_part(baseline, ours, done_by_seed, false)},
           {"by_seed", by_seed}};
 }
 
@@ -197,52 +163,28 @@ const ConfigurationHistory* find_trained(const Histories& configurations, const 
   return found == configurations.end() ? nullptr : &*found;
 }
 
-/// Returns those of unbalanced_kernels() for which no configuration differs from `ours` only in the kernel.
-std::vector<std::string> missing_unbalanced_kernels(const Histories& configurations, const TrainConfig& ours) {
-  std::vector<std::string> missing;
-  for (const std::string_view kernel : unbalanced_kernels(ours)) {
-    if (find_trained(configurations, ours, kernel) == nullptr) missing.emplace_back(kernel);
-  }
-  return missing;
-}
-
-/// Splits the time saved by a configuration that may balance into two parts: from naive to the fastest kernel without
-/// load balancing ("unbalanced"), and from there to this configuration. Returns null if it does not balance, or if a
-/// kernel without load balancing was not trained with the same other options.
+/// Returns the time that load balancing alone saves: relative to the fastest kernel without it, between configurations
+/// that differ in nothing but the kernel. Returns null if the configuration does not balance, or if not every kernel
+/// without load balancing was trained with its options.
 Json balancing_gain(const Histories& configurations, const ConfigurationHistory& ours, const TimedIterations& timed,
                     const std::optional<double>& noise) {
-  const std::vector<int>& done_by_seed = timed.by_seed;
-  if (!may_balance(ours) || !missing_unbalanced_kernels(configurations, ours.config).empty()) return nullptr;
-  const auto seconds_of = [&](const ConfigurationHistory& configuration) {
-    std::vector<double> seconds;
-    for (std::size_t seed = 0; seed < done_by_seed.size(); ++seed) {
-      if (done_by_seed[seed] > 0) seconds.push_back(elapsed_at(configuration.by_seed[seed], done_by_seed[seed]));
+  if (!may_balance(ours)) return nullptr;
+  const auto seconds_of = [&](const ConfigurationHistory& own) {
+    double seconds = 0;
+    for (std::size_t seed = 0; seed < timed.by_seed.size(); ++seed) {
+      seconds += elapsed_at(own.by_seed[seed], timed.by_seed[seed]);
     }
     return seconds;
   };
-  const auto mean = [](const std::vector<double>& seconds) { return spread_of(seconds)["mean"].get<double>(); };
-  if (seconds_of(ours).empty()) return nullptr;
-  const ConfigurationHistory *naive = nullptr, *unbalanced = nullptr;
+  const ConfigurationHistory* fastest = nullptr;
   for (const std::string_view kernel : unbalanced_kernels(ours.config)) {
-    const ConfigurationHistory& own = *find_trained(configurations, ours.config, kernel);
-    const std::vector<double> own_s = seconds_of(own);
-    if (*std::min_element(own_s.begin(), own_s.end()) <= 0) return nullptr;
-    if (kernel == kernel_name(ForwardKernel::kNaive)) naive = &own;
-    if (unbalanced == nullptr || mean(own_s) < mean(seconds_of(*unbalanced))) unbalanced = &own;
+    const ConfigurationHistory* own = find_trained(configurations, ours.config, kernel);
+    if (own == nullptr) return nullptr;
+    if (fastest == nullptr || seconds_of(*own) < seconds_of(*fastest)) fastest = own;
   }
-  const auto saved = [&](const ConfigurationHistory& before, const ConfigurationHistory& after) {
-    const std::vector<double> before_s = seconds_of(before), after_s = seconds_of(after);
-    std::vector<double> shares;
-    for (std::size_t i = 0; i < before_s.size(); ++i) shares.push_back((before_s[i] - after_s[i]) / before_s[i]);
-    return effect_of(shares, time_limits(before, after, timed, noise));
-  };
-  return {{"name", ours.name},
-          {"naive", naive->name},
-          {"unbalanced", unbalanced->name},
-          {"saved_naive_to_unbalanced", saved(*naive, *unbalanced)},
-          {"saved_by_balancing", saved(*unbalanced, ours)},
-          {"saved_whole", saved(*naive, ours)},
-          {"machine_spread", or_null(noise)}};
+  const Json saved = saved_overall(*fastest, ours, timed, noise);
+  if (saved.is_null()) return nullptr;
+  return {{"name", ours.name}, {"unbalanced", fastest->name}, {"saved_by_balancing", saved}};
 }
 
 /// Returns whether the two are the comparison in the Balanced 3DGS paper (arXiv 2412.17378): naive against the choice
@@ -298,8 +240,10 @@ std::pair<int, std::vector<std::size_t>> common_measurement(const Histories& con
   return common;
 }
 
-/// Compares `ours` with the first configuration at an iteration that all have reached.
-Json compare_quality(const Histories& configurations, const ConfigurationHistory& ours, const Repetition& repetition) {
+/// Compares `ours` with the first configuration at an iteration that all have reached. `repetition` is the second
+/// training of the first configuration, or null.
+Json compare_quality(const Histories& configurations, const ConfigurationHistory& ours,
+                     const ConfigurationHistory* repetition) {
   Json compared = Json::array();
   for (const QualityMeasure& measure : kMeasures) {
     const auto [iteration, seeds] = common_measurement(configurations, measure);
@@ -313,8 +257,8 @@ Json compare_quality(const Histories& configurations, const ConfigurationHistory
       before.push_back(value(configurations[0]));
       after.push_back(value(ours));
       gained.push_back(after.back() - before.back());
-      if (repetition.second == nullptr) continue;
-      noise = std::max(noise, std::optional(std::fabs(value(*repetition.second) - before.back())));
+      if (repetition == nullptr) continue;
+      noise = std::max(noise, std::optional(std::fabs(value(*repetition) - before.back())));
     }
     const Json baseline = spread_of(before);
     const double unit = measure.is_relative ? baseline["mean"].get<double>() : 1;
@@ -327,15 +271,13 @@ Json compare_quality(const Histories& configurations, const ConfigurationHistory
                         {"difference", effect["mean"]},
                         {"interval", effect["interval"]},
                         {"finding", effect["finding"]},
-                        {"machine_spread", or_null(noise)},
-                        {"tolerance", effect["limit"]},
-                        {"equal", effect["finding"] == "equal"}});
+                        {"tolerance", effect["limit"]}});
   }
   return compared;
 }
 
 /// Returns the results of each configuration at the end of its own training, over the seeds trained so far.
-Json final_results(const Histories& configurations, const Repetition& repetition) {
+Json final_results(const Histories& configurations, const ConfigurationHistory* repetition) {
   Json results = Json::array();
   const auto is_complete = [](const ConfigurationHistory& own, std::size_t seed) {
     return own.by_seed[seed].last_iteration() >= own.config.iterations && !own.by_seed[seed].points.empty();
@@ -351,8 +293,8 @@ Json final_results(const Histories& configurations, const Repetition& repetition
     return gained;
   };
   std::optional<double> noise;
-  if (repetition.second != nullptr) {
-    for (const double own : psnr_gained(*repetition.second)) noise = std::max(noise, std::optional(std::fabs(own)));
+  if (repetition != nullptr) {
+    for (const double own : psnr_gained(*repetition)) noise = std::max(noise, std::optional(std::fabs(own)));
   }
   for (const ConfigurationHistory& own : configurations) {
     std::vector<double> seconds, count, psnr, ssim;
@@ -410,43 +352,36 @@ Json summarize_comparison(const Histories& configurations, int iterations, int c
   B3DGS_CHECK(configurations.size() >= 2, configurations.size(), " configurations");
   B3DGS_CHECK(chunk > 0, chunk, " iterations per turn");
   const ConfigurationHistory &baseline = configurations[0], &ours = choose_ours(configurations);
-  Repetition repetition;
   const auto again = std::find_if(configurations.begin() + 1, configurations.end(), [&](const auto& own) {
     return differing_options(baseline.config, own.config).empty();
   });
-  if (again != configurations.end()) repetition = {&baseline, &*again};
+  const ConfigurationHistory* const repetition = again == configurations.end() ? nullptr : &*again;
   const TimedIterations timed{common_iterations(configurations, iterations), chunk};
-  const std::vector<int>& done_by_seed = timed.by_seed;
+  const std::optional<double> noise = repetition_noise(baseline, repetition, timed);
 
-  std::optional<double> noise;
   Json compared = Json::array(), balancing = Json::array(), paper_pairs = Json::array();
   for (std::size_t i = 1; i < configurations.size(); ++i) {
-    Json& own = compared.emplace_back(compare_times(baseline, configurations[i], repetition, timed));
+    Json& own = compared.emplace_back(compare_times(baseline, configurations[i], timed, noise));
     own["quality"] = compare_quality(configurations, configurations[i], repetition);
-    const Json& own_noise = own["machine_spread"]["overall"];
-    if (&configurations[i] == repetition.second && own_noise.is_number()) noise = own_noise.get<double>();
   }
   for (const ConfigurationHistory& own : configurations) {
     const Json gain = balancing_gain(configurations, own, timed, noise);
     if (!gain.is_null()) balancing.push_back(gain);
     for (const ConfigurationHistory& other : configurations) {
-      if (!is_paper_pair(own.config, other.config)) continue;
-      paper_pairs.push_back(compare_times(own, other, repetition, timed));
+      if (is_paper_pair(own.config, other.config)) paper_pairs.push_back(compare_times(own, other, timed, noise));
     }
   }
   Json summary{{"verdict", ""},
                {"baseline", baseline.name},
                {"ours", ours.name},
-               {"repetition", repetition.second == nullptr ? "" : repetition.second->name},
+               {"repetition", repetition == nullptr ? "" : repetition->name},
                {"machine_spread", or_null(noise)},
                {"holds_out_views", baseline.config.eval},
                {"iterations", iterations},
-               {"done", *std::max_element(done_by_seed.begin(), done_by_seed.end())},
-               {"done_by_seed", done_by_seed},
+               {"done", *std::max_element(timed.by_seed.begin(), timed.by_seed.end())},
+               {"done_by_seed", timed.by_seed},
                {"results", final_results(configurations, repetition)},
                {"balancing", balancing},
-               {"missing_kernels", may_balance(ours) ? missing_unbalanced_kernels(configurations, ours.config)
-                                                     : std::vector<std::string>()},
                {"beside_paper", paper_pairs},
                {"compared", compared}};
   summary["verdict"] = verdict(summary);

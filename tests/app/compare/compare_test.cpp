@@ -162,8 +162,6 @@ TEST_F(Compare, NoiseMeasuresTheRunToRunVariation) {
   EXPECT_EQ(result["runs"][3]["configuration"], "naive-kernels_again");
   EXPECT_EQ(result["summary"]["repetition"], "naive-kernels_again");
   EXPECT_TRUE(result["summary"]["machine_spread"].is_number());
-  EXPECT_TRUE(result["summary"]["compared"][0]["machine_spread"]["overall"].is_number());
-  EXPECT_EQ(result["summary"]["compared"][0]["differs_in"], (Words{"culling"}));
   EXPECT_EQ(result["runs"][0]["curves"]["loss"], result["runs"][3]["curves"]["loss"])
       << "the same configuration and seed";
   EXPECT_NE(outcome.out.find("\nnaive-kernels_again "), std::string::npos) << outcome.out;
