@@ -83,20 +83,6 @@ NamedOption find_option(const std::string& key) {
   return found;
 }
 
-/// Calls visit(option, group) for each option whose values differ.
-template <class Visit>
-void visit_differing(const TrainConfig& a, const TrainConfig& b, Visit&& visit) {
-  std::vector<const void*> others;
-  visit_fields(b, [&](const Option&, const auto& value, const auto&, const char*) { others.push_back(&value); });
-  auto other = others.begin();
-  std::string_view group;
-  visit_fields(a, [&](const Option& option, const auto& value, const auto&, const char*) {
-    if (*option.group_name != '\0') group = option.group_name;
-    // Both visit their fields in one order, so this is the same field.
-    if (value != *static_cast<const std::decay_t<decltype(value)>*>(*other++)) visit(option, group);
-  });
-}
-
 /// @throws InputError unless --kernel accepts the name
 void check_kernel(const std::string& name) {
   std::vector<std::string> names{kNaiveKernels};
@@ -216,23 +202,17 @@ Configuration repeat_baseline(const std::vector<Configuration>& configurations) 
 
 DifferingOptions differing_options(const TrainConfig& a, const TrainConfig& b) {
   DifferingOptions options;
-  visit_differing(a, b, [&](const Option& option, std::string_view) {
-    const std::string name(option.name);
+  std::vector<const void*> others;
+  visit_fields(b, [&](const Option&, const auto& value, const auto&, const char*) { others.push_back(&value); });
+  auto other = others.begin();
+  visit_fields(a, [&](const Option& option, const auto& value, const auto&, const char*) {
+    // Both visit their fields in one order, so this is the same field.
+    if (value == *static_cast<const std::decay_t<decltype(value)>*>(*other++)) return;
     const bool is_kernel =
-        std::find(std::begin(kKernelOptions), std::end(kKernelOptions), name) != std::end(kKernelOptions);
-    (is_kernel ? options.kernel : options.others).push_back(name);
+        std::find(std::begin(kKernelOptions), std::end(kKernelOptions), option.name) != std::end(kKernelOptions);
+    (is_kernel ? options.kernel : options.others).emplace_back(option.name);
   });
   return options;
-}
-
-bool learns_differently(const TrainConfig& a, const TrainConfig& b) {
-  bool differs = false;
-  visit_differing(a, b, [&](const Option& option, std::string_view group) {
-    constexpr std::string_view kWithoutEffect[] = {"preset", "checkpoint_minutes", "deterministic"};
-    differs |= group != "Kernels" && group != "Device and memory" && option.steps != Steps::kOutput &&
-               std::find(std::begin(kWithoutEffect), std::end(kWithoutEffect), option.name) == std::end(kWithoutEffect);
-  });
-  return differs;
 }
 
 }  // namespace b3dgs

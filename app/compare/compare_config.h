@@ -52,8 +52,4 @@ struct DifferingOptions {
 };
 DifferingOptions differing_options(const TrainConfig& a, const TrainConfig& b);
 
-/// Returns whether two configurations learn differently, because they differ in options other than those of kernels, of
-/// device and memory, and of output times.
-bool learns_differently(const TrainConfig& a, const TrainConfig& b);
-
 }  // namespace b3dgs
