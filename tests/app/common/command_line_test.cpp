@@ -80,7 +80,7 @@ TEST(CommandLine, EveryOptionAndEveryAliasIsAccepted) {
     for (const std::string& name : names) {
       Words words{"--" + name};
       if constexpr (!std::is_same_v<std::decay_t<decltype(value)>, bool>) {
-        const nlohmann::json json = value;
+        const nlohmann::ordered_json json = detail::option_to_json(value);
         words.push_back(json.is_string() ? json.get<std::string>() : json.is_array() ? "5" : json.dump());
         if (words.back().empty()) words.back() = "x";
       }
