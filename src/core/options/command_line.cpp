@@ -7,6 +7,8 @@
 #include <cstdint>
 #include <iostream>
 #include <map>
+#include <numeric>
+#include <optional>
 #include <sstream>
 
 #include "core/files/file_reader.h"
@@ -61,25 +63,23 @@ std::vector<std::string> list_entries(const std::vector<std::string>& words) {
 /// The meaning of a word of the command line.
 struct Named {
   const OptionSpec* spec = nullptr;
-  bool is_negated = false;  // --no_eval
-  bool has_value = false;   // --name=value, -r2
-  std::string value;
+  bool is_letter = false;            // -s
+  bool is_negated = false;           // --no_eval
+  std::optional<std::string> value;  // --name=value, -r2
 };
 
 Named find_option(const std::vector<OptionSpec>& options, const std::string& word) {
   Named found;
-  const bool is_long = word[1] == '-';
-  const std::size_t end = is_long ? std::min(word.find('='), word.size()) : 2;
-  const std::string name = word.substr(is_long ? 2 : 1, is_long ? end - 2 : 1);
+  found.is_letter = word[1] != '-';
+  const std::size_t end = found.is_letter ? 2 : std::min(word.find('='), word.size());
+  if (end < word.size()) found.value = word.substr(found.is_letter ? end : end + 1);
+  const std::string name = word.substr(2, end - 2);
   for (const OptionSpec& spec : options) {
-    found.is_negated = is_long && spec.is_flag() && name == "no_" + spec.name;
-    if (is_long ? found.is_negated || spec.has_name(name) : spec.letter == name[0]) {
-      found.spec = &spec;
-      break;
-    }
+    found.is_negated = !found.is_letter && spec.is_flag() && name == "no_" + spec.name;
+    found.spec = &spec;
+    if (found.is_letter ? spec.letter == word[1] : found.is_negated || spec.has_name(name)) return found;
   }
-  found.has_value = end < word.size();
-  if (found.has_value) found.value = word.substr(is_long ? end + 1 : end);
+  found.spec = nullptr;
   return found;
 }
 
@@ -95,18 +95,12 @@ nlohmann::json parse_number(const OptionSpec& spec, const std::string& word) {
 }
 
 nlohmann::json parse_word(const OptionSpec& spec, const std::string& word) {
-  switch (spec.kind) {
-    case OptionSpec::Kind::kFlag:
-      if (!is_truth_value(word)) detail::invalid_value("", spec.name, "true or false", '"' + word + '"');
-      return word == "true";
-    case OptionSpec::Kind::kInt:
-      return parse_number<int>(spec, word);
-    case OptionSpec::Kind::kInt64:
-      return parse_number<std::int64_t>(spec, word);
-    case OptionSpec::Kind::kNumber:
-      return parse_number<double>(spec, word);
-    case OptionSpec::Kind::kText:
-      break;
+  if (spec.kind == OptionSpec::Kind::kInt) return parse_number<int>(spec, word);
+  if (spec.kind == OptionSpec::Kind::kInt64) return parse_number<std::int64_t>(spec, word);
+  if (spec.kind == OptionSpec::Kind::kNumber) return parse_number<double>(spec, word);
+  if (spec.is_flag()) {
+    if (!is_truth_value(word)) detail::invalid_value("", spec.name, "true or false", '"' + word + '"');
+    return word == "true";
   }
   if (word.empty() && !spec.is_list && !spec.is_empty_allowed && !spec.lists_choices) {
     input_error("invalid value for --", spec.name,
@@ -115,14 +109,56 @@ nlohmann::json parse_word(const OptionSpec& spec, const std::string& word) {
   return word;
 }
 
-}  // namespace
-
-nlohmann::json OptionSpec::parse(const std::vector<std::string>& words) const {
-  if (!is_list) return parse_word(*this, words.empty() ? "" : words.back());
+nlohmann::json parse_words(const OptionSpec& spec, const std::vector<std::string>& words) {
+  if (!spec.is_list) return parse_word(spec, words.empty() ? "" : words.back());
   nlohmann::json values = nlohmann::json::array();
-  for (const std::string& entry : list_entries(words)) values.push_back(parse_word(*this, entry));
+  for (const std::string& entry : list_entries(words)) values.push_back(parse_word(spec, entry));
   return values;
 }
+
+/// Returns the value of the option in words[i]. Moves i to the last word that belongs to it.
+nlohmann::json take_value(const Named& named, std::vector<std::string>& words, std::size_t& i) {
+  const OptionSpec& spec = *named.spec;
+  std::vector<std::string> own;
+  if (named.value) own.push_back(*named.value);
+  const auto has_next = [&] { return i + 1 < words.size(); };
+  if (spec.is_flag()) {
+    if (named.is_letter && named.value) {  // several letters in one word, so the others are read next
+      own = {"true"};
+      words[i--] = "-" + *named.value;
+    } else if (own.empty()) {
+      own.push_back(has_next() && is_truth_value(words[i + 1]) ? words[++i] : "true");
+    }
+    return parse_words(spec, own) != named.is_negated;
+  }
+  if (spec.is_list) {  // "0,1,2" is a whole list, but not "0,"; the last value of an option counts, also of a list
+    const auto is_whole = [](const std::string& text) {
+      return text.find(',') != std::string::npos && text.back() != ',';
+    };
+    while (has_next() && !is_option(words[i + 1]) && (own.empty() || !is_whole(own.back()))) own.push_back(words[++i]);
+  } else if (own.empty()) {
+    if (!has_next()) input_error("missing value: --", spec.name);
+    require_value(spec, words[i + 1]);
+    own.push_back(words[++i]);
+  }
+  return parse_words(spec, own);
+}
+
+std::size_t edit_distance(const std::string& a, const std::string& b) {
+  std::vector<std::size_t> row(b.size() + 1);
+  std::iota(row.begin(), row.end(), std::size_t{0});
+  for (std::size_t i = 1; i <= a.size(); ++i) {
+    std::size_t diagonal = row[0];
+    row[0] = i;
+    for (std::size_t j = 1; j <= b.size(); ++j) {
+      const std::size_t substituted = std::exchange(diagonal, row[j]) + (a[i - 1] != b[j - 1]);
+      row[j] = std::min({substituted, row[j] + 1, row[j - 1] + 1});
+    }
+  }
+  return row[b.size()];
+}
+
+}  // namespace
 
 void CommandLine::set_help(const std::string& name, const std::string& help) {
   const auto spec =
@@ -144,73 +180,38 @@ bool CommandLine::prints_help(const std::vector<std::string>& words) const {
 
 bool CommandLine::parse(std::vector<std::string> words) {
   if (prints_help(words)) return false;
-  std::map<std::string, nlohmann::json> values;
-  std::string unknown, unexpected;  // the first of each
+  std::map<const OptionSpec*, nlohmann::json> values;  // in the order of options_
+  std::string unknown, unexpected;                     // the first of each
   bool only_arguments = false;
   for (std::size_t i = 0; i < words.size(); ++i) {
     const std::string word = with_underscores(words[i]);
     if (!only_arguments && word == "--") {
       only_arguments = true;
-      continue;
-    }
-    if (only_arguments || word.size() < 2 || word[0] != '-') {
+    } else if (only_arguments || word.size() < 2 || word[0] != '-') {
       const auto place = std::find_if(options_.begin(), options_.end(), [&](const OptionSpec& spec) {
-        return spec.positional && values.count(spec.name) == 0;
+        return spec.positional && values.count(&spec) == 0;
       });
       if (place != options_.end()) {
-        values[place->name] = place->parse({words[i]});
+        values[&*place] = parse_words(*place, {words[i]});
       } else if (unexpected.empty()) {
         unexpected = "\"" + words[i] + "\"";
       }
-      continue;
-    }
-    const Named named = find_option(options_, word);
-    if (named.spec == nullptr) {
+    } else if (const Named named = find_option(options_, word); named.spec == nullptr) {
       if (unknown.empty()) unknown = word;
-      continue;
+    } else {
+      values[named.spec] = take_value(named, words, i);
     }
-    const OptionSpec& spec = *named.spec;
-    std::vector<std::string> own;
-    if (named.has_value) own.push_back(named.value);
-    if (spec.is_flag()) {
-      if (word[1] != '-' && named.has_value) {  // several letters in one word
-        words.insert(words.begin() + static_cast<std::ptrdiff_t>(i) + 1, "-" + named.value);
-        own.clear();
-      } else if (!named.has_value && i + 1 < words.size() && is_truth_value(words[i + 1])) {
-        own.push_back(words[++i]);
-      }
-      if (own.empty()) own.emplace_back("true");
-      values[spec.name] = spec.parse(own) != named.is_negated;
-      continue;
-    }
-    if (spec.is_list) {  // "0,1,2" is a whole list, but not "0,"; the last value of an option counts, also of a list
-      const auto is_whole = [](const std::string& text) {
-        return text.find(',') != std::string::npos && text.back() != ',';
-      };
-      while (i + 1 < words.size() && !is_option(words[i + 1]) && (own.empty() || !is_whole(own.back()))) {
-        own.push_back(words[++i]);
-      }
-    } else if (own.empty()) {
-      if (i + 1 == words.size()) input_error("missing value: --", spec.name);
-      require_value(spec, words[++i]);
-      own.push_back(words[i]);
-    }
-    values[spec.name] = spec.parse(own);
   }
   // The value of an unknown option is also unexpected, but the message is about the option.
   if (!unknown.empty() || !unexpected.empty()) reject(unknown.empty() ? unexpected : unknown);
-  for (const OptionSpec& spec : options_) {
-    if (values.count(spec.name) > 0) given_[spec.name] = values[spec.name];
-  }
+  for (const auto& [spec, value] : values) given_[spec->name] = value;
   for (const auto& set : setters_) set();
   return true;
 }
 
-namespace {
-
-/// Returns the known option for a name that other trainers use, or an empty text.
-std::string name_of_other_trainers(const std::string& name, const std::vector<std::string>& known) {
-  static const std::pair<const char*, std::vector<std::string>> kNames[] = {
+void CommandLine::reject(const std::string& word) const {
+  // Options, and names for them that other trainers use and that are not accepted here.
+  static const std::pair<const char*, std::vector<std::string>> kNamesOfOtherTrainers[] = {
       {"iterations", {"total_steps", "num_steps", "max_num_iterations", "num_iterations"}},
       {"model_path", {"output", "output_dir", "output_path", "export_path", "o"}},
       {"output", {"output_dir", "output_path", "o"}},
@@ -218,15 +219,6 @@ std::string name_of_other_trainers(const std::string& name, const std::vector<st
       {"white_background", {"background"}},
       {"source_path", {"data", "data_path"}},
   };
-  for (const auto& [own, others] : kNames) {
-    if (detail::is_among(name, others) && detail::is_among(own, known)) return own;
-  }
-  return "";
-}
-
-}  // namespace
-
-void CommandLine::reject(const std::string& word) const {
   if (word[0] != '-') {
     const bool has_arguments = usage() != "b3dgs " + name_ + " [OPTIONS]";
     input_error("unexpected argument ", word, "; usage: ", usage(),
@@ -240,8 +232,12 @@ void CommandLine::reject(const std::string& word) const {
   }
   const std::string option = word.substr(0, word.find('='));
   const bool is_long = option.compare(0, 2, "--") == 0;
-  std::string nearest = name_of_other_trainers(option.substr(is_long ? 2 : 1), names);
-  if (nearest.empty() && is_long) nearest = nearest_name(option.substr(2), names);
+  const std::string name = option.substr(is_long ? 2 : 1);
+  std::string nearest;
+  for (const auto& [own, others] : kNamesOfOtherTrainers) {
+    if (nearest.empty() && detail::is_among(name, others) && detail::is_among(own, names)) nearest = own;
+  }
+  if (nearest.empty() && is_long) nearest = nearest_name(name, names);
   input_error("unknown option ", option,
               nearest.empty() ? "; see b3dgs " + name_ + " --help-all" : "; did you mean --" + nearest + "?");
 }
@@ -257,25 +253,6 @@ nlohmann::ordered_json read_json_file(const std::string& path, const char* expec
   if (json.is_discarded()) input_error("not valid JSON: ", path, " (expected ", expected, "; ", json_damage(text), ")");
   return json;
 }
-
-namespace {
-
-std::size_t edit_distance(const std::string& a, const std::string& b) {
-  std::vector<std::size_t> row(b.size() + 1);
-  for (std::size_t j = 0; j <= b.size(); ++j) row[j] = j;
-  for (std::size_t i = 1; i <= a.size(); ++i) {
-    std::size_t diagonal = row[0];
-    row[0] = i;
-    for (std::size_t j = 1; j <= b.size(); ++j) {
-      const std::size_t substituted = diagonal + (a[i - 1] != b[j - 1]);
-      diagonal = row[j];
-      row[j] = std::min({substituted, row[j] + 1, row[j - 1] + 1});
-    }
-  }
-  return row[b.size()];
-}
-
-}  // namespace
 
 std::string nearest_name(const std::string& name, const std::vector<std::string>& known) {
   if (name.empty()) return "";

@@ -54,9 +54,6 @@ struct OptionSpec {
                     std::is_same_v<Value, double> || std::is_same_v<Value, std::string> || std::is_enum_v<Value>);
     }
   }
-
-  /// Returns the value of these words. @throws InputError that names the option
-  nlohmann::json parse(const std::vector<std::string>& words) const;
 };
 
 /// The command line of one subcommand, "b3dgs NAME".
