@@ -109,6 +109,7 @@ class CommandLine {
  private:
   std::string usage() const;         // "b3dgs train [SOURCE_PATH] [OPTIONS]"
   std::string introduction() const;  // summary, usage and example
+  /// Returns the options for the help pages by group, in the order in which the groups begin.
   std::vector<const OptionSpec*> listed(bool only_common = false) const;
   bool prints_help(const std::vector<std::string>& words) const;
   [[noreturn]] void reject(const std::string& word) const;

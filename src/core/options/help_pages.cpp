@@ -17,16 +17,12 @@ constexpr std::size_t kTextColumns = 84;
 /// Breaks the text at blanks into lines of at most `columns`. All lines but the first are indented by `indent`.
 std::string wrap(const std::string& text, std::size_t columns, std::size_t indent) {
   std::istringstream words(text);
-  std::string wrapped, word;
+  std::string wrapped;
   std::size_t used = 0;
-  while (words >> word) {
-    if (used > 0 && used + 1 + word.size() > columns) {
-      wrapped += '\n' + std::string(indent, ' ');
-      used = 0;
-    }
-    if (used > 0) wrapped += ' ', ++used;
-    wrapped += word;
-    used += word.size();
+  for (std::string word; words >> word; wrapped += word) {
+    const bool fits = used + 1 + word.size() <= columns;
+    if (!wrapped.empty()) wrapped += fits ? " " : "\n" + std::string(indent, ' ');
+    used = (wrapped.empty() || !fits ? 0 : used + 1) + word.size();
   }
   return wrapped;
 }
@@ -86,23 +82,12 @@ std::string markdown_row(const OptionSpec& spec) {
          cell(spec.is_flag() ? "flag" : spec.range) + cell(spec.help) + "\n";
 }
 
-/// Returns the options by group, in the order in which the groups begin.
-std::vector<std::pair<std::string, std::vector<const OptionSpec*>>> grouped(const std::vector<const OptionSpec*>& all) {
-  std::vector<std::pair<std::string, std::vector<const OptionSpec*>>> groups;
-  for (const OptionSpec* spec : all) {
-    const auto same = [&](const auto& group) { return group.first == spec->group; };
-    auto group = std::find_if(groups.begin(), groups.end(), same);
-    if (group == groups.end()) group = groups.insert(groups.end(), {spec->group, {}});
-    group->second.push_back(spec);
-  }
-  return groups;
-}
-
 std::string list_options(const std::vector<const OptionSpec*>& options, bool all) {
-  std::string text;
-  for (const auto& [group, specs] : grouped(options)) {
-    text += "\n" + group + ":\n";
-    for (const OptionSpec* spec : specs) text += help_entry(*spec, all);
+  std::string text, group;
+  for (const OptionSpec* spec : options) {
+    if (spec->group != group) text += "\n" + spec->group + ":\n";
+    group = spec->group;
+    text += help_entry(*spec, all);
   }
   return text;
 }
@@ -122,7 +107,10 @@ std::string option_value_text(const nlohmann::ordered_json& value) {
 std::vector<const OptionSpec*> CommandLine::listed(bool only_common) const {
   std::vector<const OptionSpec*> options;
   for (const OptionSpec& spec : options_) {
-    if (!spec.is_ignored && (spec.is_common || !only_common)) options.push_back(&spec);
+    if (spec.is_ignored || (only_common && !spec.is_common)) continue;
+    const auto is_same_group = [&](const OptionSpec* other) { return other->group == spec.group; };
+    const auto last = std::find_if(options.rbegin(), options.rend(), is_same_group);
+    options.insert(last == options.rend() ? options.end() : last.base(), &spec);
   }
   return options;
 }
@@ -158,9 +146,13 @@ std::string CommandLine::help_all() const {
 std::string CommandLine::help_markdown() const {
   std::string text = "## b3dgs " + name_ + "\n\n" + wrap(summary_, 100, 0) + "\n";
   if (!example_.empty()) text += "\n    " + example_ + "\n";
-  for (const auto& [group, specs] : grouped(listed())) {
-    text += "\n### " + group + "\n\n| Option | Also | Default | Range | Meaning |\n|---|---|---|---|---|\n";
-    for (const OptionSpec* spec : specs) text += markdown_row(*spec);
+  std::string group;
+  for (const OptionSpec* spec : listed()) {
+    if (spec->group != group) {
+      text += "\n### " + spec->group + "\n\n| Option | Also | Default | Range | Meaning |\n|---|---|---|---|---|\n";
+    }
+    group = spec->group;
+    text += markdown_row(*spec);
   }
   return text + "\n";
 }
