@@ -254,12 +254,12 @@ int run_compare(const std::vector<std::string>& words) {
   CompareOptions options;
   line.add(options, "Comparison");
   line.add(default_config(), "Training", {"source_path"});
-  add_original_train_options(line);
+  add_original_options(line, OriginalScript::kTrain);
   line.set_help("model_path", "output folder (default output/SCENE-compare)");
   if (!line.parse(words)) return 0;
 
   StatusLine status = StatusLine::for_stderr(options.quiet);
-  for (const std::string& text : describe_original_train_options(line.given())) status.warn(text);
+  for (const std::string& text : describe_original_options(line.given(), OriginalScript::kTrain)) status.warn(text);
   ComparisonPlan plan = make_plan(line, options);
   const torch::Device device = choose_device(plan.base.device);
   plan.base.device = device_name(device);

@@ -207,11 +207,11 @@ int run_eval(const std::vector<std::string>& words) {
   EvalOptions options;
   line.add(model_options, "Model", {"model_path"});
   line.add(options, "Evaluation");
-  add_original_model_options(line);
+  add_original_options(line, OriginalScript::kModel);
   if (!line.parse(words)) return 0;
 
   StatusLine status = StatusLine::for_stderr(model_options.quiet);
-  for (const std::string& text : describe_original_model_options(line.given())) status.warn(text);
+  for (const std::string& text : describe_original_options(line.given(), OriginalScript::kModel)) status.warn(text);
   const torch::Device device = choose_device(model_options.device);
   std::optional<LpipsNetwork> lpips;  // before the photographs, because they take longer to load
   if (!options.lpips.empty()) lpips.emplace(options.lpips, device);

@@ -255,11 +255,11 @@ int run_render(const std::vector<std::string>& words) {
   line.add(model_options, "Model", {"model_path"});
   line.add(camera_options, "Cameras");
   line.add(options, "Images");
-  add_original_model_options(line);
+  add_original_options(line, OriginalScript::kModel);
   if (!line.parse(words)) return 0;
 
   StatusLine status = StatusLine::for_stderr(model_options.quiet);
-  for (const std::string& text : describe_original_model_options(line.given())) status.warn(text);
+  for (const std::string& text : describe_original_options(line.given(), OriginalScript::kModel)) status.warn(text);
   const torch::Device device = choose_device(model_options.device);
   check_options(line, model_options, options);
   check_camera_options(line, camera_options);

@@ -270,7 +270,7 @@ int run_train(const std::vector<std::string>& words) {
   TrainCommandOptions options;
   line.add(options, "Run");
   line.add(resolve_options().config, "Training", {"source_path"});  // defaults for the help; given_options() has values
-  add_original_train_options(line);
+  add_original_options(line, OriginalScript::kTrain);
   line.set_notes(presets_help());
   if (!line.parse(join_view_place(words))) return 0;
   std::signal(SIGPIPE, SIG_IGN);

@@ -132,7 +132,7 @@ TrainPlan make_plan(const CommandLine& line, StatusLine& status, const TrainComm
     input_error("--resume auto and --overwrite exclude each other: one continues the model in the output folder, the ",
                 "other replaces it");
   }
-  for (const std::string& text : describe_original_train_options(line.given())) status.warn(text);
+  for (const std::string& text : describe_original_options(line.given(), OriginalScript::kTrain)) status.warn(text);
   const auto apply_given_at_resume = [&] {
     for (const std::string& text : apply_at_resume(config, given)) status.warn(text);
     plan.layers.reset();

@@ -1,5 +1,7 @@
 #include "config/original_options.h"
 
+#include <initializer_list>
+
 namespace b3dgs {
 namespace {
 
@@ -15,7 +17,7 @@ constexpr const char* kPhotographs = "photographs fill up to half of the free GP
 constexpr const char* kTraining = "the training's setting is used";
 constexpr const char* kSplit = "choose views with render --path test|train and eval --split test|train";
 
-constexpr OriginalOption kTrainOptions[] = {
+constexpr std::initializer_list<OriginalOption> kTrainOptions = {
     {"disable_viewer", nullptr, kOriginal},
     {"debug", nullptr, kOriginal},
     {"detect_anomaly", nullptr, kOriginal},
@@ -31,7 +33,7 @@ constexpr OriginalOption kTrainOptions[] = {
     {"exposure_lr_delay_mult", "0.0", kOriginal},
 };
 
-constexpr OriginalOption kModelOptions[] = {
+constexpr std::initializer_list<OriginalOption> kModelOptions = {
     {"skip_train", nullptr, kSplit},
     {"skip_test", nullptr, kSplit},
     {"eval", nullptr, kTraining},
@@ -46,9 +48,14 @@ constexpr OriginalOption kModelOptions[] = {
     {"convert_SHs_python", nullptr, kOriginal},
 };
 
-template <class Table>
-void add_all(CommandLine& line, const Table& table) {
-  for (const OriginalOption& option : table) {
+std::initializer_list<OriginalOption> options_of(OriginalScript script) {
+  return script == OriginalScript::kTrain ? kTrainOptions : kModelOptions;
+}
+
+}  // namespace
+
+void add_original_options(CommandLine& line, OriginalScript script) {
+  for (const OriginalOption& option : options_of(script)) {
     OptionSpec spec;
     spec.name = option.name;
     spec.letter = option.letter;
@@ -58,10 +65,9 @@ void add_all(CommandLine& line, const Table& table) {
   }
 }
 
-template <class Table>
-std::vector<std::string> describe_all(const nlohmann::ordered_json& given, const Table& table) {
+std::vector<std::string> describe_original_options(const nlohmann::ordered_json& given, OriginalScript script) {
   std::vector<std::string> lines;
-  for (const OriginalOption& option : table) {
+  for (const OriginalOption& option : options_of(script)) {
     const bool is_flag = option.default_value == nullptr;
     const auto value = given.find(option.name);
     if (value == given.end() || (!is_flag && *value == option.default_value)) continue;
@@ -69,24 +75,6 @@ std::vector<std::string> describe_all(const nlohmann::ordered_json& given, const
     lines.push_back(detail::concat("--", option.name, text, " has no effect: ", option.reason));
   }
   return lines;
-}
-
-}  // namespace
-
-void add_original_train_options(CommandLine& line) {
-  add_all(line, kTrainOptions);
-}
-
-void add_original_model_options(CommandLine& line) {
-  add_all(line, kModelOptions);
-}
-
-std::vector<std::string> describe_original_train_options(const nlohmann::ordered_json& given) {
-  return describe_all(given, kTrainOptions);
-}
-
-std::vector<std::string> describe_original_model_options(const nlohmann::ordered_json& given) {
-  return describe_all(given, kModelOptions);
 }
 
 }  // namespace b3dgs

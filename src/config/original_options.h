@@ -10,14 +10,14 @@
 
 namespace b3dgs {
 
-/// Adds those of train.py. The help does not list them.
-void add_original_train_options(CommandLine& line);
-/// Adds those of render.py and metrics.py, for `b3dgs render` and `eval`.
-void add_original_model_options(CommandLine& line);
+/// kTrain has the options of train.py, kModel those of render.py and metrics.py, for `b3dgs render` and `eval`.
+enum class OriginalScript { kTrain, kModel };
+
+/// Adds the options of a script. The help does not list them.
+void add_original_options(CommandLine& line, OriginalScript script);
 
 /// Returns a line for each such option that was given, unless with its default:
 /// "--debug has no effect: only the original 3DGS code has it".
-std::vector<std::string> describe_original_train_options(const nlohmann::ordered_json& given);
-std::vector<std::string> describe_original_model_options(const nlohmann::ordered_json& given);
+std::vector<std::string> describe_original_options(const nlohmann::ordered_json& given, OriginalScript script);
 
 }  // namespace b3dgs

@@ -50,9 +50,9 @@ int nearest_step(double steps) {
 TEST(OriginalOptions, AreAcceptedAndSayThatTheyHaveNoEffect) {
   CommandLine line("train", "");
   line.add(TrainConfig{}, "Training");
-  add_original_train_options(line);
+  add_original_options(line, OriginalScript::kTrain);
   ASSERT_TRUE(line.parse({"--debug", "--port", "6010", "--optimizer_type", "default", "--seed", "3"}));
-  EXPECT_EQ(describe_original_train_options(line.given()),
+  EXPECT_EQ(describe_original_options(line.given(), OriginalScript::kTrain),
             (Words{"--debug has no effect: only the original 3DGS code has it",
                    "--port 6010 has no effect: the page of a training is at --view PORT"}));
   EXPECT_EQ(given_options(line, ""), (GivenOptions{{"seed", 3}}));
@@ -61,10 +61,10 @@ TEST(OriginalOptions, AreAcceptedAndSayThatTheyHaveNoEffect) {
 
 TEST(OriginalOptions, OfRenderAndMetricsAreAcceptedToo) {
   CommandLine line("render", "");
-  add_original_model_options(line);
+  add_original_options(line, OriginalScript::kModel);
   ASSERT_TRUE(line.parse({"--eval", "--skip_test", "-i", "images", "--data_device", "cpu", "--debug"}));
   EXPECT_EQ(
-      describe_original_model_options(line.given()),
+      describe_original_options(line.given(), OriginalScript::kModel),
       (Words{"--skip_test has no effect: choose views with render --path test|train and eval --split test|train",
              "--eval has no effect: the training's setting is used",
              "--images images has no effect: the training's setting is used",
