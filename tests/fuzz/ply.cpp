@@ -1,10 +1,11 @@
-// PLY files, read as Gaussians and as points.
+// PLY files, read as meshes, as Gaussians and as points.
 #include <cmath>
 #include <optional>
 
 #include "fuzz/fuzz_target.h"
 #include "fuzz/splat_check.h"
 #include "model/formats/splat_formats.h"
+#include "model/formats/triangle_mesh.h"
 
 namespace b3dgs::fuzz {
 namespace {
@@ -15,9 +16,25 @@ void check_points(const WorldPoints& points) {
     B3DGS_CHECK(std::isfinite(value), "expected a finite value, found ", value);
 }
 
+void check_mesh(std::string_view bytes) {
+  TriangleMesh mesh;
+  try {
+    FileReader file("a.ply", bytes);
+    mesh = read_mesh_ply(file);
+  } catch (const InputError&) {
+    return;
+  }
+  for (const TriangleMesh::Triangle& triangle : mesh.triangles) {
+    for (const std::uint32_t vertex : triangle) {
+      B3DGS_CHECK(vertex < mesh.positions.size(), "vertex ", vertex, " of ", mesh.positions.size());
+    }
+  }
+}
+
 }  // namespace
 
 void read_input(std::string_view bytes) {
+  check_mesh(bytes);
   std::optional<InputError> refused;
   try {
     FileReader file("a.ply", bytes);

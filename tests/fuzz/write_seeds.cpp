@@ -12,6 +12,7 @@
 #include "fuzz/fuzz_target.h"
 #include "model/cameras/cameras_json.h"
 #include "model/formats/splat_formats.h"
+#include "model/formats/triangle_mesh.h"
 #include "scene/colmap/colmap.h"
 #include "scene/images/image.h"
 #include "scene/photograph.h"
@@ -108,6 +109,7 @@ SplatCloud small_cloud(int sh_degree) {
 
 void write_ply_seeds(const fs::path& folder) {
   for (const int degree : {0, 1, 3}) write_splat_ply(folder / ("splats" + std::to_string(degree)), small_cloud(degree));
+  write_mesh_ply(folder / "mesh", {{{0, 0, 0}, {1, 0, 0}, {0, 1, 0}}, {{0, 1, 2}}, {}, {}});
   write_point_ply(folder / "points", {{0, 1, 2, 3, 4, 5}, {10, 20, 30, 40, 50, 60}});
   write_splat_ply(folder / "antialiased", [] {
     SplatCloud cloud = small_cloud(0);

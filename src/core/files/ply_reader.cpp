@@ -185,6 +185,29 @@ void PlyReader::read_vertices(const std::vector<std::string>& columns, const Row
   if (&vertices() == &elements_.back() && format_ != PlyFormat::kAscii) file_.expect_end();
 }
 
+void PlyReader::read_lists(const std::string& element, const std::vector<std::string>& names, const ListFn& on_list) {
+  auto next = elements_.begin() + (&vertices() - elements_.data()) + 1;
+  for (; next != elements_.end() && next->name != element; ++next) read_element(*next, 0, {});
+  if (next == elements_.end()) return;
+  PlyElement wanted = *next;
+  const auto list = std::find_if(wanted.properties.begin(), wanted.properties.end(), [&](const PlyProperty& property) {
+    return property.is_list && std::find(names.begin(), names.end(), property.name) != names.end();
+  });
+  if (list == wanted.properties.end()) {
+    input_error(name(), ": element ", element, " has no list ", list_text(names, " or "),
+                "; the file is damaged or of another format");
+  }
+  list->target = 0;
+  const std::string kind = "row of element " + element + ",";
+  for (std::uint64_t row = 0; row < wanted.count; ++row) {
+    list_.clear();
+    file_.begin_record(kind.c_str(), row, wanted.count);
+    format_ == PlyFormat::kAscii ? read_row_ascii(wanted, row, nullptr) : read_row_binary(wanted, nullptr);
+    on_list(row, list_);
+  }
+  if (next + 1 == elements_.end() && format_ != PlyFormat::kAscii) file_.expect_end();
+}
+
 void PlyReader::read_element(const PlyElement& element, std::size_t n_columns, const RowsFn& on_rows) {
   const std::string kind = "row of element " + element.name + ",";
   const bool has_lists = std::any_of(element.properties.begin(), element.properties.end(),
@@ -232,7 +255,10 @@ void PlyReader::read_row_ascii(const PlyElement& element, std::uint64_t row, dou
     const auto next = [&] { return fields.number<double>(property.name.c_str(), [this] { return file_.place(); }); };
     const double value = next();
     if (property.is_list) {
-      for (std::uint64_t left = list_length(value, line.size(), file_); left > 0; --left) next();
+      for (std::uint64_t left = list_length(value, line.size(), file_); left > 0; --left) {
+        const double entry = next();
+        if (property.target >= 0) list_.push_back(entry);
+      }
     } else if (property.target >= 0) {
       values[property.target] = value;
     }
@@ -243,7 +269,11 @@ void PlyReader::read_row_binary(const PlyElement& element, double* values) {
   for (const PlyProperty& property : element.properties) {
     if (property.is_list) {
       const std::uint64_t length = list_length(read_value(property.count_type), file_.remaining(), file_);
-      file_.skip(length * static_cast<std::uint64_t>(bytes_of(property.type)));
+      if (property.target < 0) {
+        file_.skip(length * static_cast<std::uint64_t>(bytes_of(property.type)));
+      } else {
+        for (std::uint64_t left = length; left > 0; --left) list_.push_back(read_value(property.type));
+      }
     } else if (property.target >= 0) {
       values[property.target] = read_value(property.type);
     } else {

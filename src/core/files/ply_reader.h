@@ -18,7 +18,7 @@ struct PlyProperty {
   PlyType type = PlyType::kFloat32;  // of the value, or of a list's elements
   bool is_list = false;
   PlyType count_type = PlyType::kUint8;  // of a list's length
-  std::ptrdiff_t target = -1;            // index in the requested columns; -1: not requested
+  std::ptrdiff_t target = -1;            // index in the requested columns, any for a list; -1: not requested
 };
 
 /// Returns the factor that scales values of a colour to 0 to 255.
@@ -55,6 +55,13 @@ class PlyReader {
   /// @throws InputError if a column is missing or a list, or the file is too short or too long
   void read_vertices(const std::vector<std::string>& columns, const RowsFn& on_rows);
 
+  using ListFn = std::function<void(std::uint64_t row, const std::vector<double>& values)>;
+
+  /// Reads a list of each row of an element that follows the vertices, after read_vertices(). The list has one of
+  /// `names`. Does nothing if there is no such element. @throws InputError if it has no such list, or the file is too
+  /// short or too long
+  void read_lists(const std::string& element, const std::vector<std::string>& names, const ListFn& on_list);
+
  private:
   void read_header();
   void check_size() const;
@@ -69,6 +76,7 @@ class PlyReader {
   std::vector<PlyElement> elements_;
   std::vector<std::string> comments_;
   std::vector<char> row_buffer_;
+  std::vector<double> list_;  // values of the requested list in the last row
 };
 
 }  // namespace b3dgs
