@@ -6,12 +6,12 @@
 #include "core/vec.h"
 #include "data_synth/random.h"
 #include "data_synth/synth_scene.h"
+#include "data_synth/truth_mesh.h"
 #include "raster/math/sh.h"
 
 namespace b3dgs {
 namespace {
 
-constexpr double kGroundRadius = 2.6;
 constexpr double kOrbitRadius = 4.4;
 constexpr double kFieldOfView = 50 * kPi / 180;    // horizontal
 constexpr Vec3<double> kTarget{0, 0, 0.35};        // the cameras look here
@@ -52,12 +52,11 @@ SurfacePoint ball(Random& random) {
   const double ring = std::sqrt(1 - height * height);
   const Vec normal{ring * std::cos(angle), ring * std::sin(angle), height};
   const Vec color = mix({0.85, 0.25, 0.15}, {0.95, 0.80, 0.35}, 0.5 + 0.5 * std::sin(9 * height));
-  return {Vec{-0.9, -0.5, 0.6} + 0.6 * normal, normal, color, 0.25};
+  return {kBallCenter + kBallRadius * normal, normal, color, 0.25};
 }
 
 /// Returns a point on a box. Each face has two shades of one colour. No bottom face: the box stands on the ground.
 SurfacePoint box(Random& random) {
-  constexpr double kHalf = 0.42;
   static constexpr Vec kFaceColors[5] = {
       {0.2, 0.4, 0.8}, {0.8, 0.3, 0.6}, {0.3, 0.7, 0.4}, {0.9, 0.6, 0.2}, {0.6, 0.6, 0.9}};
   const int face = std::min(4, static_cast<int>(random.uniform(0, 5)));
@@ -72,21 +71,20 @@ SurfacePoint box(Random& random) {
     normal = face < 2 ? Vec{side, 0, 0} : Vec{0, side, 0};
   }
   const Vec color = (is_odd_check(3 * u, 3 * v) ? 1.0 : 0.55) * kFaceColors[face];
-  return {Vec{0.85, -0.45, kHalf} + kHalf * local, normal, color};
+  return {kBoxCenter + kBoxHalf * local, normal, color};
 }
 
 /// Returns a point on a torus that lies on the ground, striped and glossy.
 SurfacePoint ring(Random& random) {
-  constexpr double kMajor = 0.55, kMinor = 0.2;
   const double along = random.uniform(0, 2 * kPi);
   double around = 0;  // the outer side has more area than the inner one
   do {
     around = random.uniform(0, 2 * kPi);
-  } while (random.uniform(0, kMajor + kMinor) > kMajor + kMinor * std::cos(around));
+  } while (random.uniform(0, kRingMajor + kRingMinor) > kRingMajor + kRingMinor * std::cos(around));
   const Vec outward{std::cos(along), std::sin(along), 0};
   const Vec normal = std::cos(around) * outward + Vec{0, 0, std::sin(around)};
   const Vec color = is_odd_check(12 * along / (2 * kPi), 0) ? Vec{0.1, 0.55, 0.6} : Vec{0.9, 0.9, 0.85};
-  return {Vec{0.15, 0.95, kMinor} + kMajor * outward + kMinor * normal, normal, color, 0.2};
+  return {kRingCenter + kRingMajor * outward + kRingMinor * normal, normal, color, 0.2};
 }
 
 struct Solid {
@@ -96,9 +94,9 @@ struct Solid {
 
 constexpr Solid kSolids[] = {
     {kPi * kGroundRadius * kGroundRadius, ground},
-    {4 * kPi * 0.6 * 0.6, ball},
-    {5 * 0.84 * 0.84, box},
-    {4 * kPi * kPi * 0.55 * 0.2, ring},
+    {4 * kPi * kBallRadius * kBallRadius, ball},
+    {5 * (2 * kBoxHalf) * (2 * kBoxHalf), box},
+    {4 * kPi * kPi * kRingMajor * kRingMinor, ring},
 };
 
 /// Solids get twice as many Gaussians per area as the ground, because the cameras look at them.

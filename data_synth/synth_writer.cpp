@@ -14,6 +14,7 @@
 #include "core/json_text.h"
 #include "core/random.h"
 #include "core/text.h"
+#include "data_synth/truth_mesh.h"
 #include "model/formats/splat_formats.h"
 #include "scene/colmap/colmap.h"
 #include "scene/images/image.h"
@@ -23,6 +24,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
+constexpr const char* kTruthMesh = "truth_mesh.ply";
 constexpr const char* kOptionsFile = "synth.json";  // written first, because it marks the folder as a synthetic scene
 
 std::string image_name(std::size_t index, const SynthConfig& config) {
@@ -32,7 +34,7 @@ std::string image_name(std::size_t index, const SynthConfig& config) {
 /// Removes the files of a scene that the program wrote, except kOptionsFile.
 void remove_scene(OwnFiles& own, const fs::path& folder) {
   remove_unfinished_files(folder);
-  for (const char* const part : {"images", "sparse", "truth.ply"}) own.remove(folder / part);
+  for (const char* const part : {"images", "sparse", "truth.ply", kTruthMesh}) own.remove(folder / part);
 }
 
 /// Cleans up after a failure. kOptionsFile stays beside other files, so the folder still counts as a synthetic scene.
@@ -92,6 +94,7 @@ void write_files(const fs::path& folder, const SynthConfig& config, const SynthS
                  const std::function<void(std::size_t, std::size_t)>& on_image) {
   write_file(folder / kOptionsFile, dump_json(config_to_json(config), 2) + "\n");
   write_splats(folder / "truth.ply", scene.truth);
+  if (config.scene == "orbit") write_mesh_ply(folder / kTruthMesh, orbit_truth_mesh());
   for (std::size_t i = 0; i < scene.cameras.size(); ++i) {
     Image8 image = render_truth(scene.truth, scene.cameras[i]);
     if (config.exposure_jitter > 0) jitter_exposure(config, i, image);

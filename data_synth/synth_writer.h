@@ -1,5 +1,5 @@
-// Writes a synthetic scene as a COLMAP folder: images/, sparse/0/, truth.ply with the true Gaussians, and synth.json
-// with the options.
+// Writes a synthetic scene as a COLMAP folder: images/, sparse/0/, truth.ply with the true Gaussians, synth.json with
+// the options and, for `orbit`, truth_mesh.ply with its surface.
 #pragma once
 
 #include <cstddef>
