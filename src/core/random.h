@@ -34,7 +34,8 @@ enum class RandomStream : std::uint32_t {
   kMeanNoise,
   kParents,
   kExposureJitter,
-  kScenePoints
+  kScenePoints,
+  kSurfacePoints
 };
 
 struct RandomKey {
