@@ -15,6 +15,7 @@ namespace b3dgs {
   TORCH(eval, "compute PSNR and SSIM of a trained model")                                        \
   TORCH(render, "render colour, depth and alpha images of a model")                              \
   TORCH(export, "write a model for viewers and editors: SPZ, SOG, HTML, glTF; measure the loss") \
+  TORCH(mesh, "make a triangle mesh of a model's surface, and measure how right it is")          \
   TORCH(view, "show a model in a browser")                                                       \
   LIGHT(info, "describe a scene folder, model folder, PLY or checkpoint")                        \
   LIGHT(synth, "write a synthetic COLMAP scene")                                                 \

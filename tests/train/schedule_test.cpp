@@ -419,8 +419,7 @@ TEST(OutputPlan, WritesEverythingAfterTheLastIteration) {
 TEST(OutputPlan, LogsTheLoadAfterTheFirstIterationAndAtIntervals) {
   TrainConfig config;
   config.stats_interval = 250;
-  for (const int iteration : {1, 250, 500, 30000})
-    EXPECT_TRUE(output_plan(config, iteration, iteration, true).load);
+  for (const int iteration : {1, 250, 500, 30000}) EXPECT_TRUE(output_plan(config, iteration, iteration, true).load);
   for (const int iteration : {2, 249, 251}) EXPECT_FALSE(output_plan(config, iteration, iteration, true).load);
   config.stats_interval = 0;
   for (const int iteration : {1, 250}) EXPECT_FALSE(output_plan(config, iteration, iteration, true).load);
