@@ -25,7 +25,7 @@ function element(name, attributes = {}, ...content) {
 function table(head, rows, {words = false, marked = -1} = {}) {
   const row = (scope, texts) => element("tr", {}, ...texts.map((text, i) =>
       (scope === "row" && i > 0 ? element("td", {}, text) : element("th", {scope}, text))));
-  const made = element("table", {class: words ? "words" : "figures"});
+  const made = element("table", {class: (words ? "words" : "figures") + (head.length > 8 ? " dense" : "")});
   if (head.length > 0) made.append(element("thead", {}, row("col", head)));
   const body = element("tbody", {}, ...rows.map((texts) => row("row", texts)));
   if (marked >= 0) body.children[marked].className = "marked";
