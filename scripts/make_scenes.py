@@ -16,6 +16,7 @@ options: delete the folders to change them.
   room       a furnished room, seen from inside
   street     houses, trees and a sky, seen by somebody who walks
   exposure   the room from other cameras; the exposure of each photograph differs by up to one stop either way
+  terrace    a laid table in a courtyard with plants, seen from all around; README shows it
 
 With --fisheye, photographs are squares in which an equidistant lens shows a circle; mask.pgm leaves out what is around it.
 """
@@ -113,6 +114,59 @@ def head(made_of, at, size, turn):
     return thing
 
 
+def mesh(made_of, at, vertices, faces):
+    data = bpy.data.meshes.new("mesh")
+    data.from_pydata([tuple(vertex) for vertex in vertices], [], faces)
+    data.polygons.foreach_set("use_smooth", [True] * len(faces))
+    thing = bpy.data.objects.new("mesh", data)
+    thing.location = at
+    bpy.context.collection.objects.link(thing)
+    data.materials.append(made_of)
+    return thing
+
+
+def lathe(made_of, at, profile, folds=0.0, sides=96):
+    """Turns a profile of (radius, height) about the vertical axis. Cloth that hangs down has folds."""
+    vertices, faces = [], []
+    for ring, (radius, height) in enumerate(profile):
+        for i in range(sides):
+            turn = 2 * math.pi * i / sides
+            wave = math.cos(9 * turn) + 0.5 * math.sin(14 * turn)
+            r = radius + folds * max(0, profile[0][1] - height) * wave
+            vertices.append((r * math.cos(turn), r * math.sin(turn), height))
+            if ring:
+                a, b = (ring - 1) * sides + i, (ring - 1) * sides + (i + 1) % sides
+                faces.append((a, b, b + sides, a + sides))
+    return mesh(made_of, at, vertices, faces)
+
+
+def leaf(vertices, faces, root, turn, rise, length, width, droop):
+    """Adds a leaf that starts upwards at the angle `rise` and bends down by `droop` radians."""
+    steps, place, start = 5, Vector(root), len(vertices)
+    side = Vector((-math.sin(turn), math.cos(turn), 0))
+    for step in range(steps + 1):
+        half = 0.5 * width * math.sin(math.pi * (0.08 + 0.9 * step / steps))
+        bend = rise - droop * step / steps
+        along = Vector((math.cos(turn) * math.cos(bend), math.sin(turn) * math.cos(bend), math.sin(bend)))
+        crease = side.cross(along) * 0.3 * half
+        vertices += [place + side * half - crease, place, place - side * half - crease]
+        place = place + along * length / steps
+        if step:
+            for a in (start + 3 * step - 3, start + 3 * step - 2):
+                faces.append((a, a + 1, a + 4, a + 3))
+
+
+def foliage(made_of, at, count, length, width, chance, rise=(0.5, 1.5), droop=1.6, half=(0, 0, 0)):
+    """Leaves from one place, or in an ellipsoid with these half axes."""
+    vertices, faces = [], []
+    for i in range(count):
+        way = Vector([chance.gauss(0, 1) for _ in range(3)]).normalized() * chance.uniform(0.5, 1)
+        root, turn = [a * b for a, b in zip(way, half)], 2.4 * i + chance.uniform(-0.3, 0.3)
+        leaf(vertices, faces, root, turn, chance.uniform(*rise), length * chance.uniform(0.6, 1), width,
+             droop * chance.uniform(0.6, 1.1))
+    return mesh(made_of, at, vertices, faces)
+
+
 def floor(made_of, size, hills=0.0):
     bpy.ops.mesh.primitive_grid_add(x_subdivisions=120, y_subdivisions=120, size=size)
     thing = put(made_of)
@@ -128,16 +182,16 @@ def lamp(at, energy, size):
     bpy.context.object.data.size = size
 
 
-def sky():
+def sky(elevation=0.6, sun=0.3, strength=0.12):
     world = bpy.data.worlds[0] if bpy.data.worlds else bpy.data.worlds.new("world")
     bpy.context.scene.world = world
     world.use_nodes = True
     nodes, links = world.node_tree.nodes, world.node_tree.links
     texture = nodes.new("ShaderNodeTexSky")
     texture.sky_type = "NISHITA"
-    texture.sun_elevation, texture.sun_intensity = 0.6, 0.3
+    texture.sun_elevation, texture.sun_intensity = elevation, sun
     links.new(texture.outputs[0], nodes["Background"].inputs[0])
-    nodes["Background"].inputs[1].default_value = 0.12
+    nodes["Background"].inputs[1].default_value = strength
 
 
 def grey_world(strength):
@@ -289,8 +343,103 @@ def street():
     return camera
 
 
+def masonry(brick, mortar, scale, at, size, turn=(0, 0, 0)):
+    made = material("masonry", brick, [0.65 * a for a in brick], 3)
+    nodes, links = made.node_tree.nodes, made.node_tree.links
+    bricks = nodes.new("ShaderNodeTexBrick")
+    bricks.inputs["Scale"].default_value, bricks.inputs["Mortar"].default_value = scale, (*mortar, 1)
+    bricks.inputs["Color2"].default_value = [0.8 * a for a in brick] + [1]
+    links.new(nodes["Texture Coordinate"].outputs["Object"], bricks.inputs["Vector"])
+    links.new(nodes["ColorRamp"].outputs["Color"], bricks.inputs["Color1"])
+    links.new(bricks.outputs["Color"], nodes["Principled BSDF"].inputs["Base Color"])
+    bpy.ops.mesh.primitive_plane_add(size=1, location=at, rotation=turn)
+    put(made).scale = (*size, 1)
+    bpy.ops.object.transform_apply(location=False, rotation=False)
+
+
+def two_tone(color, scale=25, roughness=0.8, metallic=0.0):
+    return material("two_tone", color, [0.6 * a for a in color], scale, roughness=roughness, metallic=metallic)
+
+
+def set_table(top, stem, flowers, chance):
+    lathe(material("cloth", (0.82, 0.78, 0.7), (0.16, 0.3, 0.42), 4.5, "ShaderNodeTexWave"), (0, 0, top),
+          [(0.001, 0.006), (0.5, 0.006), (0.54, 0)] + [(0.55 + 0.01 * i, -0.02 * i) for i in range(1, 9)], folds=0.2)
+    lathe(two_tone((0.06, 0.25, 0.45), 9, 0.15), (-0.1, 0.22, top), [
+        (0.001, 0), (0.06, 0.01), (0.09, 0.09), (0.07, 0.18), (0.04, 0.23), (0.055, 0.26), (0.045, 0.25), (0.03, 0.2)])
+    foliage(stem, (-0.1, 0.22, top + 0.22), 22, 0.24, 0.022, chance, droop=0.9)
+    for i in range(13):
+        turn, lean = 2.4 * i, 0.03 + 0.011 * i
+        at = (-0.1 + lean * math.cos(turn), 0.22 + lean * math.sin(turn), top + 0.5 - 0.01 * i)
+        bar(stem, (-0.1, 0.22, top + 0.2), at, 0.003)
+        foliage(flowers[i % 3], at, 16, 0.05, 0.022, chance, droop=1.0)
+    for i, color in enumerate(((0.5, 0.07, 0.05), (0.07, 0.2, 0.16), (0.75, 0.55, 0.2))):
+        turn, at = (0.5, 0.15, 0.75)[i], (-0.33, -0.12, top + 0.03 + 0.045 * i)
+        box(two_tone((0.85, 0.8, 0.7), 90), at, (0.25 - 0.02 * i, 0.17, 0.028), turn)
+        for side in (-0.017, 0.017):
+            box(two_tone(color), (*at[:2], at[2] + side), (0.265 - 0.02 * i, 0.18, 0.006), turn)
+    head(two_tone((0.3, 0.25, 0.12), 5, 0.35, 1), (-0.33, -0.12, top + 0.235), 0.13, (0, 0, -0.8))
+    lathe(two_tone((0.8, 0.7, 0.55), 12, 0.3), (0.28, 0.2, top + 0.01), [
+        (0.001, 0), (0.06, 0), (0.12, 0.04), (0.155, 0.09), (0.145, 0.09), (0.11, 0.05), (0.001, 0.02)])
+    fruit = [two_tone((0.85, green, 0.03), 40, 0.4) for green in (0.28, 0.65)]
+    for i, (x, y, z) in enumerate(((-0.05, -0.04, 0.08), (0.05, -0.045, 0.08), (0, 0.05, 0.08), (0.08, 0.03, 0.09),
+                                   (-0.07, 0.04, 0.085), (0.01, 0, 0.135))):
+        ball(fruit[i % 2], (0.28 + x, 0.2 + y, top + z), 0.042)
+    white = material("white", (0.8, 0.8, 0.76), (0.55, 0.62, 0.66), 7, roughness=0.2)
+    lathe(white, (0.12, -0.26, top), [(0.05, 0), (0.085, 0.04), (0.09, 0.08), (0.06, 0.125), (0.03, 0.14),
+                                      (0.012, 0.15), (0.014, 0.165), (0.001, 0.175)])
+    ring(white, (0.03, -0.31, top + 0.075), 0.042, 0.008, (math.pi / 2, 0, 0.56))
+    bar(white, (0.18, -0.22, top + 0.05), (0.26, -0.17, top + 0.13), 0.014)
+    for at in ((0.38, -0.12, top + 0.004), (-0.1, -0.38, top + 0.004)):
+        lathe(white, at, [(0.001, 0), (0.05, 0.004), (0.075, 0.014), (0.022, 0.008), (0.036, 0.02), (0.042, 0.07),
+                          (0.038, 0.07), (0.03, 0.02), (0.001, 0.012)])
+
+
+def terrace():
+    sky(elevation=0.95, sun=0.25, strength=0.22)
+    scene, chance = bpy.context.scene, random.Random(8)
+    scene.view_settings.view_transform, scene.view_settings.look = "Filmic", "Medium High Contrast"
+    scene.cycles.sample_clamp_indirect, scene.cycles.max_bounces = 2, 3
+    masonry((0.38, 0.33, 0.28), (0.07, 0.08, 0.04), 1.6, (0, 0, 0), (8, 8))
+    wood, clay = two_tone((0.3, 0.16, 0.07), 14, 0.5), two_tone((0.5, 0.2, 0.1), 6)
+    greens = [two_tone(color, 8, 0.5) for color in ((0.08, 0.22, 0.04), (0.2, 0.34, 0.07), (0.12, 0.26, 0.14))]
+    flowers = [two_tone(color, 30) for color in ((0.85, 0.1, 0.1), (0.9, 0.65, 0.15), (0.8, 0.35, 0.6))]
+    lathe(wood, (0, 0, 0), [(0.001, 0.74), (0.53, 0.74), (0.53, 0.7), (0.05, 0.7), (0.04, 0.4), (0.28, 0)])
+    set_table(0.745, greens[0], flowers, chance)
+    for turn in (0.4, 4.1):  # two stools
+        at = Vector((-0.72 * math.cos(turn), -0.72 * math.sin(turn), 0))
+        lathe(wood, at, [(0.001, 0.46), (0.18, 0.46), (0.18, 0.43), (0.001, 0.43)])
+        for x, y in ((0.1, 0.1), (-0.1, 0.1), (0.1, -0.1), (-0.1, -0.1)):
+            bar(wood, at + Vector((1.4 * x, 1.4 * y, 0)), at + Vector((x, y, 0.44)), 0.018)
+    for i in range(16):
+        turn, size = 2 * math.pi * i / 16, chance.uniform(0.7, 1.2)
+        far = 2.95 / max(abs(math.cos(turn)), abs(math.sin(turn)))
+        at = (far * math.cos(turn), far * math.sin(turn))
+        lathe(clay, (*at, 0), [(size * a, size * b) for a, b in ((0.12, 0), (0.19, 0.34), (0.21, 0.34), (0.21, 0.4),
+                                                                 (0.18, 0.4), (0.17, 0.36), (0.001, 0.35))])
+        if i % 2:
+            foliage(greens[i % 3], (*at, 0.36 * size), 70, 0.75 * size, 0.07, chance)
+        for made, count, length in ((greens[i % 3], 420, 0.11), (flowers[i // 2 % 3], 60, 0.08)) if i % 2 == 0 else ():
+            half = (0.3 * size, 0.3 * size, 0.35 * size)
+            foliage(made, (*at, 0.7 * size), count, length, 0.6 * length, chance, (-0.3, 0.8), 0.8, half)
+    for side in range(4):
+        turn = side * math.pi / 2
+        along = Vector((math.cos(turn), math.sin(turn), 0))
+        wall = Vector((3.4 * math.sin(turn), -3.4 * math.cos(turn), 1.2))
+        masonry((0.42, 0.15, 0.09), (0.45, 0.42, 0.38), 2.6, wall, (6.8, 2.4), (math.pi / 2, 0, turn))
+        for _ in range(4):  # ivy
+            at = wall + along * chance.uniform(-3, 3) + Vector((0, 0, chance.uniform(-0.4, 1)))
+            half = (0.06, 0.7, 0.7) if side % 2 else (0.7, 0.06, 0.7)
+            foliage(greens[1], at, 600, 0.1, 0.06, chance, (-0.3, 0.8), 0.8, half)
+
+    def camera(i, n, chance):
+        turn, r = 2 * math.pi * (i * 0.618034 % 1), chance.uniform(1.4, 1.85)
+        target = (chance.uniform(-0.12, 0.12), chance.uniform(-0.12, 0.12), chance.uniform(0.74, 0.89))
+        return (r * math.cos(turn), r * math.sin(turn), chance.uniform(1.15, 1.7)), target
+    return camera
+
+
 SCENES = {"toy": (toy, 100), "wires": (wires, 100), "glossy": (glossy, 100), "room": (room, 160), "street": (street, 120),
-          "exposure": (room, 120)}
+          "exposure": (room, 120), "terrace": (terrace, 60)}
 
 
 # ------------------------------------------------------------------------------------------------------ rendering
