@@ -16,7 +16,7 @@ options: delete the folders to change them.
   room       a furnished room, seen from inside
   street     houses, trees and a sky, seen by somebody who walks
   exposure   the room from other cameras; the exposure of each photograph differs by up to one stop either way
-  terrace    a laid table in a courtyard with plants, seen from all around; README shows it
+  terrace    a laid table in a courtyard with plants, seen from all around (readme_pictures.sh)
 
 With --fisheye, photographs are squares in which an equidistant lens shows a circle; mask.pgm leaves out what is around it.
 """
