@@ -101,7 +101,9 @@ TEST(MeshCleaning, NormalsOfABallAreRadial) {
   set_normals(mesh);
   for (std::size_t i = 0; i < mesh.normals.size(); ++i) {
     const Vec3f &p = mesh.positions[i], &n = mesh.normals[i];
-    if (std::abs(p.z) < 1.99f) EXPECT_GT(dot(p, n), 2 * 0.9998f);
+    if (std::abs(p.z) < 1.99f) {
+      EXPECT_GT(dot(p, n), 2 * 0.9998f);
+    }
   }
 }
 

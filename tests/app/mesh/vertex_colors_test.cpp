@@ -38,8 +38,12 @@ TEST(VertexColors, AreThoseOfThePhotograph) {
   for (std::size_t i = 0; i < mesh.positions.size(); ++i) {
     const Vec3f& p = mesh.positions[i];
     if (p.z > -0.6f) continue;  // seen at a grazing angle, or not at all
-    if (p.y < -0.05f) EXPECT_EQ(mesh.colors[i], (TriangleMesh::Color{200, 0, 0}));
-    if (p.y > 0.05f) EXPECT_EQ(mesh.colors[i], (TriangleMesh::Color{0, 200, 0}));
+    if (p.y < -0.05f) {
+      EXPECT_EQ(mesh.colors[i], (TriangleMesh::Color{200, 0, 0}));
+    }
+    if (p.y > 0.05f) {
+      EXPECT_EQ(mesh.colors[i], (TriangleMesh::Color{0, 200, 0}));
+    }
   }
 }
 
@@ -59,7 +63,9 @@ TEST(VertexColors, OfUnseenVerticesAreTheirNeighbors) {
     for (const std::uint32_t vertex : triangle) is_used[vertex] = 1;
   }
   for (std::size_t i = 0; i < mesh.colors.size(); ++i) {
-    if (is_used[i]) EXPECT_EQ(mesh.colors[i], (TriangleMesh::Color{77, 77, 77}));
+    if (is_used[i]) {
+      EXPECT_EQ(mesh.colors[i], (TriangleMesh::Color{77, 77, 77}));
+    }
   }
 }
 
