@@ -94,7 +94,7 @@ TEST(Memory, AHoldEndsWhenThereIsMemoryForMore) {
   memory->bytes = 290000;
   TrainConfig config = growing_config();
   config.iterations = 25;
-  const Outcome held = train_with(memory, config, temp / "held");
+  const Outcome held = train_with(memory, config, temp / "capped");
   ASSERT_GT(held.count_cap, 0);
   config.iterations = 40;
   const Outcome resumed =
@@ -110,7 +110,7 @@ TEST(Memory, AHoldStaysInDeterministicTraining) {
   TrainConfig config = growing_config();
   config.deterministic = true;
   config.iterations = 25;
-  const Outcome held = train_with(memory, config, temp / "held");
+  const Outcome held = train_with(memory, config, temp / "capped");
   ASSERT_GT(held.count_cap, 0);
   config.iterations = 40;
   const Outcome resumed =
@@ -131,7 +131,7 @@ TEST(Memory, AResumedDeterministicTrainingIsHeldAtTheSameNumber) {
   TrainConfig config = growing_config();
   config.deterministic = true;
   const Outcome whole = train_with(limited(), config, temp / "whole");
-  const std::vector<int> held = iterations_of_event(whole.log, "held");
+  const std::vector<int> held = iterations_of_event(whole.log, "capped");
   ASSERT_FALSE(held.empty());
   // Only one view has been seen since.
   const Scene scene = test::make_tiny_scene();
