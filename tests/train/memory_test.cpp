@@ -70,7 +70,7 @@ TEST(Memory, WithoutALimitTheCountIsNotHeld) {
   const Outcome outcome = train_with(std::make_shared<test::ShortMemory>(), growing_config(), temp / "model");
   EXPECT_GT(outcome.result.n_gaussians, 160);
   EXPECT_EQ(outcome.count_cap, 0);
-  EXPECT_EQ(outcome.log.find("held"), std::string::npos);
+  EXPECT_EQ(outcome.log.find("\"event\":\"capped\""), std::string::npos);
 }
 
 TEST(Memory, CapsTheCountBeforeARoundThatWouldNotFitAndTrainsToTheEnd) {
