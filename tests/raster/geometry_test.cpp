@@ -116,6 +116,7 @@ struct Wall {
   template <class RayOf>
   void expect_seen(double tolerance, RayOf&& ray_of) const {
     const CameraView& view = scene.view;
+    const double spread = tolerance / double{kConfidentSpread}, least_confidence = 0.95 / (1 + spread * spread);
     for (const DepthKind kind : {DepthKind::kSurface, DepthKind::kMedian}) {
       const SurfaceView found = surface_of(scene, settings_of(scene), kind);
       std::int64_t n_seen = 0;
@@ -129,7 +130,7 @@ struct Wall {
           ASSERT_NEAR(depth, expected, tolerance * expected) << x << ", " << y;
           ASSERT_NEAR(found.normal[y][x][0].item<float>(), normal.x, 1e-4);
           ASSERT_NEAR(found.normal[y][x][2].item<float>(), normal.z, 1e-4);
-          ASSERT_GT(found.confidence[y][x].item<float>(), 0.9f);
+          ASSERT_GT(found.confidence[y][x].item<double>(), least_confidence) << x << ", " << y;
         }
       }
       EXPECT_GT(n_seen, view.width * view.height / 10);

@@ -31,9 +31,10 @@ void expect_same_surface(const TestScene& scene, const RenderSettings& settings)
     const torch::Tensor in_doubt = expected.near_decision.to(torch::kFloat64) * 1e9;
     EXPECT_TRUE(within(found.depth, expected.depth, kDepthError * expected.depth + in_doubt)) << "depth";
     EXPECT_TRUE(within(found.normal, expected.normal, in_doubt.unsqueeze(2) + 1e-4)) << "normal";
-    // The error of a depth moves the standard deviation s by as much, and confidence c by 2 c (1 - c) / s times that.
+    // The errors of a value and of the mean move the standard deviation s by twice as much, and the confidence c by
+    // 2 c (1 - c) / s times that.
     const torch::Tensor c = expected.confidence;
-    const torch::Tensor moved = 2 * kDepthError / double{kConfidentSpread} * c * (c * (1 - c)).sqrt();
+    const torch::Tensor moved = 4 * kDepthError / double{kConfidentSpread} * c * (c * (1 - c)).sqrt();
     EXPECT_TRUE(within(found.confidence, c, moved + in_doubt + 1e-4)) << "confidence";
     EXPECT_TRUE(torch::isfinite(found.depth).all().item<bool>());
     EXPECT_TRUE(within(found.depth.sign() * certain, expected.depth.sign() * certain, 0)) << "where there is a surface";
