@@ -7,7 +7,7 @@ cd "$(dirname "$0")/.."
 
 with_torch='.*'
 if [[ ${1:-} == --without-torch ]]; then
-  with_torch='^(src/(core|scene|model|adaptive|report|compare)/|src/raster/cpu/|data_synth/)'
+  with_torch='^(src/(core|scene|model|adaptive)/|src/raster/cpu/|data_synth/|app/report/|app/compare/c(hance|ompar))'
   shift
 fi
 # clang cannot read headers that g++ precompiled, and needs a command for each source.
