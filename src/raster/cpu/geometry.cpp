@@ -30,18 +30,21 @@ struct TileSurface : TileLayout {
 
   HWY_INLINE TileSurface(const TileGrid& grid, std::int64_t tile) : TileLayout(grid, tile) {
     const int n = rows * stride;
+    std::fill(transmittance, transmittance + n, kClosedPixel);
     for (float* plane : {first, share, offset, square, variance, normal_x, normal_y, normal_z}) {
       std::fill(plane, plane + n, 0.0f);
     }
     for (int row = 0; row < rows; ++row) {
       float* const t = transmittance + row * stride;
       std::fill(t, t + columns, 1.0f);
-      std::fill(t + columns, t + stride, kClosedPixel);
     }
   }
 
   bool is_finished() const {
-    return std::all_of(transmittance, transmittance + rows * stride, [](float t) { return t < 0; });
+    for (int p = 0; p < rows * stride; ++p) {
+      if (transmittance[p] >= 0) return false;
+    }
+    return true;
   }
 
   HWY_INLINE SurfacePixel<Lanes> load(int p) const {
