@@ -13,14 +13,7 @@ namespace b3dgs {
 namespace {
 
 namespace fs = std::filesystem;
-using test::Outcome;
-using test::run_b3dgs;
-
-/// Runs a shell command and returns its exit code. Its output is in `folder`/out.
-int run_shell(const fs::path& folder, const std::string& command) {
-  const int status = std::system((command + " > '" + (folder / "out").string() + "' 2>&1").c_str());
-  return WEXITSTATUS(status);
-}
+using test::run_shell;
 
 TEST(Demo, RefusesAFolderThatItDidNotMake) {
   const test::TempDir folder;

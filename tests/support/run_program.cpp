@@ -85,4 +85,9 @@ Outcome run_b3dgs(const std::vector<std::string>& words, const RunOptions& optio
   return outcome;
 }
 
+int run_shell(const std::filesystem::path& folder, const std::string& command) {
+  const int status = std::system((command + " > '" + (folder / "out").string() + "' 2>&1").c_str());
+  return WEXITSTATUS(status);
+}
+
 }  // namespace b3dgs::test

@@ -28,4 +28,7 @@ struct RunOptions {
 /// Runs `b3dgs WORDS...` and waits for it. After two minutes, kills the program and fails the test.
 Outcome run_b3dgs(const std::vector<std::string>& words, const RunOptions& options = {});
 
+/// Runs a shell command and returns its exit code. Its output is in `folder`/out.
+int run_shell(const std::filesystem::path& folder, const std::string& command);
+
 }  // namespace b3dgs::test
