@@ -75,7 +75,7 @@ TEST(MeshDistance, LacksWhatIsMissing) {
   append_box({0, 0, 0}, {1, 1, 1}, false, half);
   const MeshQuality quality = compare_meshes(half, truth, {}, 0.1, kSamples);
   EXPECT_EQ(quality.accuracy.share, 1);
-  // Of the missing side, a margin of 0.1 is within the threshold of the others.
+  // A margin of 0.1 of the missing side is within the threshold of the others.
   EXPECT_NEAR(quality.completeness.share, (5 + (4 - 1.8 * 1.8) / 4) / 6, 0.005);
 }
 
