@@ -6,6 +6,7 @@
 #include <optional>
 
 #include "app/common/commands.h"
+#include "app/common/output_file.h"
 #include "app/common/stop_request.h"
 #include "app/common/torch/model.h"
 #include "app/export/scene_views.h"
@@ -68,21 +69,11 @@ bool is_spz(const fs::path& output) {
   return !needs_splat_transform(output) && splat_format(output) == SplatFormat::kSpz;
 }
 
-void refuse_to_replace(const fs::path& input, const std::string& output) {
-  std::error_code error;
-  if (fs::equivalent(output, input, error)) input_error(output, " is the file to export; write to another one");
-}
-
 void check_output(const ModelOptions& model, const ExportOptions& options) {
   if (options.output.empty()) input_error("missing argument: OUTPUT; usage: b3dgs export MODEL OUTPUT.spz");
   const fs::path output = options.output;
-  if (fs::is_directory(output)) {
-    input_error(options.output, " is a folder; expected a file name such as ", (output / "model.spz").string());
-  }
   refuse_to_replace(model.model_path, options.output);
-  if (fs::exists(output) && !options.overwrite) {
-    input_error(options.output, " exists; name another file, or replace it with --overwrite");
-  }
+  check_output_file(options.output, options.overwrite);
   if (output.extension().empty()) {
     input_error(options.output, ": expected an extension, such as .spz, .ply, .sog or .html, which selects the format");
   }

@@ -2,11 +2,15 @@
 #include <algorithm>
 #include <cstdio>
 #include <filesystem>
+#include <iterator>
+#include <limits>
 #include <nlohmann/json.hpp>
+#include <optional>
 #include <string>
 #include <vector>
 
 #include "app/common/commands.h"
+#include "app/common/output_file.h"
 #include "app/common/torch/model.h"
 #include "app/mesh/depth_views.h"
 #include "app/mesh/mesh_cleaning.h"
@@ -15,7 +19,6 @@
 #include "app/mesh/mesh_options.h"
 #include "app/mesh/tsdf_volume.h"
 #include "app/mesh/vertex_colors.h"
-#include "app/render/camera_path.h"
 #include "core/check.h"
 #include "core/host_memory.h"
 #include "core/options/command_line.h"
@@ -44,41 +47,38 @@ void check_mesh_options(const ModelOptions& model, const MeshOptions& options) {
                 "; usage: b3dgs mesh MODEL OUTPUT.glb");
   }
   require_mesh_format(options.output);
-  if (fs::is_directory(options.output)) input_error(options.output, " is a folder; expected a file name");
-  std::error_code error;
-  if (fs::equivalent(options.output, model.model_path, error)) {
-    input_error(options.output, " is the file to read; write to another one");
-  }
-  if (fs::exists(options.output) && !options.overwrite) {
-    input_error(options.output, " exists; name another file, or replace it with --overwrite");
+  for (const std::string& input : {model.model_path, options.compare}) refuse_to_replace(input, options.output);
+  check_output_file(options.output, options.overwrite);
+  if (!options.json.empty()) {
+    check_output_file(options.json, options.overwrite);
+    for (const std::string& input : {model.model_path, options.compare}) refuse_to_replace(input, options.json);
+    if (fs::absolute(options.json).lexically_normal() == fs::absolute(options.output).lexically_normal()) {
+      input_error("--json ", options.json, " is the file of the mesh; name another one");
+    }
   }
   if (!options.crop.empty()) parse_crop(options.crop);
 }
 
-/// Returns three times the median distance of the cameras from the point that they look at.
-double default_far(const std::vector<View>& views) {
-  std::vector<Camera> cameras;
-  cv::Vec3d mean{};
-  for (const View& view : views) {
-    cameras.push_back(view.camera);
-    const auto center = view.camera.center();
-    for (int i = 0; i < 3; ++i) mean[i] += center[static_cast<std::size_t>(i)] / static_cast<double>(views.size());
+double median(std::vector<float>& values) {
+  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
+  std::nth_element(values.begin(), middle, values.end());
+  return *middle;
+}
+
+/// Returns the median over the views of the median depth of their surfaces, or 0 if there are none.
+double median_depth(const std::vector<DepthView>& views) {
+  std::vector<float> medians;
+  for (const DepthView& view : views) {
+    std::vector<float> depths;
+    std::copy_if(view.depth.begin(), view.depth.end(), std::back_inserter(depths), [](float d) { return d > 0; });
+    if (!depths.empty()) medians.push_back(static_cast<float>(median(depths)));
   }
-  const cv::Vec3d focus = focus_of(cameras, mean);
-  std::vector<double> distances;
-  for (const Camera& camera : cameras) {
-    const auto center = camera.center();
-    distances.push_back(cv::norm(cv::Vec3d(center[0], center[1], center[2]) - focus));
-  }
-  const auto middle = distances.begin() + static_cast<std::ptrdiff_t>(distances.size() / 2);
-  std::nth_element(distances.begin(), middle, distances.end());
-  return 3 * *middle;
+  return medians.empty() ? 0 : median(medians);
 }
 
 /// Renders the surface of each view. Pixels that masks leave out have none.
 std::vector<DepthView> render_depths(const LoadedModel& model, const std::vector<View>& views,
-                                     const MeshOptions& options, double far, const torch::Device& device,
-                                     StatusLine& status) {
+                                     const MeshOptions& options, const torch::Device& device, StatusLine& status) {
   const torch::NoGradGuard no_grad;
   ModelRenderer renderer(model, device);
   const ProgressFn progress = show_loading(status);
@@ -96,7 +96,8 @@ std::vector<DepthView> render_depths(const LoadedModel& model, const std::vector
         if (valid->pixels[pixel] == 0) depth[pixel] = 0;
       }
     }
-    result.push_back(make_depth_view(camera, std::move(depth), normals.data_ptr<float>(), far));
+    result.push_back(
+        make_depth_view(camera, std::move(depth), normals.data_ptr<float>(), std::numeric_limits<double>::infinity()));
     progress("depths", i + 1, views.size());
   }
   status.clear();
@@ -113,10 +114,9 @@ nlohmann::ordered_json to_json(const SurfaceDistance& own, double unit) {
 }
 
 /// Prints how far the mesh is from the true surface, in world units.
-nlohmann::ordered_json measure_distance(const TriangleMesh& mesh, const MeshOptions& options,
+nlohmann::ordered_json measure_distance(const TriangleMesh& mesh, const TriangleMesh& truth, const MeshOptions& options,
                                         const CoordinateFrame& frame, const std::vector<DepthView>& views,
                                         double voxel) {
-  const TriangleMesh truth = read_mesh_ply(options.compare, frame);
   std::vector<Camera> cameras;
   for (const DepthView& view : views) cameras.push_back(view.camera);
   const double threshold = options.threshold > 0 ? options.threshold / frame.unit : 2 * voxel;
@@ -181,8 +181,15 @@ int run_mesh(const std::vector<std::string>& words) {
     input_error(model_options.model_path, ": expected at least 2 training views for a surface, found ", views.size());
   }
   const CoordinateFrame& frame = model.splats.frame;
-  const double far = options.far > 0 ? options.far / frame.unit : default_far(views);
-  std::vector<DepthView> depths = render_depths(model, views, options, far, device, status);
+  refuse_to_replace(model.is_file() ? model.file : model.folder.ply(model.iteration), options.output);
+  std::optional<TriangleMesh> truth;
+  if (!options.compare.empty()) truth = read_mesh_ply(options.compare, frame);
+  std::vector<DepthView> depths = render_depths(model, views, options, device, status);
+  const double far = options.far > 0 ? options.far / frame.unit : 3 * median_depth(depths);
+  for (DepthView& view : depths) {
+    std::replace_if(
+        view.depth.begin(), view.depth.end(), [&](float depth) { return depth > far; }, 0.0f);
+  }
   const double agreed = keep_consistent(depths, options.consistent);
   const double pixel = median_pixel_size(depths);
   if (pixel == 0) {
@@ -220,7 +227,7 @@ int run_mesh(const std::vector<std::string>& words) {
                               {"confirmed", agreed},
                               {"boundary_edges", topology.boundary_edges},
                               {"non_manifold_edges", topology.non_manifold_edges}};
-  if (!options.compare.empty()) json["comparison"] = measure_distance(mesh, options, frame, depths, settings.voxel);
+  if (truth) json["comparison"] = measure_distance(mesh, *truth, options, frame, depths, settings.voxel);
   if (!options.json.empty()) write_json_file(options.json, json);
   return 0;
 }

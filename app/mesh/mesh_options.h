@@ -39,7 +39,7 @@ void visit_fields(MeshOptions& c, Visitor&& field) {
   field(Option{"consistent"}, c.consistent, InRange{0, 6},
         "keep a depth if N of the 6 nearest views have it within 1 % (0 = all depths)");
   field(Option{"far"}, c.far, AtLeast{0},
-        "leave out surfaces beyond this depth, world units (0 = 3 x from the cameras to their focus)");
+        "leave out surfaces beyond this depth, world units (0 = 3 x the median depth of the views)");
   field(Option{"min_component"}, c.min_component, InRange{0, 1},
         "remove components with less than this share of the largest one's area");
   field(Option{"faces"}, c.faces, AtLeast{0}, "reduce the mesh to about N triangles (0 = all)");

@@ -129,10 +129,10 @@ TEST_F(Export, ReplacesNothingUnlessAsked) {
   EXPECT_EQ(read_spz(path("kept.spz")).size(), read_splat_ply(ply()).size());
   const Outcome itself = run_export({path("kept.spz"), path("kept.spz"), "--overwrite"});
   EXPECT_EQ(itself.exit_code, 2);
-  EXPECT_TRUE(test::contains(itself.err, "is the file to export")) << itself.err;
+  EXPECT_TRUE(test::contains(itself.err, "is a file to read")) << itself.err;
   const std::string before = test::read_bytes(ply());
   const Outcome model_ply = run_export({path("model"), ply(), "--overwrite", "--max_gaussians", "9"});
-  EXPECT_TRUE(test::contains(model_ply.err, "is the file to export")) << model_ply.err;
+  EXPECT_TRUE(test::contains(model_ply.err, "is a file to read")) << model_ply.err;
   EXPECT_TRUE(test::same(test::read_bytes(ply()), before));
 }
 

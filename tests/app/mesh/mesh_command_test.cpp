@@ -84,7 +84,15 @@ TEST_F(MeshCommand, RefusesWhatItCannotDoBeforeItRenders) {
   expect_refused(mesh(path("x.ply"), {"--crop", "100,100,100,101,101,101"}), "contains no part of the surface");
   expect_refused(mesh(path("x.ply"), {"--far", "0.001"}), "no surface on which 2 neighbouring views agree");
   expect_refused(mesh(path("x.ply"), {"--compare", path("scene/truth.ply")}), "truth.ply");
-  EXPECT_FALSE(fs::exists(path("x.json")));
+  const std::string truth = path("scene/truth_mesh.ply"), bytes = test::read_bytes(truth);
+  expect_refused(mesh(truth, {"--overwrite", "--compare", truth}), "is a file to read");
+  expect_refused(mesh(path("scene/truth.ply"), {"--overwrite"}), "is a file to read");
+  expect_refused(mesh(path("x.ply"), {"--json", path("mine.ply")}), "exists; name another file");
+  expect_refused(mesh(path("x.ply"), {"--json", truth, "--overwrite", "--compare", truth}), "is a file to read");
+  expect_refused(mesh(path("x.ply"), {"--json", path("x.ply")}), "is the file of the mesh");
+  EXPECT_EQ(test::read_bytes(truth), bytes);
+  EXPECT_EQ(test::read_bytes(path("mine.ply")), "mine");
+  EXPECT_FALSE(fs::exists(path("x.ply"))) << "each is refused before anything is written";
 }
 
 }  // namespace
