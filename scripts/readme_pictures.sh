@@ -27,7 +27,7 @@ mkdir -p "$work" docs/images
 blender -b -t "$(nproc)" -P scripts/make_scenes.py -- "$work" --scenes terrace --views "$views" --size "$size" \
   --samples "$samples" > "$work/blender.log"
 if [[ ! -d $model/point_cloud/iteration_$iterations ]]; then
-  "$b3dgs" train "$work/terrace" -m "$model" --eval --preset fast --iterations "$iterations" --device cpu --overwrite "$@"
+  "$b3dgs" train "$work/terrace" -m "$model" --eval --preset fast --iterations "$iterations" --device cpu "$@"
 fi
 "$b3dgs" eval "$model" --device cpu --save_images
 
