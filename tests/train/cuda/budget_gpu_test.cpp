@@ -27,8 +27,8 @@ TEST(BudgetOnGpu, PlansTheRoundThatTheCpuPlans) {
   config.strategy = Strategy::kBudget;
   config.max_gaussians = 9000;
   config.densification_interval = 500;
-  for (const std::string split : {"moments", "preserve"}) {
-    SCOPED_TRACE(split);
+  for (const SplitRule split : {SplitRule::kMoments, SplitRule::kPreserve}) {
+    SCOPED_TRACE(name_of(split));
     config.split = split;
     const std::unique_ptr<DensityStrategy> strategy = make_budget_strategy(config, 1);
     DensityStatistics seen = strategy->make_statistics(kCount, torch::kCPU);
