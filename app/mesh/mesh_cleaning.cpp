@@ -6,6 +6,8 @@
 #include <cmath>
 #include <cstdint>
 #include <numeric>
+#include <set>
+#include <utility>
 
 namespace b3dgs {
 namespace {
@@ -127,15 +129,61 @@ void pair_by_angle(const TriangleMesh& mesh, const Edge* edges, std::size_t n, c
   }
 }
 
+bool is_manifold(const TriangleMesh& mesh, const Edge* edges, std::size_t n) {
+  return n == 1 || (n == 2 && vertex_at(mesh, edges[0].corner) != vertex_at(mesh, edges[1].corner));
+}
+
+/// Adds a vertex with the position `at` and the other values of `like`. Returns its index.
+std::uint32_t add_vertex(TriangleMesh& mesh, const Vec3f& at, std::uint32_t like) {
+  mesh.positions.push_back(at);
+  if (!mesh.normals.empty()) mesh.normals.push_back(Vec3f(mesh.normals[like]));
+  if (!mesh.colors.empty()) mesh.colors.push_back(TriangleMesh::Color(mesh.colors[like]));
+  return static_cast<std::uint32_t>(mesh.positions.size() - 1);
+}
+
+/// Where an edge has several pairs of triangles, gives all pairs but the first a vertex of their own at its midpoint.
+/// Only edges whose two ends each connect all their triangles in another way need this.
+void split_edges(TriangleMesh& mesh) {
+  constexpr std::uint32_t kNone = ~0u;
+  const std::size_t n_triangles = mesh.triangles.size();
+  std::vector<std::uint32_t> midpoints(3 * n_triangles, kNone);  // of the edges from a corner to the next
+  for_edges(mesh, [&](const Edge* edges, std::size_t n) {
+    if (is_manifold(mesh, edges, n)) return;
+    bool keeps_edge = true;  // the first pair does
+    std::set<std::uint32_t> unpaired;
+    for (std::size_t i = 0; i < n; ++i) unpaired.insert(edges[i].corner);
+    const auto separate = [&](std::uint32_t a, std::uint32_t b) {
+      unpaired.erase(a);
+      unpaired.erase(b);
+      if (std::exchange(keeps_edge, false)) return;
+      const Vec3f middle = 0.5f * (mesh.positions[edges[0].low] + mesh.positions[edges[0].high]);
+      midpoints[a] = midpoints[b] = add_vertex(mesh, middle, edges[0].low);
+    };
+    pair_by_angle(mesh, edges, n, separate);
+    while (!unpaired.empty()) separate(*unpaired.begin(), *unpaired.begin());
+  });
+  for (std::size_t t = 0; t < n_triangles; ++t) {
+    const Triangle triangle = mesh.triangles[t];
+    const std::uint32_t* const own = &midpoints[3 * t];
+    const auto first = static_cast<std::size_t>(std::find_if(own, own + 3, [&](auto m) { return m != kNone; }) - own);
+    if (first == 3) continue;
+    std::vector<std::uint32_t> polygon;  // from the first midpoint on
+    for (std::size_t k = first; k < first + 3; ++k) {
+      if (own[k % 3] != kNone) polygon.push_back(own[k % 3]);
+      polygon.push_back(triangle[(k + 1) % 3]);
+    }
+    mesh.triangles[t] = {polygon[0], polygon[1], polygon[2]};
+    for (std::size_t k = 3; k < polygon.size(); ++k) mesh.triangles.push_back({polygon[0], polygon[k - 1], polygon[k]});
+  }
+}
+
 }  // namespace
 
 Topology count_edges(const TriangleMesh& mesh) {
   Topology topology;
   for_edges(mesh, [&](const Edge* edges, std::size_t n) {
     if (n == 1) ++topology.boundary_edges;
-    if (n == 1) return;
-    const bool is_manifold = n == 2 && vertex_at(mesh, edges[0].corner) != vertex_at(mesh, edges[1].corner);
-    if (!is_manifold) ++topology.non_manifold_edges;
+    if (!is_manifold(mesh, edges, n)) ++topology.non_manifold_edges;
   });
   return topology;
 }
@@ -176,9 +224,7 @@ std::size_t split_non_manifold(TriangleMesh& mesh) {
   };
   for_edges(mesh, [&](const Edge* edges, std::size_t n) {
     if (n > 2) return pair_by_angle(mesh, edges, n, pair);
-    if (n == 2 && vertex_at(mesh, edges[0].corner) != vertex_at(mesh, edges[1].corner)) {
-      pair(edges[0].corner, edges[1].corner);
-    }
+    if (n == 2 && is_manifold(mesh, edges, n)) pair(edges[0].corner, edges[1].corner);
   });
   // Each vertex belongs to the first set of corners at it. Other sets get copies.
   constexpr std::uint32_t kNone = ~0u;
@@ -191,13 +237,11 @@ std::size_t split_non_manifold(TriangleMesh& mesh) {
       owners[vertex] = corner;
       id = vertex;
     } else if (id == kNone) {
-      id = static_cast<std::uint32_t>(mesh.positions.size());
-      mesh.positions.push_back(Vec3f(mesh.positions[vertex]));
-      if (!mesh.normals.empty()) mesh.normals.push_back(Vec3f(mesh.normals[vertex]));
-      if (!mesh.colors.empty()) mesh.colors.push_back(TriangleMesh::Color(mesh.colors[vertex]));
+      id = add_vertex(mesh, Vec3f(mesh.positions[vertex]), vertex);
     }
     vertex = id;
   }
+  split_edges(mesh);
   return mesh.positions.size() - n_before;
 }
 

@@ -25,8 +25,9 @@ Components remove_small_components(TriangleMesh& mesh, double share);
 /// Keeps the triangles whose corners are all inside.
 void crop(TriangleMesh& mesh, const std::function<bool(const std::array<double, 3>& position)>& contains);
 
-/// Gives triangles that only meet at a vertex, or at an edge with others, vertices of their own. Of the triangles at an
-/// edge, pairs that bound the same solid stay connected. Returns the number of added vertices.
+/// Gives triangles that only meet at a vertex, or at an edge with others, vertices of their own, so that no edge is
+/// non-manifold. Of the triangles at an edge, pairs that bound the same solid stay connected. If the ends of such an
+/// edge cannot be separated, a pair gets a vertex at its midpoint. Returns the number of added vertices.
 std::size_t split_non_manifold(TriangleMesh& mesh);
 
 /// Collapses edges until about `n_triangles` are left (meshoptimizer). Borders stay. Returns the estimated distance

@@ -49,6 +49,27 @@ TEST(MeshCleaning, CubesThatShareAnEdgeAreSplit) {
   EXPECT_EQ(remove_small_components(mesh, 0.5).kept, 2u) << "each cube must be whole";
 }
 
+TEST(MeshCleaning, AnEdgeWithConnectedEndsIsSplitAtItsMiddle) {
+  // Two wedges meet at the edge from 0 to 1. Other triangles connect them around both of its ends.
+  TriangleMesh mesh;
+  mesh.positions = {{0, 0, 0}, {0, 0, 1}};
+  for (const double degrees : {90.0, 60.0, 270.0, 240.0}) {
+    const double angle = degrees * std::acos(-1.0) / 180;
+    mesh.positions.push_back({static_cast<float>(std::cos(angle)), static_cast<float>(std::sin(angle)), 0.5f});
+  }
+  mesh.triangles = {{0, 1, 2}, {1, 0, 3}, {0, 1, 4}, {1, 0, 5}, {0, 2, 5}, {0, 4, 3}, {1, 3, 4}, {1, 5, 2}};
+  EXPECT_EQ(count_edges(mesh).non_manifold_edges, 1u);
+  EXPECT_EQ(count_edges(mesh).boundary_edges, 0u);
+  EXPECT_EQ(split_non_manifold(mesh), 1u);
+  EXPECT_EQ(count_edges(mesh).non_manifold_edges, 0u);
+  EXPECT_EQ(count_edges(mesh).boundary_edges, 0u);
+  EXPECT_EQ(mesh.triangles.size(), 10u);
+  EXPECT_EQ(mesh.positions.at(6).z, 0.5f);
+  Vec3<double> sum{0, 0, 0};  // 0 for a closed surface
+  for (const auto& triangle : mesh.triangles) sum = sum + mesh.area_normal(triangle);
+  EXPECT_NEAR(dot(sum, sum), 0, 1e-12);
+}
+
 TEST(MeshCleaning, ATieOfTwoTrianglesIsSplit) {
   TriangleMesh mesh;
   mesh.positions = {{0, 0, 0}, {1, 1, 0}, {1, -1, 0}, {-1, 1, 0}, {-1, -1, 0}};
