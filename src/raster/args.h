@@ -194,8 +194,8 @@ struct ScoreSums {
   std::uint32_t unused = 0;  // explicit padding, because ranks exchange all bytes
 };
 
-/// Scoring: sums of weights and of weighted errors. It uses the arithmetic of the blend, entry by entry in list order,
-/// so the result does not depend on the forward kernel.
+/// Scoring: sums of weights, and of errors times squared weights. It uses the arithmetic of the blend, entry by entry
+/// in list order, so the result does not depend on the forward kernel.
 struct ScoreArgs : TileLists {
   const float* error = nullptr;  // [H, W] clamped to [0, 1], NaN counts as 0
   ScoreSums* sums = nullptr;     // CPU: [n_pairs] out, indexed by slot, all are written. CUDA: [M] added to
@@ -204,7 +204,7 @@ struct ScoreArgs : TileLists {
 /// Scores of the Gaussians that a view sees. All arrays are [N], in and out. Other Gaussians keep their values. The
 /// weight of a Gaussian in a pixel is alpha times the transmittance in front of it, as in blending.
 struct ScoreArrays {
-  float* error_sum = nullptr;   // increased by the sum over pixels of weight times error
+  float* error_sum = nullptr;   // increased by the sum over pixels of weight^2 times error
   float* weight_sum = nullptr;  // increased by the sum of weights, px; null: not computed
   float* max_weight = nullptr;  // maximum of the old value and the largest weight in a pixel
   float* n_views = nullptr;     // increased by 1

@@ -150,7 +150,7 @@ HWY_INLINE ScoreSums score_rows(TileErrors& tile, const Splat& splat, const Span
           blend_weight_over(transmittance, footprint.contributes, evaluate_alpha(footprint.power).alpha);
       transmittance.store(tile.transmittance + p);
       sums.weight += units_of(weight);
-      sums.error += units_of(weight * Lanes::load(tile.error + p));
+      sums.error += units_of(weight * weight * Lanes::load(tile.error + p));
       sums.max_weight = std::max(sums.max_weight, hn::GetLane(hn::MaxOfLanes(FloatTag(), weight.v)));
     }
   }

@@ -11,7 +11,7 @@ namespace b3dgs::test {
 inline GaussianScores dense_scores(const DenseView& view, const torch::Tensor& error, std::int64_t n) {
   const torch::Tensor nothing = torch::zeros({n}, torch::kFloat64);
   const torch::Tensor largest = view.weights.numel() > 0 ? view.weights.amax(0) : torch::zeros_like(view.rows);
-  return {nothing.index_copy(0, view.rows, torch::mv(view.weights.t(), error.to(torch::kFloat64).flatten())),
+  return {nothing.index_copy(0, view.rows, torch::mv(view.weights.square().t(), error.to(torch::kFloat64).flatten())),
           nothing.index_copy(0, view.rows, largest.to(torch::kFloat64)), torch::Tensor(),
           nothing.index_copy(0, view.rows, view.weights.sum(0))};
 }

@@ -101,7 +101,7 @@ struct ScoredBatch {
         const float value = blend_weight_over(transmittance, contributes[k], alpha[k]);
         const int largest = warp_max(__float_as_int(value));
         if (largest == 0) continue;
-        const unsigned errors = warp_sum(score_units(value * pixel_error));
+        const unsigned errors = warp_sum(score_units(value * value * pixel_error));
         const unsigned weights = wants_weights ? warp_sum(score_units(value)) : 0;
         if (first + lane_id() == indices[k]) own_error = errors, own_weight = weights, own_largest = largest;
       }
