@@ -69,17 +69,18 @@ void print_table(const Evaluation& evaluation) {
     std::cout << detail::one_line(name) << rest << "\n";
   };
   const auto print_row = [&](const std::string& name, const ImageQuality& quality) {
-    std::string row = print_to_string("  %8.3f  %7.4f", quality.psnr, quality.ssim);
+    std::string row = print_to_string("  %8.3f  %7.4f  %9.3f", quality.psnr, quality.ssim, quality.sharpness);
     if (quality.corrected_psnr) row += print_to_string("  %8.3f", *quality.corrected_psnr);
     if (quality.lpips) row += print_to_string("  %7.4f", *quality.lpips);
     print(name, row);
   };
-  print("view", std::string("   PSNR dB     SSIM") + (evaluation.mean.corrected_psnr ? "   CC PSNR" : "") +
+  print("view", std::string("   PSNR dB     SSIM  sharpness") + (evaluation.mean.corrected_psnr ? "   CC PSNR" : "") +
                     (evaluation.lpips_network.empty() ? "" : "    LPIPS"));
   for (const ViewQuality& view : evaluation.views) print_row(view.name, view.quality);
   for (const std::string& name : evaluation.unmeasured) print(name, "  no valid pixel: not in the mean");
   if (evaluation.views.empty()) return;
   print_row("mean of " + std::to_string(evaluation.views.size()), evaluation.mean);
+  std::cout << "sharpness: contrast of fine detail, relative to the photograph\n";
   if (evaluation.mean.corrected_psnr) {
     std::cout << "CC PSNR: colour-corrected, with the colours of each render fitted to its photograph\n";
   }

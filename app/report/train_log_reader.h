@@ -16,7 +16,7 @@ namespace b3dgs {
 struct LogPoint {
   int iteration = 0;
   double elapsed_s = 0;  // training time since iteration 0
-  std::optional<double> loss, ms, test_psnr, test_ssim;
+  std::optional<double> loss, ms, test_psnr, test_ssim, test_sharpness;
   std::optional<std::int64_t> count, gpu_peak_bytes;
   std::string kernel;                                                   // "" if the line does not name it
   nlohmann::ordered_json stages_ms = nlohmann::ordered_json::object();  // mean per step; empty if not timed
@@ -32,6 +32,7 @@ struct LogPoint {
     field("count", point.count);
     field("test_psnr", point.test_psnr);
     field("test_ssim", point.test_ssim);
+    field("test_sharpness", point.test_sharpness);
     field("kernel", point.kernel);
   }
 };

@@ -61,7 +61,7 @@ std::string floaters_text(const TrainHistory& history) {
 }
 
 std::string limit_text(const TrainHistory& history, std::int64_t limit) {
-  constexpr double kNearly = 0.95;
+  constexpr double kNearly = 0.95, kSoft = 0.9;
   const LogPoint *most = nullptr, *last = nullptr;
   for (const LogPoint& point : history.points) {
     if (!point.count) continue;
@@ -69,7 +69,16 @@ std::string limit_text(const TrainHistory& history, std::int64_t limit) {
     if (most == nullptr || *point.count > *most->count) most = &point;
   }
   const double nearly = kNearly * static_cast<double>(limit);
-  if (limit == 0 || last == nullptr || static_cast<double>(*last->count) >= nearly) return "";
+  if (limit == 0 || last == nullptr) return "";
+  if (static_cast<double>(*last->count) >= nearly) {
+    const LogPoint* const measured = last_evaluation(history);
+    return "growth ended at the limit of " + format_count(limit) +
+           (measured != nullptr && measured->test_sharpness.value_or(1) < kSoft
+                ? print_to_string(", and the test views are rendered with %.2f of the sharpness of their photographs",
+                                  *measured->test_sharpness)
+                : "") +
+           "; a higher --max_gaussians allows more";
+  }
   const std::string there_were = format_count(*most->count) + " after iteration " + format_count(most->iteration);
   if (static_cast<double>(*most->count) < nearly) {
     return "the limit of " + format_count(limit) + " was not reached: at most " + there_were;

@@ -22,8 +22,9 @@ std::filesystem::path write_train_report(const ModelFolder& folder);
 /// Returns how many Gaussians may be floaters, or "" if they were not counted after the last iteration.
 std::string floaters_text(const TrainHistory& history);
 
-/// Explains why a training ended with fewer Gaussians than its limit allowed (`limit`: max_gaussians, 0 = none):
-/// whether there were ever as many, and when. Returns "" within 5 % of the limit, and for a log without counts.
+/// Explains what ended growth (`limit`: max_gaussians, 0 = none). Within 5 % of the limit, this is the limit, and the
+/// text says whether the last renders were soft. Otherwise it says whether there were ever as many, and when. Returns
+/// "" without a limit, and for a log without counts.
 std::string limit_text(const TrainHistory& history, std::int64_t limit);
 
 /// The test views were clearly better after an earlier iteration than at the last evaluation. Gaussians added since

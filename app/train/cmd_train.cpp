@@ -106,12 +106,7 @@ void report_training(const TrainResult& result, const TrainConfig& config, doubl
     print_labelled("GPU memory", "peak " + format_bytes(result.peak_memory_bytes) + ", without the CUDA context");
   }
   for (const auto& [iteration, evaluation] : result.evaluations) {
-    const ImageQuality& mean = evaluation.mean;
-    print_labelled(
-        "quality",
-        print_to_string("iteration %d: PSNR %.2f dB, SSIM %.4f on %s%zu test views", iteration, mean.psnr, mean.ssim,
-                        evaluation.fits_left_half ? "the right half of " : "", evaluation.views.size()) +
-            describe_unmeasured(evaluation));
+    print_labelled("quality", describe_quality(iteration, evaluation));
   }
   if (result.n_removed > 0) print_labelled("removed", format_count(result.n_removed) + " invalid Gaussians");
   for (const fs::path& path : result.not_written) print_labelled("not written", path.string());

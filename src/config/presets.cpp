@@ -66,6 +66,7 @@ const std::vector<OptionRow>& strategy_defaults() {
         {"rotation_lr", 0.002},
         {"opacity_reg", 0.005},
         {"scale_reg", 0.01},
+        {"sh_decay", 0.03},
         {"lr_final_scale", 0.1},
         {"lr_decay_from_iter", 20000},
         {"lr_decay_from_epoch", 100}}},

@@ -77,6 +77,7 @@ struct TrainConfig {
   double lambda_dssim = 0.2;
   double opacity_reg = 0;  // times the mean opacity of the visible Gaussians
   double scale_reg = 0;    // times their mean scale, in units of extent / 5
+  double sh_decay = 0;     // times the learning rate of SH degrees above 0; optimizer/sh_decay.h
   double depth_l1_weight_init = 1;
   double depth_l1_weight_final = 0.01;
 

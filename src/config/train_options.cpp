@@ -100,6 +100,8 @@ void for_each_option(TrainConfig& c, const std::function<void(const TrainOption&
         "weight of D-SSIM in the loss");
   field(Option{"opacity_reg"}, c.opacity_reg, AtLeast{0}, "add X x mean opacity of the Gaussians in view to the loss");
   field(Option{"scale_reg"}, c.scale_reg, AtLeast{0}, "add X x mean scale of the Gaussians in view to the loss");
+  field(Option{"sh_decay"}, c.sh_decay, AtLeast{0},
+        "shrink SH degrees above 0 of Gaussians seen from similar directions (0 = off)");
   field(Option{"depth_l1_weight_init"}, c.depth_l1_weight_init, AtLeast{0},
         "initial weight of the error against --depths in the loss");
   field(Option{"depth_l1_weight_final"}, c.depth_l1_weight_final, AtLeast{0},

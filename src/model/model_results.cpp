@@ -9,6 +9,7 @@
 #include "core/files/json_file.h"
 #include "core/files/own_files.h"
 #include "core/json_text.h"
+#include "core/text.h"
 #include "model/model_folder.h"
 
 namespace b3dgs {
@@ -95,6 +96,18 @@ std::string ModelFolder::results_key(int iteration, const std::string& variant, 
   return key;
 }
 
+std::string describe_quality(int iteration, const Evaluation& evaluation) {
+  const ImageQuality& mean = evaluation.mean;
+  std::string text = print_to_string("iteration %d: PSNR %.2f dB, SSIM %.4f, sharpness %.2f on %s%zu test views",
+                                     iteration, mean.psnr, mean.ssim, mean.sharpness,
+                                     evaluation.fits_left_half ? "the right half of " : "", evaluation.views.size());
+  if (!evaluation.unmeasured.empty()) {
+    text += "; " + std::to_string(evaluation.unmeasured.size()) +
+            " without a valid pixel (first: " + evaluation.unmeasured.front() + ")";
+  }
+  return text;
+}
+
 void ModelFolder::check_results() const {
   for (const fs::path& path : results()) read_results(path);
 }
@@ -104,7 +117,10 @@ void ModelFolder::write_results(const std::string& key, const Evaluation& evalua
   const auto [results_path, per_view_path] = results();
   const FolderTurn turn(root_);
   Json means = read_results(results_path), per_view = read_results(per_view_path);
-  means[key] = {{"SSIM", evaluation.mean.ssim}, {"PSNR", evaluation.mean.psnr}, {"views", evaluation.views.size()}};
+  means[key] = {{"SSIM", evaluation.mean.ssim},
+                {"PSNR", evaluation.mean.psnr},
+                {"sharpness", evaluation.mean.sharpness},
+                {"views", evaluation.views.size()}};
   means[key].update(to_json(source));
   if (!evaluation.unmeasured.empty()) means[key]["views_without_pixels"] = evaluation.unmeasured;
   const auto of_views = [&](auto&& value) {
@@ -113,7 +129,8 @@ void ModelFolder::write_results(const std::string& key, const Evaluation& evalua
     return json;
   };
   per_view[key] = {{"SSIM", of_views([](const ImageQuality& quality) { return quality.ssim; })},
-                   {"PSNR", of_views([](const ImageQuality& quality) { return quality.psnr; })}};
+                   {"PSNR", of_views([](const ImageQuality& quality) { return quality.psnr; })},
+                   {"sharpness", of_views([](const ImageQuality& quality) { return quality.sharpness; })}};
   if (evaluation.fits_left_half) means[key]["train_test_exp"] = true;
   if (evaluation.mean.corrected_psnr) {
     means[key]["CC_PSNR"] = *evaluation.mean.corrected_psnr;

@@ -82,6 +82,7 @@ Evaluation evaluate_views(const RenderFn& render, torch::Device device, const st
   for (const auto& [name, quality] : evaluation.views) {
     evaluation.mean.psnr += quality.psnr / static_cast<double>(n);
     evaluation.mean.ssim += quality.ssim / static_cast<double>(n);
+    evaluation.mean.sharpness += quality.sharpness / static_cast<double>(n);
     add_to_mean(quality.corrected_psnr, n, evaluation.mean.corrected_psnr);
     add_to_mean(quality.lpips, n, evaluation.mean.lpips);
   }

@@ -50,7 +50,7 @@ Training::Training(const FinalConfig& final_config, const Scene& of, ModelFolder
       whole_device(hooks.make_team ? torch::Device(torch::kCPU) : device),
       memory(hooks.memory ? hooks.memory : make_memory_source(device, gpu_memory_gb(config, hooks))),
       rasterizer(device),
-      optimizer(rasterizer),
+      optimizer(rasterizer, config.sh_decay),
       row_editor([this](auto sizes, const auto& options) { return memory->allocate(sizes, options); }),
       objective(config, scene, device, hooks.on_loading),
       density(make_density_strategy(config, scene.extent)),

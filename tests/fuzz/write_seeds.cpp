@@ -258,7 +258,7 @@ void write_log_seeds(const fs::path& folder) {
     nlohmann::ordered_json line{{"iteration", iteration}, {"loss", 0.5},      {"ms", 12.25},
                                 {"count", 1000},          {"elapsed_s", 1.5}, {"kernel", "segmented"}};
     if (iteration == 20) line["stages_ms"] = stage_json({});
-    if (iteration == 30) line["test_psnr"] = line["test_ssim"] = 0.5;
+    if (iteration == 30) line["test_psnr"] = line["test_ssim"] = line["test_sharpness"] = 0.5;
     log.write(line);
   }
   nlohmann::ordered_json check{{"iteration", 30}, {"event", "kernel_check"}};

@@ -23,6 +23,8 @@ const kQuantities = {
          format: (x) => x.toFixed(2)},
   ssim: {key: "test_ssim", name: "SSIM", caption: "SSIM, mean over the test views.", from_zero: false,
          format: (x) => x.toFixed(4)},
+  sharpness: {key: "test_sharpness", name: "Sharpness", from_zero: false, format: (x) => x.toFixed(3),
+              caption: "Sharpness of the renders of the test views relative to their photographs."},
   loss: {key: "loss", name: "Loss", caption: "Training loss, running average over steps."},
   count: {key: "count", name: "Gaussians", caption: "Number of Gaussians.", format: count_text},
 };
@@ -223,6 +225,7 @@ function settings_table({settings, machine}) {
 
 const words_section = () => table([], [
   ["PSNR, SSIM", "Quality of a render against its photograph; higher is better."],
+  ["sharpness", "Sum of |Laplacian| of a render divided by that of its photograph; below 1: softer."],
   ["percentile", "90 % of the values are at or below the 90th percentile; half of them at or below the median."],
   ["tile", "16 x 16 px, or 16 x 8 px with the paper's kernels; has a list of the Gaussians that touch it, sorted by " +
    "depth."],

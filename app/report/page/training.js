@@ -44,7 +44,7 @@ function training_quality({runs, held_out, overfitting, limit, floaters, measure
       `views was ${overfitting.lost.toFixed(2)} dB higher than at the last evaluation. With few photographs, a lower ` +
       "--max_epochs or fewer Gaussians (a lower --gaussians_per_pixel, or --max_gaussians) may help; if things move, " +
       "mask them. See docs/recipes.md, Few photographs.") : [],
-    chart(kQuantities.ssim), chart(kQuantities.loss), chart(kQuantities.count),
+    chart(kQuantities.ssim), chart(kQuantities.sharpness), chart(kQuantities.loss), chart(kQuantities.count),
     limit ? paragraph(`From iteration ${count_text(limit.iteration)} on, the number of Gaussians was limited to ` +
       `${count_text(limit.count)} (${limit.reason}).`) : [],
     floaters ? paragraph(`Gaussians that may be floaters: ${floaters}. See docs/recipes.md, Floaters.`) : [],

@@ -53,6 +53,7 @@ RasterizerBackend& Rasterizer::backend() const {
 /// Returns the images for a view, whose rendering must follow.
 ImageArrays Rasterizer::begin_view(const CameraView& view, const torch::TensorOptions& options) {
   backend().forget_view();
+  camera_center_ = view.center;
   place_tensor(rendered_.color, color_storage_, {view.height, view.width, 3}, options);
   place_tensor(rendered_.depth, depth_storage_, {view.height, view.width}, options);
   place_tensor(rendered_.alpha, alpha_storage_, {view.height, view.width}, options);

@@ -173,6 +173,8 @@ class Rasterizer {
   /// @throws LogicError on the CPU, or for one of our own kernels
   KernelOccupancy measure_occupancy(ForwardKernel kernel);
 
+  /// Returns the camera centre of the last forward() in world space.
+  Vec3f camera_center() const { return camera_center_; }
   /// Returns the size of the view of the last forward().
   ViewSize view_size() const;
 
@@ -211,6 +213,7 @@ class Rasterizer {
   RenderedView rendered_;
   torch::Tensor color_storage_, depth_storage_, alpha_storage_, means2d_storage_;
   ViewStatistics statistics_;
+  Vec3f camera_center_{0, 0, 0};
   double seen_share_ = 0;  // largest share of the Gaussians that a view of project_views() has seen
 };
 

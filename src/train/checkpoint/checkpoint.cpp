@@ -75,6 +75,7 @@ std::vector<Row> rows_of(TrainState& state) {
       transforms = state.appearance.grids.defined() ? grids : exposures;
   const Row optional[]{
       {"gaussians.filters", &state.gaussians.filters, kLeads, {kGaussians}},
+      {"adam.directions", &state.adam.directions, kLeads, {kGaussians, 4}},
       {"poses.corrections", &state.poses.corrections, kLeads, pose, kFinite, kFloat, kOnHost},
       {"poses.adam_m", &state.poses.adam_m, kFollows, pose, kAny, kFloat, kOnHost},
       {"poses.adam_v", &state.poses.adam_v, kFollows, pose, kNotNegative, kFloat, kOnHost},

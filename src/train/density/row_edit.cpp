@@ -124,6 +124,9 @@ void RowEditor::apply(const RowEdit& edit, GaussianTensors& gaussians, AdamState
   edit_all(gaussians, true);
   edit_all(adam.m, false);
   edit_all(adam.v, false);
+  if (torch::Tensor& directions = adam.directions; directions.defined()) {
+    edit_tensor(edit, piece_rows(directions, piece_elements_), scratch, directions, true);
+  }
   edit_all(statistics, false);
   gaussians.means.slice(0, edit.n_kept).copy_(edit.new_means);
   gaussians.log_scales.slice(0, edit.n_kept).copy_(edit.new_log_scales);

@@ -53,6 +53,7 @@ void visit_rows(Gaussians& gaussians, Adam& adam, Statistics& statistics, Visit&
   for (auto* group : {&gaussians, &adam.m, &adam.v}) {
     for (auto* tensor : group->all()) visit(*tensor);
   }
+  if (adam.directions.defined()) visit(adam.directions);
   for (auto* column : statistics.all()) visit(*column);
 }
 
@@ -108,8 +109,8 @@ class RowEditor {
                DensityStatistics& statistics);
 
   /// Applies the edit that reserve() was called with. Kept rows keep parameters, moments and statistics. New rows take
-  /// the parameters of their sources, except for the means, scales and opacities in the edit, and their statistics and
-  /// moments are 0. `gaussians.filters` becomes undefined. Allocates nothing.
+  /// the parameters and viewing directions of their sources, except for the means, scales and opacities in the edit,
+  /// and their statistics and moments are 0. `gaussians.filters` becomes undefined. Allocates nothing.
   void apply(const RowEdit& edit, GaussianTensors& gaussians, AdamState& adam, DensityStatistics& statistics);
 
  private:

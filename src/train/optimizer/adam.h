@@ -22,6 +22,7 @@ struct AdamState {
   // Number of steps so far, the same for all groups and rows (as in torch.optim.Adam). A step along n views counts n
   // times.
   std::int64_t steps = 0;
+  torch::Tensor directions;  // [N, 4] for the decay of SH coefficients (sh_decay.h); undefined without it
 };
 
 /// Learning rate of each parameter group, in the order of GaussianTensors.

@@ -8,6 +8,7 @@
 #include "config/batch_steps.h"
 #include "raster/math/gaussian_grad.h"
 #include "train/optimizer/adam_args.h"
+#include "train/optimizer/sh_decay.h"
 
 namespace b3dgs {
 
@@ -35,6 +36,7 @@ struct BatchGrad {
   Vec3f mean{}, log_scales{}, sh0{};
   Vec4f quat{};
   float logit_opacity = 0;
+  SeenDirections seen_from{};
 };
 
 /// Adds the gradients with respect to the SH coefficients above degree 0 to `sums`, given the gradient with respect to
@@ -77,6 +79,7 @@ B3DGS_HD BatchGrad batch_grad(const BatchGradArgs& args, std::int64_t i, int sh_
                          grad.logit_opacity, grad.log_scales);
     }
     sum.is_seen = true;
+    sum.seen_from.add(grad.dir, grad.color);
     sum.mean = sum.mean + grad.mean;
     sum.log_scales = sum.log_scales + grad.log_scales;
     sum.quat = {sum.quat.x + grad.quat.x, sum.quat.y + grad.quat.y, sum.quat.z + grad.quat.z, sum.quat.w + grad.quat.w};

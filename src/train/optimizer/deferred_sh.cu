@@ -10,6 +10,7 @@
 #include "raster/cuda/project.cuh"
 #include "raster/cuda/warp.cuh"
 #include "train/optimizer/adam_step.cuh"
+#include "train/optimizer/sh_decay.h"
 
 namespace b3dgs::cuda {
 namespace {
@@ -56,23 +57,28 @@ __device__ __forceinline__ ListedRow list_row(RowList& list, bool is_listed) {
   return result;
 }
 
-/// Writes the gradients of a Gaussian's first deferred step to `grads` [rest_floats(kShDegree)]. Returns the number of
-/// steps that are already applied. Not inlined, so that all kernels compute the same bits.
+struct FirstStep {
+  int n_applied;  // number of steps that are already applied
+  float decay;
+};
+
+/// Writes the gradients of a Gaussian's first deferred step to `grads` [rest_floats(kShDegree)]. Not inlined, so that
+/// all kernels compute the same bits.
 template <int kShDegree>
-__device__ __noinline__ int load_first_gradient(const DeferredUpdate* update, float* grads) {
+__device__ __noinline__ FirstStep load_first_step(const DeferredUpdate* update, float* grads) {
   const float4 first = reinterpret_cast<const float4*>(update)[0];
   const float4 second = reinterpret_cast<const float4*>(update)[1];
   sh_rest_grad(kShDegree, Vec3f{second.x, second.y, second.z}, Vec3f{first.x, first.y, first.z}, grads);
-  return __float_as_int(first.w);
+  const bool has_gradient = first.x != 0 || first.y != 0 || first.z != 0;
+  return {__float_as_int(first.w), has_gradient ? second.w : 0.0f};
 }
 
 /// Applies the deferred steps of the listed rows, for the degrees that are optimised so far. Coefficients of higher
 /// degrees have zero moments, so a step does not change them. `rests` [n_rows, kActive] contains the gradients of the
-/// first deferred step, which are replaced by the coefficients. `n_applied` [n_rows] is the number of steps that are
-/// already applied.
+/// first deferred step, which are replaced by the coefficients. `first_steps` has n_rows entries.
 template <int kActive>
 __device__ __forceinline__ void apply_updates(const ApplyUpdatesArgs& args, std::int64_t first_row, int n_rows,
-                                              const int* rows, const int* n_applied, float* rests) {
+                                              const int* rows, const FirstStep* first_steps, float* rests) {
   constexpr int kAtOnce = 8;  // loads in flight
   const int n_rest = rest_floats(args.rests.sh_degree_max), n_floats = n_rows * kActive;
   float* const params = args.rests.param + first_row * n_rest;
@@ -80,13 +86,14 @@ __device__ __forceinline__ void apply_updates(const ApplyUpdatesArgs& args, std:
   float* const vs = args.rests.v + first_row * n_rest;
   for (int start = static_cast<int>(threadIdx.x); start < n_floats; start += kAtOnce * kThreads) {
     int at[kAtOnce], step[kAtOnce];
-    float param[kAtOnce], m[kAtOnce], v[kAtOnce];
+    float decay[kAtOnce], param[kAtOnce], m[kAtOnce], v[kAtOnce];
 #pragma unroll
     for (int k = 0; k < kAtOnce; ++k) {
       const int place = start + k * kThreads;
       if (place >= n_floats) break;
       at[k] = rows[place / kActive] * n_rest + place % kActive;
-      step[k] = n_applied[place / kActive];
+      step[k] = first_steps[place / kActive].n_applied;
+      decay[k] = first_steps[place / kActive].decay;
       param[k] = params[at[k]];
       m[k] = ms[at[k]];
       v[k] = vs[at[k]];
@@ -97,6 +104,8 @@ __device__ __forceinline__ void apply_updates(const ApplyUpdatesArgs& args, std:
       if (place >= n_floats) break;
       if (step[k] < args.steps.n) {
         float grad = rests[place];
+        const int coefficient = place % kActive / 3;
+        param[k] = decayed(param[k], args.steps.sizes[step[k]].step_size * decay[k], coefficient);
         do {
           step_one(args.steps.sizes[step[k]], grad, param[k], m[k], v[k], args.steps.rule);
           grad = 0;
@@ -114,21 +123,21 @@ template <int kShDegree, bool kColors>
 __global__ void __launch_bounds__(kThreads) apply_updates_kernel(const __grid_constant__ ApplyUpdatesArgs args) {
   constexpr int kActive = rest_floats(kShDegree);
   __shared__ RowList list;
-  __shared__ int n_applied[kRows];
+  __shared__ FirstStep first_steps[kRows];
   __shared__ float rests[kRows * kActive];
   const std::int64_t first_row = static_cast<std::int64_t>(blockIdx.x) * kRows, i = first_row + threadIdx.x;
   const bool is_listed =
       threadIdx.x < kRows && i < args.rests.n_gaussians && (!kColors || args.view.projected.radii[i] > 0);
   const ListedRow own = list_row(list, is_listed);
   if (is_listed) {
-    n_applied[own.place] = load_first_gradient<kShDegree>(args.updates + i, rests + own.place * kActive);
+    first_steps[own.place] = load_first_step<kShDegree>(args.updates + i, rests + own.place * kActive);
     // The steps count as applied from here on, even if no backward pass follows.
     if (kColors) {
       *reinterpret_cast<float4*>(args.updates + i) = make_float4(0, 0, 0, __int_as_float(args.steps.n));
     }
   }
   __syncthreads();  // list and gradients are complete
-  apply_updates<kActive>(args, first_row, own.n_rows, list.rows, n_applied, rests);
+  apply_updates<kActive>(args, first_row, own.n_rows, list.rows, first_steps, rests);
   __syncthreads();  // the coefficients are written
   if (kColors && is_listed) {
     const ColorCudaArgs& view = args.view;

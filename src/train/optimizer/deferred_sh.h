@@ -23,7 +23,7 @@ struct alignas(32) DeferredUpdate {  // the size of one sector of GPU memory
   float grad_color[3] = {0, 0, 0};
   std::int32_t n_applied = 0;  // number of deferred steps already applied
   float dir[3] = {0, 0, 0};    // unit vector from the camera to the Gaussian
-  float unused = 0;
+  float decay = 0;             // of the first step (sh_decay.h), unless grad_color is 0
 };
 static_assert(sizeof(DeferredUpdate) == 32, "two 16-byte words");
 

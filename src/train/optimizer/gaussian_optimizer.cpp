@@ -42,9 +42,32 @@ void add_regularization(const RegularizationGrad& grad, const GaussianTensors& g
   });
 }
 
-/// Computes the gradients of the mean over the views on the CPU. `out.means2d` is not used. The result does not depend
-/// on the number of threads.
-void batch_gradients(const BatchGradArgs& args, const GaussianGradArrays& out) {
+/// Shrinks the SH coefficients beyond degree 0 (`n_rest` floats) of a Gaussian on the CPU.
+void decay_row(float* rest, std::int64_t n_rest, float shrink) {
+  if (shrink == 0) return;
+  for (std::int64_t k = 0; k < n_rest; ++k) rest[k] = decayed(rest[k], shrink, static_cast<int>(k / 3));
+}
+
+/// Applies the decay of a step along one view from `center`, with gradients `grads`, on the CPU.
+void decay_sh(const ShDecayArgs& args, float step_size, const Vec3f& center, const GaussianTensors& grads,
+              GaussianTensors& gaussians) {
+  constexpr std::int64_t kGrain = 4096;
+  const auto* const means = gaussians.means.data_ptr<float>();
+  const auto* const grad_colors = grads.sh0.data_ptr<float>();  // times a constant
+  auto* const rests = gaussians.shN.data_ptr<float>();
+  const std::int64_t n_rest = rest_floats(sh_degree_of(gaussians));
+  parallel_each(gaussians.size(), kGrain, [&](std::int64_t i) {
+    const Vec3f offset = load3(means, i) - center;
+    SeenDirections seen;
+    seen.add((1 / std::sqrt(dot(offset, offset))) * offset, load3(grad_colors, i));
+    decay_row(rests + n_rest * i, n_rest, step_size * sh_decay(args, i, seen));
+  });
+}
+
+/// Computes the gradients of the mean over the views on the CPU, and applies the decay to `rests`, the SH coefficients
+/// beyond degree 0. `out.means2d` is not used. The result does not depend on the number of threads.
+void batch_gradients(const BatchGradArgs& args, const ShDecayArgs& decay, float step_size, float* rests,
+                     const GaussianGradArrays& out) {
   constexpr std::int64_t kGrain = 1024;
   const std::int64_t rest = rest_floats(args.gaussians.sh_degree_max);
   const float scale = 1.0f / static_cast<float>(args.n_views);
@@ -60,20 +83,31 @@ void batch_gradients(const BatchGradArgs& args, const GaussianGradArrays& out) {
     store4(out.quats, i, grad.quat);
     out.logit_opacities[i] = grad.logit_opacity;
     store3(out.sh0, i, grad.sh0);
+    decay_row(rests + rest * i, rest, step_size * sh_decay(decay, i, grad.seen_from));
     if (grad.is_seen) std::transform(own_rest, own_rest + rest, own_rest, [&](float sum) { return scale * sum; });
   });
 }
 
 }  // namespace
 
-GaussianOptimizer::GaussianOptimizer(Rasterizer& rasterizer) : rasterizer_(rasterizer) {
+GaussianOptimizer::GaussianOptimizer(Rasterizer& rasterizer, double sh_decay)
+    : rasterizer_(rasterizer), sh_decay_(sh_decay) {
 #if B3DGS_TORCH_CUDA
   deferred_sh_ = std::make_shared<cuda::DeferredSh>();
 #endif
 }
 
-RenderSettings GaussianOptimizer::begin_view([[maybe_unused]] GaussianTensors& gaussians,
-                                             [[maybe_unused]] AdamState& state, RenderSettings settings) {
+ShDecayArgs GaussianOptimizer::sh_decay(const AdamState& state, int n_views) const {
+  if (!state.directions.defined()) return {};
+  return sh_decay_args(state.directions.data_ptr<float>(), sh_decay_, n_views);
+}
+
+RenderSettings GaussianOptimizer::begin_view(GaussianTensors& gaussians, AdamState& state, RenderSettings settings) {
+  if (sh_decay_ == 0 || gaussians.shN.size(1) == 0) {
+    state.directions = torch::Tensor();
+  } else if (!state.directions.defined()) {
+    state.directions = torch::zeros({gaussians.size(), 4}, gaussians.means.options());
+  }
 #if B3DGS_TORCH_CUDA
   if (!gaussians.means.is_cpu()) {
     begin_stage(settings.stages, Stage::kProject);
@@ -98,6 +132,7 @@ ViewStatistics GaussianOptimizer::backward_and_step(const AdamRates& rates, cons
     args.updates = deferred_sh_->updates();
     args.n_deferred = deferred_sh_->n_deferred();
     args.regularization = own;
+    args.sh_decay = sh_decay(state, 1);
     cuda::step_gaussians(args, torch_launch_context());
     deferred_sh_->defer_step(args.adam[kShGroup].size);
     end_stage(stages);
@@ -107,6 +142,10 @@ ViewStatistics GaussianOptimizer::backward_and_step(const AdamRates& rates, cons
   const ViewStatistics statistics = rasterizer_.backward(gaussians, view_grad, grads_);
   begin_stage(stages, Stage::kOptimizer);
   if (!own.is_zero()) add_regularization(own, gaussians, statistics, grads_);
+  if (state.directions.defined()) {
+    const AdamStepSize size = adam_step_size(rates[kShGroup], state.steps + 1);
+    decay_sh(sh_decay(state, 1), size.step_size, rasterizer_.camera_center(), grads_, gaussians);
+  }
   adam_step(rates, grads_, gaussians, state);
   end_stage(stages);
   return statistics;
@@ -212,12 +251,15 @@ void GaussianOptimizer::step_views(const AdamRates& rates, GaussianTensors& gaus
     deferred_sh_->begin_step(n_views, torch_launch_context());
     args.updates = deferred_sh_->updates();
     args.n_deferred = deferred_sh_->n_deferred();
+    args.sh_decay = sh_decay(state, n_views);
     cuda::step_batch(args, torch_launch_context());
     deferred_sh_->defer_step(args.adam[kShGroup].size);
   }
 #endif
   if (gaussians.means.is_cpu()) {
-    batch_gradients(grad_args, make_gradients(gaussians, grads_));
+    const AdamStepSize size = adam_step_size(scaled[kShGroup], state.steps + n_views);
+    batch_gradients(grad_args, sh_decay(state, n_views), size.step_size, gaussians.shN.data_ptr<float>(),
+                    make_gradients(gaussians, grads_));
     adam_step(scaled, grads_, gaussians, state, n_views);
   }
   drop_views();

@@ -23,11 +23,11 @@ class DeferredSh;
 /// flush() before these coefficients or their moments are read, and before any tensor is replaced.
 class GaussianOptimizer {
  public:
-  /// `rasterizer` must outlive this object.
-  explicit GaussianOptimizer(Rasterizer& rasterizer);
+  /// `rasterizer` must outlive this object. `sh_decay`: --sh_decay.
+  explicit GaussianOptimizer(Rasterizer& rasterizer, double sh_decay = 0);
 
   /// Returns `settings` changed so that rendering or projecting the next view applies the deferred updates of its
-  /// colours.
+  /// colours. If the state has no viewing directions but the decay needs them, adds them.
   RenderSettings begin_view(GaussianTensors& gaussians, AdamState& state, RenderSettings settings);
 
   /// Computes the gradients of the last rendered view and of the regularisation, and takes one step along them.
@@ -81,7 +81,11 @@ class GaussianOptimizer {
   /// Adds the view that make_room() was called for to the kept views.
   void keep(const CameraView& view, const RenderSettings& settings, const RegularizationGrad& regularization);
 
+  /// Returns the arguments of the decay in a step along n views.
+  ShDecayArgs sh_decay(const AdamState& state, int n_views) const;
+
   Rasterizer& rasterizer_;
+  double sh_decay_ = 0;
   GaussianTensors grads_;  // on the CPU
   std::vector<KeptView> views_;
   std::size_t n_kept_ = 0;        // number of views_ in use

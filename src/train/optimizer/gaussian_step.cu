@@ -62,10 +62,13 @@ __global__ void __launch_bounds__(kThreads) step_gaussians_kernel(const __grid_c
   GaussianGrad grad{};
   if (i < n && args.backward.radii[i] > 0) {
     grad = gaussian_grad<kShDegree, kAntialiasing, Lens>(args.backward, i);
+    SeenDirections seen;
+    seen.add(grad.dir, grad.color);
+    const float decay = sh_decay(args.sh_decay, i, seen);
     if (rest_floats(kShDegree) > 0) {
       float4* const update = reinterpret_cast<float4*>(args.updates + i);
       update[0] = make_float4(grad.color.x, grad.color.y, grad.color.z, __int_as_float(args.n_deferred));
-      update[1] = make_float4(grad.dir.x, grad.dir.y, grad.dir.z, 0);
+      update[1] = make_float4(grad.dir.x, grad.dir.y, grad.dir.z, decay);
     }
     if (kRegularized) {
       const GaussianArrays& g = args.backward.gaussians;
@@ -92,11 +95,12 @@ __global__ void __launch_bounds__(kThreads) step_gaussians_kernel(const __grid_c
 // Gaussian. A single barrier separates these gradients from the step, because the gradients of the means depend on the
 // coefficients.
 
-/// Steps the SH coefficients beyond degree 0 of the block's visible rows along `rests` (sums over the views). Each
-/// thread reads several coefficients before it steps any, because otherwise it would mostly wait for memory.
+/// Shrinks the SH coefficients beyond degree 0 of the block's visible rows by `decays` and steps them along `rests`
+/// (sums over the views). Each thread reads several coefficients before it steps any, because otherwise it would mostly
+/// wait for memory.
 template <int kActive>
 __device__ __forceinline__ void step_rests(const BatchStepArgs& args, std::int64_t first_row, float scale,
-                                           const float* rests, const bool* is_seen) {
+                                           const float* rests, const bool* is_seen, const float* decays) {
   constexpr int kTogether = kActive % 9 == 0 ? 9 : 8;
   static_assert(kActive % kTogether == 0, "each thread steps kActive coefficients");
   const AdamArgs& adam = args.adam[kShGroup];
@@ -116,7 +120,8 @@ __device__ __forceinline__ void step_rests(const BatchStepArgs& args, std::int64
 #pragma unroll
     for (int j = 0; j < kTogether; ++j) {
       if (at[j] < 0) continue;
-      const int k = (first + j) * kThreads + static_cast<int>(threadIdx.x);
+      const int k = (first + j) * kThreads + static_cast<int>(threadIdx.x), row = k / kActive;
+      param[j] = decayed(param[j], adam.size.step_size * decays[row], (k - row * kActive) / 3);
       step_one(adam.size, scale * rests[k], param[j], m[j], v[j], args.rule);
       adam.param[at[j]] = param[j];
       adam.m[at[j]] = m[j];
@@ -130,6 +135,7 @@ __global__ void __launch_bounds__(kThreads) step_batch_kernel(const __grid_const
   constexpr int kActive = rest_floats(kShDegree);
   __shared__ float rests[kThreads * kActive + 1];
   __shared__ bool is_seen[kThreads];
+  __shared__ float decays[kThreads];
   const std::int64_t first_row = static_cast<std::int64_t>(blockIdx.x) * kThreads, i = first_row + threadIdx.x;
   const float scale = 1.0f / static_cast<float>(args.grad.n_views);
   float* const own_rest = rests + threadIdx.x * kActive;
@@ -138,6 +144,7 @@ __global__ void __launch_bounds__(kThreads) step_batch_kernel(const __grid_const
   if (i < args.grad.gaussians.n_gaussians) {
     const BatchGrad grad = batch_grad<kAntialiasing, Lens>(args.grad, i, kShDegree, scale, own_rest);
     is_seen[threadIdx.x] = grad.is_seen;
+    decays[threadIdx.x] = sh_decay(args.sh_decay, i, grad.seen_from);
     if (kActive > 0 && grad.is_seen) {
       reinterpret_cast<float4*>(args.updates + i)[0] = make_float4(0, 0, 0, __int_as_float(args.n_deferred + 1));
     }
@@ -149,7 +156,7 @@ __global__ void __launch_bounds__(kThreads) step_batch_kernel(const __grid_const
   }
   if constexpr (kActive > 0) {
     __syncthreads();  // gradients of the block are complete, and the coefficients have been read
-    step_rests<kActive>(args, first_row, scale, rests, is_seen);
+    step_rests<kActive>(args, first_row, scale, rests, is_seen, decays);
   }
 }
 

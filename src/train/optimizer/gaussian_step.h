@@ -5,6 +5,7 @@
 #include "train/optimizer/adam_args.h"
 #include "train/optimizer/batch_grad.h"
 #include "train/optimizer/deferred_sh.h"
+#include "train/optimizer/sh_decay.h"
 
 namespace b3dgs::cuda {
 
@@ -14,6 +15,7 @@ struct GaussianStepArgs {
   DeferredUpdate* updates = nullptr;   // [N] written for visible Gaussians
   std::int32_t n_deferred = 0;         // steps deferred before this one
   RegularizationGrad regularization{};
+  ShDecayArgs sh_decay{};
 };
 
 /// Runs the backward projection and an Adam step along its gradients in one kernel. Updates of SH coefficients beyond
@@ -26,6 +28,7 @@ struct BatchStepArgs {
   AdamRule rule{};
   std::int32_t n_deferred = 0;        // steps deferred before this one
   DeferredUpdate* updates = nullptr;  // [N] written for Gaussians that are visible in any view
+  ShDecayArgs sh_decay{};
 };
 static_assert(sizeof(BatchStepArgs) <= 4096, "a kernel's arguments");
 

@@ -62,6 +62,7 @@ void TrainRecorder::log_iteration(const std::optional<ImageQuality>& test_qualit
   if (test_quality) {
     line["test_psnr"] = test_quality->psnr;
     line["test_ssim"] = test_quality->ssim;
+    line["test_sharpness"] = test_quality->sharpness;
     if (test_quality->corrected_psnr) line["test_cc_psnr"] = *test_quality->corrected_psnr;
   }
   line["kernel"] = kernel;
@@ -82,10 +83,7 @@ void TrainRecorder::add_evaluation(const Evaluation& evaluation, const Evaluatio
   outputs_.evaluations.emplace_back(iteration, evaluation);
   if (source_.listeners.on_evaluation) source_.listeners.on_evaluation(iteration, evaluation);
   try_to_write([&] { source_.folder.write_results(source_.folder.results_key(iteration), evaluation, source); });
-  std::string message = print_to_string("iteration %d: PSNR %.2f dB, SSIM %.4f on %s%zu test views", iteration,
-                                        evaluation.mean.psnr, evaluation.mean.ssim,
-                                        evaluation.fits_left_half ? "the right half of " : "", evaluation.views.size());
-  message += describe_unmeasured(evaluation);
+  std::string message = describe_quality(iteration, evaluation);
   if (const auto corrected = evaluation.mean.corrected_psnr) {
     message += print_to_string("; colour-corrected PSNR %.2f dB", *corrected);
   }

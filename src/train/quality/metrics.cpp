@@ -11,6 +11,30 @@
 #include "train/loss/loss.h"
 
 namespace b3dgs {
+namespace {
+
+/// Returns the sum of |Laplacian|, in 1/255. `mask` may be null.
+std::int64_t laplacian_sum(const Image8& image, const std::uint8_t* mask) {
+  const std::int64_t columns = image.width;
+  std::int64_t total = 0;
+  for (std::int64_t y = 1; y + 1 < image.height; ++y) {
+    for (std::int64_t x = 1; x + 1 < columns; ++x) {
+      const std::int64_t p = y * columns + x;
+      const std::array<std::int64_t, 4> around{p - 1, p + 1, p - columns, p + columns};
+      const auto is_invalid = [&](std::int64_t at) { return mask != nullptr && mask[at] == 0; };
+      if (is_invalid(p) || std::any_of(around.begin(), around.end(), is_invalid)) continue;
+      const auto gray = [&](std::int64_t at) {
+        const std::uint8_t* const rgb = image.pixels.data() + 3 * at;
+        return rgb[0] + rgb[1] + rgb[2];
+      };
+      total += std::abs(gray(p - 1) + gray(p + 1) + gray(p - columns) + gray(p + columns) - 4 * gray(p));
+    }
+  }
+  return total;
+}
+
+}  // namespace
+
 std::optional<ImageQuality> image_quality(const torch::Tensor& rendered, const Image8& truth, const Image8* valid) {
   const Image8 image = to_image8(rendered);
   B3DGS_CHECK(image.width == truth.width && image.height == truth.height && image.channels == 3 && truth.channels == 3,
@@ -40,7 +64,13 @@ std::optional<ImageQuality> image_quality(const torch::Tensor& rendered, const I
   args.n_valid = n_valid;
   constexpr double kMaxPsnr = 100;  // dB, for identical images, because JSON has no infinity
   const double mean_square = static_cast<double>(square_sum) / (255.0 * 255.0 * 3.0 * static_cast<double>(n_valid));
-  return ImageQuality{square_sum == 0 ? kMaxPsnr : -10 * std::log10(mean_square), cpu::compute_loss(args).ssim};
+  const std::int64_t contrast = laplacian_sum(truth, mask);
+  ImageQuality quality;
+  quality.psnr = square_sum == 0 ? kMaxPsnr : -10 * std::log10(mean_square);
+  quality.ssim = cpu::compute_loss(args).ssim;
+  quality.sharpness =
+      contrast > 0 ? static_cast<double>(laplacian_sum(image, mask)) / static_cast<double>(contrast) : 1;
+  return quality;
 }
 
 Image8 to_image8(const torch::Tensor& image) {

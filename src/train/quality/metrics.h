@@ -1,6 +1,9 @@
 // Image quality as usual in 3DGS work. PSNR follows from the mean squared error over all pixels and channels in [0, 1].
 // SSIM has an 11 x 11 Gaussian window (sigma 1.5 px, C1 = 0.01^2, C2 = 0.03^2, zero padding) and is averaged over
-// pixels and channels.
+// pixels and channels. Sharpness is the sum over the pixels of |Laplacian| of the render, divided by that of the
+// photograph: below 1 for a soft render, above 1 for needles or noise that the photograph does not show. The Laplacian
+// is that of the sum of the channels, at pixels that are valid with their four neighbours. Without any contrast in the
+// photograph, sharpness is 1.
 #pragma once
 
 #include <torch/types.h>

@@ -140,9 +140,16 @@ TEST(LimitText, SaysWhetherThereWereSoManyOnce) {
     history.points.back().count = count;
   }
   EXPECT_EQ(limit_text(history, 0), "");
-  EXPECT_EQ(limit_text(history, 730), "");
+  EXPECT_EQ(limit_text(history, 730), "growth ended at the limit of 730; a higher --max_gaussians allows more");
   EXPECT_EQ(limit_text(history, 1000), "of 990 after iteration 2,000, those that hardly contribute were removed");
   EXPECT_EQ(limit_text(history, 2000), "the limit of 2,000 was not reached: at most 990 after iteration 2,000");
+  history.points[1].test_psnr = 20;
+  history.points[1].test_sharpness = 0.654;
+  EXPECT_EQ(limit_text(history, 700),
+            "growth ended at the limit of 700, and the test views are rendered with 0.65 of the sharpness of their "
+            "photographs; a higher --max_gaussians allows more");
+  history.points[1].test_sharpness = 0.93;
+  EXPECT_EQ(limit_text(history, 700), "growth ended at the limit of 700; a higher --max_gaussians allows more");
 }
 
 TEST_F(TrainReport, NamesSceneOptionsAndMachine) {

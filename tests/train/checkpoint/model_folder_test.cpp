@@ -107,17 +107,20 @@ TEST(ModelFolder, AddsResultsByIteration) {
   const ModelFolder folder(temp.path());
   const EvaluationSource source{"/data/scene", "images_2", 4, 640, 480, "test"};
   EXPECT_EQ(folder.results_key(7000), "ours_7000");
-  folder.write_results("ours_7000", {{{"a/1.jpg", {20, 0.5}}, {"b.jpg", {30, 0.75}}}, {25, 0.625}}, source);
+  folder.write_results("ours_7000", {{{"a/1.jpg", {20, 0.5}}, {"b.jpg", {30, 0.75, 0.7}}}, {25, 0.625, 0.8}}, source);
   folder.write_results("ours_30000", {{{"a/1.jpg", {40, 1}}}, {40, 1}}, source);
   const json results = json::parse(test::read_bytes(temp / "results.json"));
   EXPECT_EQ(results.size(), 2u);
-  EXPECT_EQ(results["ours_7000"],
-            json::parse(R"({"SSIM": 0.625, "PSNR": 25.0, "views": 2, "split": "test", "width": 640, "height": 480,
+  EXPECT_EQ(
+      results["ours_7000"],
+      json::parse(
+          R"({"SSIM": 0.625, "PSNR": 25.0, "sharpness": 0.8, "views": 2, "split": "test", "width": 640, "height": 480,
                             "resolution": 4, "images": "images_2", "source_path": "/data/scene"})"));
   EXPECT_EQ(results["ours_30000"]["PSNR"], 40);
   const json per_view = json::parse(test::read_bytes(temp / "per_view.json"));
   EXPECT_EQ(per_view["ours_7000"]["PSNR"]["a/1.jpg"], 20);
   EXPECT_EQ(per_view["ours_7000"]["SSIM"]["b.jpg"], 0.75);
+  EXPECT_EQ(per_view["ours_7000"]["sharpness"]["b.jpg"], 0.7);
   test::write_bytes(temp / "results.json", "{\"ours_7000\": ");
   folder.write_results("ours_5", {{}, {10, 0.1}}, source);
   EXPECT_EQ(json::parse(test::read_bytes(temp / "results.json")).size(), 1u) << "a damaged file is replaced";
@@ -126,8 +129,10 @@ TEST(ModelFolder, AddsResultsByIteration) {
 TEST(ModelFolder, WritesLpipsWithItsNetwork) {
   const test::TempDir temp;
   const ModelFolder folder(temp.path());
-  Evaluation evaluation{
-      {{"a.jpg", {20, 0.5, {}, 0.25}}, {"b.jpg", {30, 0.75, {}, 0.75}}}, {25, 0.625, {}, 0.5}, false, "vgg.pt"};
+  Evaluation evaluation{{{"a.jpg", {20, 0.5, 0.9, {}, 0.25}}, {"b.jpg", {30, 0.75, 0.9, {}, 0.75}}},
+                        {25, 0.625, 0.9, {}, 0.5},
+                        false,
+                        "vgg.pt"};
   folder.write_results("ours_7000", evaluation, {"/data/scene", "images_2", 4, 640, 480, "test"});
   const json results = json::parse(test::read_bytes(temp / "results.json"));
   EXPECT_EQ(results["ours_7000"]["LPIPS"], 0.5);
@@ -197,6 +202,26 @@ TEST(Metrics, IgnoreInvalidPixels) {
   rendered[1][3][1] = 51.0f / 255.0f;
   valid.pixels = {0, 255, 255, 0, 255, 255, 0, 255};  // 5 of 8 are valid, but not the first
   EXPECT_NEAR(image_quality(rendered, truth, &valid)->psnr, -10 * std::log10(0.04 / 15), 1e-9);
+}
+
+TEST(Metrics, SharpnessIsTheRatioOfLaplacians) {
+  // A photograph with one bright pixel in black: its own Laplacian is 4 x 300, and that of each neighbour 300, but only
+  // two of these are inside the border of the 5 x 4 px.
+  Image8 truth(5, 4, 3), valid(5, 4, 1);
+  torch::Tensor rendered = torch::zeros({4, 5, 3});
+  EXPECT_EQ(image_quality(rendered, truth, nullptr)->sharpness, 1) << "nothing to compare";
+  std::fill_n(truth.pixels.begin() + static_cast<std::ptrdiff_t>(3 * (1 * 5 + 1)), 3, std::uint8_t{100});
+  EXPECT_EQ(image_quality(rendered, truth, nullptr)->sharpness, 0) << "a flat render";
+  rendered[1][1].fill_(100.0f / 255.0f);
+  EXPECT_EQ(image_quality(rendered, truth, nullptr)->sharpness, 1);
+  rendered[1][1].fill_(50.0f / 255.0f);
+  EXPECT_EQ(image_quality(rendered, truth, nullptr)->sharpness, 0.5);
+  rendered[2][3].fill_(50.0f / 255.0f);  // the same at another place, where one neighbour is on each border
+  EXPECT_EQ(image_quality(rendered, truth, nullptr)->sharpness, 1);
+  std::fill(valid.pixels.begin(), valid.pixels.end(), std::uint8_t{255});
+  valid.pixels[3 * 5 + 3] = 0;  // its neighbour (2, 3) is not compared then, but (2, 2) still is
+  const double photograph = 4 + 1 + 1, first = 0.5 * photograph, second = 0.5 * (1 + 1);
+  EXPECT_DOUBLE_EQ(image_quality(rendered, truth, &valid)->sharpness, (first + second) / photograph);
 }
 
 TEST(Metrics, OfNoPixelAreNone) {

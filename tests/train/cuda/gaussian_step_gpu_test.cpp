@@ -120,6 +120,9 @@ testing::AssertionResult is_equal(const GaussianTensors& a, const AdamState& a_s
     if (!torch::equal(*a_state.m.all()[i], *b_state.m.all()[i])) return testing::AssertionFailure() << "m of " << name;
     if (!torch::equal(*a_state.v.all()[i], *b_state.v.all()[i])) return testing::AssertionFailure() << "v of " << name;
   }
+  if (a_state.directions.defined() && !torch::equal(a_state.directions, b_state.directions)) {
+    return testing::AssertionFailure() << "directions";
+  }
   return testing::AssertionSuccess();
 }
 
@@ -148,6 +151,51 @@ TEST(RegularizationOnGpu, EqualsThatOnTheCpu) {
   EXPECT_EQ(found.means.abs().max().item<float>(), 0);
 }
 
+TEST(ShDecayOnGpu, EqualsThatOnTheCpu) {
+  B3DGS_NEEDS_GPU();
+  torch::manual_seed(9);
+  const GaussianTensors start = some_gaussians(3);
+  const torch::Tensor image_grad = torch::randn({70, 90, 3}) * 1e-3;
+  struct Result {
+    torch::Tensor with, without, directions;
+  };
+  const auto steps_on = [&](torch::Device device, bool as_batch) {
+    Result result;
+    for (const double strength : {0.0, 0.03}) {
+      GaussianTensors gaussians = copy_to(start, device);
+      AdamState state = make_adam_state(gaussians);
+      Rasterizer rasterizer(device);
+      GaussianOptimizer optimizer(rasterizer, strength);
+      const RenderedViewGrad grad{image_grad.to(device), {}, {}};
+      for (int k = 0; k < 12; ++k) {
+        const PinholeView view = view_from(0.4 * (k % 5 - 2), -6);
+        rasterizer.forward(gaussians, view, optimizer.begin_view(gaussians, state, settings_of(3)));
+        if (!as_batch) {
+          optimizer.backward_and_step(kRates, grad, gaussians, state, nullptr);
+          continue;
+        }
+        optimizer.make_room_for_view(gaussians);
+        optimizer.backward_and_keep(view, settings_of(3), grad, gaussians);
+        if (k % 3 == 2) optimizer.step_views(kRates, gaussians, state, nullptr);
+      }
+      optimizer.flush(gaussians, state);
+      (strength > 0 ? result.with : result.without) = gaussians.shN.cpu();
+      if (strength > 0) result.directions = state.directions.cpu();
+    }
+    return result;
+  };
+  for (const bool as_batch : {false, true}) {
+    const Result expected = steps_on(torch::kCPU, as_batch), found = steps_on(kGpu, as_batch);
+    EXPECT_TRUE(test::within(found.directions, expected.directions, 1e-4));
+    EXPECT_GT((expected.directions.select(1, 3) > 8).sum().item<int>(), 500) << "beyond the limit for few views";
+    // The effect of the decay. The steps themselves differ where a gradient is near 0.
+    const torch::Tensor effect = expected.with - expected.without;
+    EXPECT_GT(effect.abs().max().item<double>(), 1e-2);
+    const torch::Tensor error = ((found.with - found.without) - effect).abs();
+    EXPECT_LT(error.mean().item<double>(), 0.02 * effect.abs().mean().item<double>());
+  }
+}
+
 TEST(DeferredSh, UpdatesGiveTheSameBitsWheneverTheyAreFlushed) {
   B3DGS_NEEDS_GPU();
   torch::manual_seed(6);
@@ -159,7 +207,9 @@ TEST(DeferredSh, UpdatesGiveTheSameBitsWheneverTheyAreFlushed) {
             late_state = make_adam_state(often);
   const torch::Tensor start = often.shN.clone();
   Rasterizer rasterizer(kGpu);
-  GaussianOptimizer often_optimizer(rasterizer), rarely_optimizer(rasterizer), late_optimizer(rasterizer);
+  constexpr double kShDecay = 0.03;
+  GaussianOptimizer often_optimizer(rasterizer, kShDecay), rarely_optimizer(rasterizer, kShDecay),
+      late_optimizer(rasterizer, kShDecay);
   const torch::Tensor image_grad = torch::randn({70, 90, 3}).to(kGpu) * 1e-3;
   torch::Tensor n_seen = torch::zeros({often.size()});
   for (int k = 0; k < kSteps; ++k) {

@@ -166,7 +166,11 @@ TEST_F(Evaluated, AViewWithoutValidPixelsIsNotInTheMean) {
   EXPECT_EQ(evaluation.views.size(), 1u);
   EXPECT_EQ(evaluation.unmeasured, (std::vector<std::string>{"hidden.png"}));
   EXPECT_EQ(without, evaluation.unmeasured);
-  EXPECT_EQ(describe_unmeasured(evaluation), "; 1 without a valid pixel (first: hidden.png)");
+  const std::string text = describe_quality(30, evaluation);
+  EXPECT_EQ(text.find("iteration 30: PSNR "), 0u) << text;
+  EXPECT_NE(text.find(" on the right half of 1 test views; 1 without a valid pixel (first: hidden.png)"),
+            std::string::npos)
+      << text;
 }
 
 TEST_F(Evaluated, WithKnownExposuresAndCorrectedBesideRaw) {
