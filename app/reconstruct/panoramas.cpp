@@ -212,7 +212,7 @@ std::size_t join_models(const fs::path& from, const fs::path& to, const CheckedP
   for (const fs::path& folder : folders) {
     if (!colmap_format(folder)) continue;
     try {
-      models.push_back(join_faces(read_colmap_model(folder, /*tracks=*/true), panoramas));
+      models.push_back(join_faces(read_colmap_model(folder, Observations::kTracks), panoramas));
     } catch (const InputError&) {
       continue;  // cut off, as in order_models()
     }

@@ -117,7 +117,8 @@ SceneModel read_colmap_scene(const SceneOptions& options, const ImageFolder& ima
     break;
   }
   const bool uses_ply = points == ply;
-  scene.model = read_colmap_model(found.folder, options.tracks, /*needs_points=*/options.seed_points && !uses_ply);
+  scene.model = read_colmap_model(found.folder, options.tracks ? Observations::kTracks : Observations::kNone,
+                                  /*needs_points=*/options.seed_points && !uses_ply);
   scene.points = uses_ply ? read_point_ply(found.folder / ply) : points_of(scene.model);
   if (points != own) scene.points_description = points;
   scene.visible_points = visible_points(scene.model);

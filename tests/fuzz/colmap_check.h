@@ -36,7 +36,7 @@ inline void check_model(const ColmapModel& model) {
 inline void read_colmap(std::string_view cameras, std::string_view images, std::string_view points,
                         ColmapFormat format) {
   FileReader camera_file("cameras", cameras), image_file("images", images), point_file("points3D", points);
-  check_model(read_colmap_model({camera_file, image_file, point_file}, format, /*tracks=*/true));
+  check_model(read_colmap_model({camera_file, image_file, point_file}, format, Observations::kTracks));
 }
 
 }  // namespace b3dgs::fuzz

@@ -57,6 +57,41 @@ TEST_P(ColmapRoundTrip, ReadsBackEveryValue) {
   expect_equal(read_colmap_model(folder.path()), sample_model());
 }
 
+TEST_P(ColmapRoundTrip, KeepsObservationsOnRequest) {
+  TempDir folder;
+  ColmapModel model = sample_model();
+  const bool is_text = GetParam() == ColmapFormat::kText;
+  model.images[0].points_2d = is_text ? "1.5 2.5 7" : std::string(3 * 24, '\x3f');
+  model.points[0].track = is_text ? "1 0 2 5" : std::string(2 * 8, '\1');
+  write_colmap_model(folder.path(), model, GetParam());
+  const ColmapModel read = read_colmap_model(folder.path(), Observations::kAll);
+  expect_equal(read, model);
+  EXPECT_EQ(read.images[0].points_2d, model.images[0].points_2d);
+  EXPECT_EQ(read.images[1].points_2d, "");
+  EXPECT_EQ(read.points[0].track, model.points[0].track);
+  EXPECT_EQ(read_colmap_model(folder.path()).points[0].track, "");
+}
+
+TEST(TransformColmap, MovesCamerasWithThePointsThatTheySee) {
+  ColmapModel model = sample_model();
+  const ColmapModel before = model;
+  const Similarity to{3, rotation_from_quaternion({0.5, 0.5, -0.1, 0.7}), {100, -200, 50}};
+  transform(to, model);
+  for (std::size_t i = 0; i < model.images.size(); ++i) {
+    const auto in_camera = [](const ColmapImage& image, const std::array<double, 3>& x) {
+      std::array<double, 3> at = rotated(rotation_from_quaternion(image.quat), x);
+      for (std::size_t axis = 0; axis < 3; ++axis) at[axis] += image.translation[axis];
+      return at;
+    };
+    for (std::size_t k = 0; k < model.points.size(); ++k) {
+      const auto was = in_camera(before.images[i], before.points[k].position);
+      const auto is = in_camera(model.images[i], model.points[k].position);
+      for (std::size_t axis = 0; axis < 3; ++axis) EXPECT_NEAR(is[axis], 3 * was[axis], 1e-9);
+    }
+    EXPECT_LT(distance(center_of(model.images[i]), to(center_of(before.images[i]))), 1e-9);
+  }
+}
+
 TEST_P(ColmapRoundTrip, IsAcceptedByColmap) {
   if (std::system("colmap help > /dev/null 2>&1") != 0) GTEST_SKIP() << "colmap is not installed";
   TempDir folder;
@@ -107,7 +142,7 @@ TEST(ColmapReader, SkipsObservationsAndTracks) {
   EXPECT_EQ(model.points[0].color[1], 20);
   EXPECT_EQ(model.points[0].error, 0.25);
   EXPECT_TRUE(model.points[0].image_ids.empty());
-  const ColmapModel with_tracks = read_colmap_model(folder.path(), /*tracks=*/true);
+  const ColmapModel with_tracks = read_colmap_model(folder.path(), Observations::kTracks);
   EXPECT_EQ(with_tracks.points.at(0).image_ids, (std::vector<std::uint32_t>{0x01010101, 0x01010101}));
 }
 
@@ -132,13 +167,13 @@ TEST(ColmapReader, ReadsTextAsOtherProgramsWriteIt) {
   EXPECT_EQ(model.images[2].name, "last.png");
   ASSERT_EQ(model.points.size(), 2u);
   EXPECT_EQ(model.points[1].color[2], 255);
-  const ColmapModel with_tracks = read_colmap_model(folder.path(), /*tracks=*/true);
+  const ColmapModel with_tracks = read_colmap_model(folder.path(), Observations::kTracks);
   EXPECT_EQ(with_tracks.points.at(0).image_ids, (std::vector<std::uint32_t>{0, 1}));
   EXPECT_TRUE(with_tracks.points.at(1).image_ids.empty());
   write_bytes(folder / "points3D.txt", "0 1 2 3 4 5 6 0.5 0 0 1 \n");
   EXPECT_EQ(read_colmap_model(folder.path()).points.size(), 1u);
   EXPECT_TRUE(test::fails_with<InputError>({"points3D.txt", "the index of a 2D point"},
-                                           [&] { read_colmap_model(folder.path(), /*tracks=*/true); }));
+                                           [&] { read_colmap_model(folder.path(), Observations::kTracks); }));
 }
 
 TEST(ColmapReader, IgnoresRigsAndFramesAndPrefersBinary) {

@@ -48,7 +48,8 @@ struct ColmapImage {
   std::array<double, 4> quat{1, 0, 0, 0};  // cam_from_world, w x y z
   std::array<double, 3> translation{};     // cam_from_world
   std::uint32_t camera_id = 0;
-  std::string name;  // relative to the image folder, '/' between folders
+  std::string name;         // relative to the image folder, '/' between folders
+  std::string points_2d{};  // with Observations::kAll: the 2D points as in the file
 };
 
 struct ColmapPoint {
@@ -56,7 +57,8 @@ struct ColmapPoint {
   std::array<double, 3> position{};
   std::array<std::uint8_t, 3> color{};
   double error = 0;                        // px
-  std::vector<std::uint32_t> image_ids{};  // images in which COLMAP saw it, if tracks are read
+  std::vector<std::uint32_t> image_ids{};  // with Observations::kTracks: images in which COLMAP saw it
+  std::string track{};                     // with Observations::kAll: the track as in the file
 };
 
 /// An image of a model whose pose or camera cannot be used.
@@ -64,7 +66,10 @@ struct LeftOutImage {
   std::string name, reason;
 };
 
-/// 2D observations are not read, and tracks only on request. Both are written empty.
+/// Which 2D points and tracks to read. They are written empty, except with kAll, which keeps those of a file for a file
+/// of the same format.
+enum class Observations { kNone, kTracks, kAll };
+
 struct ColmapModel {
   std::map<std::uint32_t, ColmapCamera> cameras;
   std::vector<ColmapImage> images;
@@ -107,17 +112,34 @@ std::uint64_t count_colmap_images(const std::filesystem::path& folder);
 /// with an impossible position. If there is no file of points in this format, reads one in the other format. Without
 /// `needs_points`, it may be missing. @throws InputError if no image or no point is left, or with the file, the record
 /// or line, the expected and the found value
-ColmapModel read_colmap_model(const std::filesystem::path& folder, bool tracks = false, bool needs_points = true);
+ColmapModel read_colmap_model(const std::filesystem::path& folder, Observations observations = Observations::kNone,
+                              bool needs_points = true);
 
 /// Does the same from open files.
 struct ColmapFiles {
   FileReader &cameras, &images, &points;
   std::optional<ColmapFormat> point_format{};  // if it differs from that of the others
 };
-ColmapModel read_colmap_model(const ColmapFiles& files, ColmapFormat format, bool tracks = false);
+ColmapModel read_colmap_model(const ColmapFiles& files, ColmapFormat format,
+                              Observations observations = Observations::kNone);
 
 /// Writes a model folder that COLMAP can read. @throws IoError
 void write_colmap_model(const std::filesystem::path& folder, const ColmapModel& model, ColmapFormat format);
+
+/// Maps x to scale * rotation * x + translation.
+struct Similarity {
+  double scale = 1;
+  std::array<double, 9> rotation{1, 0, 0, 0, 1, 0, 0, 0, 1};  // row-major
+  std::array<double, 3> translation{};
+
+  std::array<double, 3> operator()(const std::array<double, 3>& x) const;
+};
+
+/// Returns the centre of the camera, in world coordinates.
+std::array<double, 3> center_of(const ColmapImage& image);
+
+/// Applies a similarity to the world coordinates of the model.
+void transform(const Similarity& to_new, ColmapModel& model);
 
 struct SparseModelFolder {
   std::filesystem::path folder;

@@ -1,7 +1,7 @@
 // COLMAP's files. Binary files are a 64-bit count, then records without padding, little-endian. Text files have one
 // line for each camera and point, two for each image, and comments after '#'. Counts in these comments are ignored,
 // because some programs write wrong ones. Each kind of record is described once, for both formats and for reading and
-// writing. 2D points and tracks are written empty. Values are checked so that everything that read_colmap_model()
+// writing. Values are checked so that everything that read_colmap_model()
 // returns is usable.
 #include <algorithm>
 #include <cmath>
@@ -79,9 +79,11 @@ void visit(Archive& archive, ColmapPoint& point) {
   archive.track(point);
 }
 
+constexpr std::uint64_t kPoint2dBytes = 2 * 8 + 8, kTrackElementBytes = 2 * 4;
+
 struct BinaryReader {
   FileReader& file;
-  bool tracks;
+  Observations observations;
 
   template <class T>
   void number(T& value, const char*) {
@@ -95,15 +97,22 @@ struct BinaryReader {
     visit_numbers(*this, camera.params, "");
   }
   void name(std::string& name) { name = file.read_c_string(); }
-  void points_2d(ColmapImage&) { file.skip(n_elements("2D points", 2 * 8 + 8) * (2 * 8 + 8)); }
+  void points_2d(ColmapImage& image) {
+    keep_or_skip(n_elements("2D points", kPoint2dBytes) * kPoint2dBytes, image.points_2d);
+  }
   void track(ColmapPoint& point) {
-    const std::uint64_t length = n_elements("track elements", 2 * 4);
-    if (!tracks) return file.skip(length * 2 * 4);
+    const std::uint64_t length = n_elements("track elements", kTrackElementBytes);
+    if (observations != Observations::kTracks) return keep_or_skip(length * kTrackElementBytes, point.track);
     point.image_ids.resize(length);
     for (std::uint32_t& image : point.image_ids) {
       image = file.read<std::uint32_t>();
       file.skip(sizeof(std::uint32_t));  // the index of its 2D point
     }
+  }
+  void keep_or_skip(std::uint64_t n_bytes, std::string& bytes) {
+    if (observations != Observations::kAll) return file.skip(n_bytes);
+    bytes.resize(n_bytes);
+    file.read_bytes(bytes.data(), n_bytes);
   }
   std::uint64_t n_elements(const char* kind, std::uint64_t bytes_each) {
     const auto count = file.read<std::uint64_t>();
@@ -144,7 +153,7 @@ void check_points_2d_line(const FileReader& file, std::string_view line, const C
 /// Reads the values of one line.
 struct TextReader {
   FileReader& file;
-  bool tracks;
+  Observations observations;
   TextFields fields;
 
   template <class T>
@@ -173,12 +182,15 @@ struct TextReader {
     name = fields.rest();
     if (name.empty()) input_error(file.place(), ": expected the image's name, found the end of the line");
   }
-  void points_2d(const ColmapImage& image) {
+  void points_2d(ColmapImage& image) {
     std::string_view line;
-    if (file.read_line(line)) check_points_2d_line(file, line, image);
+    if (!file.read_line(line)) return;
+    check_points_2d_line(file, line, image);
+    if (observations == Observations::kAll) image.points_2d = line;
   }
   void track(ColmapPoint& point) {
-    while (tracks && !fields.empty()) {
+    if (observations == Observations::kAll) point.track = fields.rest();
+    while (observations == Observations::kTracks && !fields.empty()) {
       std::uint32_t index = 0;
       number(point.image_ids.emplace_back(), "the ID of an image in the track");
       number(index, "the index of a 2D point in the track");
@@ -187,10 +199,11 @@ struct TextReader {
 };
 
 template <class Record>
-std::vector<Record> read_records(FileReader& file, ColmapFormat format, bool tracks = false) {
+std::vector<Record> read_records(FileReader& file, ColmapFormat format,
+                                 Observations observations = Observations::kNone) {
   std::vector<Record> records;
   if (format == ColmapFormat::kBinary) {
-    BinaryReader reader{file, tracks};
+    BinaryReader reader{file, observations};
     records.resize(reader.n_elements(kKind<Record>.many, kKind<Record>.min_bytes));
     for (std::uint64_t i = 0; i < records.size(); ++i) {
       file.begin_record(kKind<Record>.one, i, records.size());
@@ -202,7 +215,7 @@ std::vector<Record> read_records(FileReader& file, ColmapFormat format, bool tra
   for (std::string_view line; file.read_line(line);) {
     const std::size_t first = line.find_first_not_of(" \t");
     if (first == std::string_view::npos || line[first] == '#') continue;
-    TextReader reader{file, tracks, TextFields(line)};
+    TextReader reader{file, observations, TextFields(line)};
     visit(reader, records.emplace_back());
   }
   return records;
@@ -218,8 +231,12 @@ struct BinaryWriter {
   void model(const ColmapCamera& camera) { number(static_cast<std::int32_t>(camera.model)); }
   void parameters(const ColmapCamera& camera) { visit_numbers(*this, camera.params, ""); }
   void name(const std::string& name) { bytes.append(name).push_back('\0'); }
-  void points_2d(const ColmapImage&) { number(std::uint64_t{0}); }
-  void track(const ColmapPoint&) { number(std::uint64_t{0}); }
+  void points_2d(const ColmapImage& image) { elements(image.points_2d, kPoint2dBytes); }
+  void track(const ColmapPoint& point) { elements(point.track, kTrackElementBytes); }
+  void elements(const std::string& elements, std::uint64_t bytes_each) {
+    number(std::uint64_t{elements.size() / bytes_each});
+    bytes += elements;
+  }
 };
 
 struct TextWriter {
@@ -239,8 +256,10 @@ struct TextWriter {
   void model(const ColmapCamera& camera) { word(camera_model_name(camera.model)); }
   void parameters(const ColmapCamera& camera) { visit_numbers(*this, camera.params, ""); }
   void name(const std::string& name) { word(name); }
-  void points_2d(const ColmapImage&) { text += "\n"; }
-  void track(const ColmapPoint&) {}
+  void points_2d(const ColmapImage& image) { text += "\n" + image.points_2d; }
+  void track(const ColmapPoint& point) {
+    if (!point.track.empty()) word(point.track);
+  }
 };
 
 template <class Record>
@@ -369,7 +388,7 @@ std::optional<ColmapFormat> colmap_format(const fs::path& folder) {
   return binary >= text ? ColmapFormat::kBinary : ColmapFormat::kText;
 }
 
-ColmapModel read_colmap_model(const ColmapFiles& files, ColmapFormat format, bool tracks) {
+ColmapModel read_colmap_model(const ColmapFiles& files, ColmapFormat format, Observations observations) {
   ColmapModel model;
   const std::vector<ColmapCamera> cameras = read_records<ColmapCamera>(files.cameras, format);
   expect_different(cameras, &ColmapCamera::id, "cameras have the ID", files.cameras);
@@ -377,7 +396,7 @@ ColmapModel read_colmap_model(const ColmapFiles& files, ColmapFormat format, boo
   for (const ColmapCamera& camera : cameras) {
     if (camera_faults.count(camera.id) == 0) model.cameras.emplace(camera.id, camera);
   }
-  const std::vector<ColmapImage> images = read_records<ColmapImage>(files.images, format);
+  const std::vector<ColmapImage> images = read_records<ColmapImage>(files.images, format, observations);
   for (const ColmapImage& image : images) check_name(image, files.images.name());
   expect_different(images, &ColmapImage::id, "images have the ID", files.images);
   expect_different(images, &ColmapImage::name, "images have the name", files.images);
@@ -396,13 +415,15 @@ ColmapModel read_colmap_model(const ColmapFiles& files, ColmapFormat format, boo
     }
   }
   if (model.images.empty() && !model.left_out.empty()) input_error(model.left_out.front().reason);
-  model.points = read_records<ColmapPoint>(files.points, files.point_format.value_or(format), tracks);
+  const bool has_foreign_tracks = files.point_format && observations == Observations::kAll;
+  model.points = read_records<ColmapPoint>(files.points, files.point_format.value_or(format),
+                                           has_foreign_tracks ? Observations::kNone : observations);
   model.left_out_points = leave_out_points(model.points, files.points.name());
   expect_different(model.points, &ColmapPoint::id, "points have the ID", files.points);
   return model;
 }
 
-ColmapModel read_colmap_model(const fs::path& folder, bool tracks, bool needs_points) {
+ColmapModel read_colmap_model(const fs::path& folder, Observations observations, bool needs_points) {
   const std::optional<ColmapFormat> format = colmap_format(folder);
   if (!format) {
     input_error(folder.string(),
@@ -425,18 +446,44 @@ ColmapModel read_colmap_model(const fs::path& folder, bool tracks, bool needs_po
   FileReader empty(points_file.string(), no_points);
   if (has_other_points) {
     FileReader points(other_points_file);
-    return read_colmap_model({cameras, images, points, other_format}, *format, tracks);
+    return read_colmap_model({cameras, images, points, other_format}, *format, observations);
   }
-  if (!has_points) return read_colmap_model({cameras, images, empty}, *format, tracks);
+  if (!has_points) return read_colmap_model({cameras, images, empty}, *format, observations);
   FileReader points(points_file);
-  return read_colmap_model({cameras, images, points}, *format, tracks);
+  return read_colmap_model({cameras, images, points}, *format, observations);
 }
 
 std::uint64_t count_colmap_images(const fs::path& folder) {
   const ColmapFormat format = colmap_format(folder).value_or(ColmapFormat::kBinary);
   FileReader file(file_of(folder, "images", format));
   if (format == ColmapFormat::kText) return read_records<ColmapImage>(file, format).size();
-  return BinaryReader{file, false}.n_elements(kKind<ColmapImage>.many, kKind<ColmapImage>.min_bytes);
+  return BinaryReader{file, Observations::kNone}.n_elements(kKind<ColmapImage>.many, kKind<ColmapImage>.min_bytes);
+}
+
+std::array<double, 3> Similarity::operator()(const std::array<double, 3>& x) const {
+  const std::array<double, 3> turned = rotated(rotation, x);
+  return {scale * turned[0] + translation[0], scale * turned[1] + translation[1], scale * turned[2] + translation[2]};
+}
+
+std::array<double, 3> center_of(const ColmapImage& image) {
+  return Camera{0, 0, 1, 1, 0, 0, {rotation_from_quaternion(image.quat), image.translation}}.center();
+}
+
+void transform(const Similarity& to_new, ColmapModel& model) {
+  for (ColmapImage& image : model.images) {
+    const std::array<double, 3> center = to_new(center_of(image));
+    const std::array<double, 9> before = rotation_from_quaternion(image.quat);
+    std::array<double, 9> rotation{};  // before * transpose(to_new.rotation)
+    for (std::size_t row = 0; row < 3; ++row) {
+      const std::array<double, 3> axis =
+          rotated(to_new.rotation, {before[3 * row], before[3 * row + 1], before[3 * row + 2]});
+      std::copy(axis.begin(), axis.end(), rotation.begin() + static_cast<std::ptrdiff_t>(3 * row));
+    }
+    image.quat = quaternion_from_rotation(rotation);
+    const std::array<double, 3> moved = rotated(rotation, center);
+    image.translation = {-moved[0], -moved[1], -moved[2]};
+  }
+  for (ColmapPoint& point : model.points) point.position = to_new(point.position);
 }
 
 void write_colmap_model(const fs::path& folder, const ColmapModel& model, ColmapFormat format) {
