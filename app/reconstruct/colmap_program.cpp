@@ -10,6 +10,7 @@
 #include <utility>
 
 #include "core/check.h"
+#include "core/text.h"
 
 namespace b3dgs {
 namespace {
@@ -22,6 +23,9 @@ constexpr const char* kInstall =
 // Number of panoramas before and after each that it is matched with, if not with all. COLMAP's default is 10
 // photographs.
 constexpr std::size_t kNeighbours = 5;
+
+// The option's name until COLMAP 3.12, and since then.
+constexpr const char* kBlockOptions[] = {"ExhaustiveMatching.block_size", "ExhaustivePairing.block_size"};
 
 // Models with larger IDs came with COLMAP 4.
 constexpr int kNewestInAllVersions = static_cast<int>(CameraModel::kThinPrismFisheye);
@@ -69,10 +73,12 @@ std::set<std::string> options_in_help(const std::vector<std::string>& lines) {
 ColmapProgram::ColmapProgram(const ReconstructOptions& options, ColmapFolders folders, ProgramLog& log)
     : options_(options), folders_(std::move(folders)), log_(log) {
   check_colmap_is_installed();
+  bool is_version = true;  // until the first empty line
   for (const std::string& line : lines_of({"colmap", "-h"}, log)) {
     const std::size_t begin = line.find_first_not_of(' ');
-    if (begin == std::string::npos || line.find("Usage") != std::string::npos) break;
-    version_ += (version_.empty() ? "" : " ") + line.substr(begin);
+    is_version = is_version && begin != std::string::npos && line.find("Usage") == std::string::npos;
+    if (is_version) version_ += (version_.empty() ? "" : " ") + line.substr(begin);
+    for (TextFields words(line); !words.empty();) commands_.emplace(words.word());
   }
   if (version_.find("COLMAP") == std::string::npos) {
     input_error("the program colmap in PATH (", find_program("colmap"), ") does not say that it is COLMAP; ", kInstall);
@@ -165,19 +171,27 @@ std::vector<std::string> ColmapProgram::match_command(const std::string& matcher
   std::vector<std::string> command = begin(matcher + "_matcher");
   add_device(command, "Matching");
   if (matcher == "exhaustive") {
-    // COLMAP reports its progress, and stores its results, once per block of pairs.
-    const std::size_t block = std::clamp<std::size_t>(n_photographs / 8, 16, 50);
-    add(command, {"ExhaustiveMatching.block_size", "ExhaustivePairing.block_size"}, std::to_string(block));
+    add(command, {kBlockOptions[0], kBlockOptions[1]}, std::to_string(pairs_block(n_photographs)));
   } else if (!face_params_.empty()) {
     add(command, {"SequentialMatching.overlap", "SequentialPairing.overlap"}, std::to_string(kNeighbours * n_faces_));
   }
   return command;
 }
 
-std::vector<std::string> ColmapProgram::map_command() {
-  std::vector<std::string> command = begin("mapper");
+std::size_t ColmapProgram::pairs_block(std::size_t n_photographs) {
+  // COLMAP reports its progress, and stores its results, once per block of pairs.
+  constexpr std::size_t kBlocks = 8, kLeast = 16, kColmaps = 50;
+  const std::set<std::string>& known = options_of("exhaustive_matcher");
+  const bool can_choose = known.count(kBlockOptions[0]) + known.count(kBlockOptions[1]) > 0;
+  return can_choose ? std::clamp<std::size_t>(n_photographs / kBlocks, kLeast, kColmaps) : kColmaps;
+}
+
+std::vector<std::string> ColmapProgram::map_command(const std::string& mapper) {
+  std::vector<std::string> command = begin(mapper);
   command.insert(command.end(), {"--image_path", folders_.images.string(), "--output_path", folders_.models.string()});
-  if (options_.threads > 0) add(command, {"Mapper.num_threads"}, std::to_string(options_.threads));
+  if (options_.threads > 0) {
+    add(command, {"Mapper.num_threads", "GlobalMapper.num_threads"}, std::to_string(options_.threads));
+  }
   if (!face_params_.empty()) {
     add(command, {"Mapper.ba_refine_focal_length"}, "0");
     add(command, {"Mapper.ba_refine_extra_params"}, "0");
@@ -195,12 +209,26 @@ std::optional<ColmapStep> colmap_step(const std::string& line) {
     const char* const rest = text_after(line, words);
     std::size_t row = 0, rows = 0, column = 0, columns = 0;
     if (!rest || std::sscanf(rest, "%9zu/%9zu, %9zu/%9zu", &row, &rows, &column, &columns) != 4 || row == 0) continue;
-    return ColmapStep{(row - 1) * columns + column, rows * columns};
+    const std::size_t at = (row - 1) * columns + column;
+    return ColmapStep{text_after(rest, "] in ") ? at : at - std::min<std::size_t>(at, 1), rows * columns};
   }
   const char* const image = text_after(line, "Registering image #");
   const char* const count = image ? std::strrchr(image, '(') : nullptr;  // "(12)" or "(num_reg_frames=12)"
   if (!count || std::sscanf(count + std::strcspn(count, "0123456789"), "%9zu", &step.done) != 1) return std::nullopt;
   return ColmapStep{step.done, 0};
+}
+
+std::size_t pairs_in_blocks(std::size_t n_photographs, std::size_t block, std::size_t n_blocks) {
+  const std::size_t n_rows = (n_photographs + block - 1) / block;
+  std::size_t n_pairs = 0;
+  for (std::size_t i = 0; i < std::min(n_blocks, n_rows * n_rows); ++i) {
+    const std::size_t row = i / n_rows, column = i % n_rows;
+    const std::size_t height = std::min(block, n_photographs - row * block);
+    const std::size_t width = std::min(block, n_photographs - column * block);
+    // Of photographs at places p and q in their blocks, those with p < q, and below the diagonal also those with p = q.
+    for (std::size_t q = 0; q < width; ++q) n_pairs += std::min(height, q + (row > column ? 1 : 0));
+  }
+  return n_pairs;
 }
 
 std::optional<std::size_t> colmap_camera(const std::string& line) {

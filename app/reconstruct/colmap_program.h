@@ -43,7 +43,13 @@ class ColmapProgram {
                                            std::optional<std::size_t> camera);
   /// `matcher` is exhaustive or sequential.
   std::vector<std::string> match_command(const std::string& matcher, std::size_t n_photographs);
-  std::vector<std::string> map_command();
+  /// Returns how many photographs are in a block of pairs of exhaustive matching.
+  std::size_t pairs_block(std::size_t n_photographs);
+  /// `mapper` is mapper or global_mapper.
+  std::vector<std::string> map_command(const std::string& mapper);
+
+  /// Returns whether this version has the command.
+  bool has_command(const std::string& command) const { return commands_.count(command) > 0; }
 
  private:
   void check_options();
@@ -60,6 +66,7 @@ class ColmapProgram {
   ColmapFolders folders_;
   ProgramLog& log_;
   std::string version_;
+  std::set<std::string> commands_;                      // and other words of its help
   std::map<std::string, std::set<std::string>> known_;  // options by command
   std::string face_params_;                             // empty: the photographs are not faces
   std::size_t n_faces_ = 1;
@@ -73,10 +80,14 @@ struct ColmapStep {
   std::size_t total = 0;  // 0: not in the line
 };
 
-/// Returns the steps that a line reports, as versions 3.8 to 3.13 print them: "Processed file [3/50]", "Matching block
-/// [1/4, 2/4]", "Matching image [3/50]", "Registering image #7 (12)". A named block is about to be matched or is
-/// finished. `done` counts it in both cases.
+/// Returns the steps that a line reports, as versions 3.8 to 4.0 print them: "Processed file [3/50]", "Matching block
+/// [1/4, 2/4] in 3.2s", "Matching image [3/50]", "Registering image #7 (12)". A block whose line has no time is about
+/// to be matched, so `done` does not count it.
 std::optional<ColmapStep> colmap_step(const std::string& line);
+
+/// Returns the number of pairs in the first `n_blocks` blocks of exhaustive matching, or in all of them. COLMAP matches
+/// each pair once, in one of the two blocks that hold it.
+std::size_t pairs_in_blocks(std::size_t n_photographs, std::size_t block, std::size_t n_blocks);
 
 /// Returns the number in "Camera: #3 - OPENCV", with which feature_extractor reports the camera of a photograph.
 std::optional<std::size_t> colmap_camera(const std::string& line);

@@ -27,6 +27,8 @@ using Json = nlohmann::ordered_json;
 
 constexpr double kWarnBelow = 0.8;            // share of registered photographs
 constexpr std::size_t kMostExhaustive = 300;  // photographs; pairs grow with the square
+// Photographs. The time of COLMAP's incremental mapper grows faster than their number.
+constexpr std::size_t kMostIncremental = 200;
 constexpr const char* kHowToPhotograph =
     "photograph again with two thirds of overlap between neighbours, sharp, from many places, with the same zoom";
 
@@ -278,10 +280,15 @@ class Reconstruction {
     }
     if (record_.is_done("matches", {{"matcher", matcher}}, is_there(places_.database))) return;
     // COLMAP prints a line for each block of pairs, or for each photograph that is matched with its neighbours.
-    const char* const stage = matcher == "exhaustive" ? "matching, blocks of pairs" : "matching, photographs";
-    show(stage, 0, 0);
+    const bool is_exhaustive = matcher == "exhaustive";
+    const char* const stage = is_exhaustive ? "matching, pairs" : "matching, photographs";
+    const std::size_t block = is_exhaustive ? colmap_.pairs_block(n_images) : 0;
+    const std::size_t n_pairs = is_exhaustive ? n_images * (n_images - 1) / 2 : 0;
+    show(stage, 0, n_pairs);
     const auto on_line = [&](const std::string& line) {
-      if (const auto step = colmap_step(line)) show(stage, step->done, step->total);
+      const auto step = colmap_step(line);
+      if (step && is_exhaustive) show(stage, pairs_in_blocks(n_images, block, step->done), n_pairs);
+      if (step && !is_exhaustive) show(stage, step->done, step->total);
     };
     run(colmap_.match_command(matcher, n_images), on_line, database_files(places_.database));
     record_.finish();
@@ -290,25 +297,15 @@ class Reconstruction {
   void map(const CheckedPhotographs& photographs, std::size_t n_images) {
     const bool are_there = colmap_format(places_.ordered / "0") || colmap_format(places_.sparse / "0");
     if (record_.is_done("models", Json::object(), are_there)) return;
-    folder_.clear(places_.models);
-    folder_.clear(places_.ordered);
-    create_folder(places_.models);
-    show("registering photographs", 0, n_images);
     std::optional<ProgramFailed> failure;
-    try {
-      const auto on_line = [&](const std::string& line) {
-        if (const auto step = colmap_step(line))
-          show("registering photographs", std::min(step->done, n_images), n_images);
-      };
-      std::vector<fs::path> written = database_files(places_.database);
-      written.push_back(places_.models);
-      run(colmap_.map_command(), on_line, written);
-    } catch (const ProgramFailed& error) {
-      failure = error;
+    std::size_t n_models = 0;
+    const bool is_large = n_images > kMostIncremental && !is_panoramas_;
+    if (is_large && colmap_.has_command("global_mapper")) {
+      n_models = run_mapper("global_mapper", photographs, n_images, failure);
+      const std::string why = failure ? failure->what() : "colmap global_mapper made no model";
+      if (failure || n_models == 0) warn_(why + "; the slower mapper is used instead");
     }
-    const std::size_t n_models = is_panoramas_ ? join_models(places_.models, places_.ordered, photographs)
-                                               : order_models(places_.models, places_.ordered);
-    folder_.add(places_.ordered);
+    if (failure || n_models == 0) n_models = run_mapper("mapper", photographs, n_images, failure);
     if (n_models == 0) {  // some versions of the mapper fail then, and others only print it
       const auto says = [&](const char* word) { return failure->reason.find(word) != std::string::npos; };
       if (failure && !says("model") && !says("initial")) throw ProgramFailed(*failure);
@@ -317,6 +314,31 @@ class Reconstruction {
     }
     if (failure) throw ProgramFailed(*failure);
     record_.finish();
+  }
+
+  /// Runs a mapper, and returns the number of models.
+  std::size_t run_mapper(const std::string& mapper, const CheckedPhotographs& photographs, std::size_t n_images,
+                         std::optional<ProgramFailed>& failure) {
+    failure.reset();
+    folder_.clear(places_.models);
+    folder_.clear(places_.ordered);
+    create_folder(places_.models);
+    show("registering photographs", 0, n_images);
+    try {
+      const auto on_line = [&](const std::string& line) {
+        if (const auto step = colmap_step(line))
+          show("registering photographs", std::min(step->done, n_images), n_images);
+      };
+      std::vector<fs::path> written = database_files(places_.database);
+      written.push_back(places_.models);
+      run(colmap_.map_command(mapper), on_line, written);
+    } catch (const ProgramFailed& error) {
+      failure = error;
+    }
+    const std::size_t n_models = is_panoramas_ ? join_models(places_.models, places_.ordered, photographs)
+                                               : order_models(places_.models, places_.ordered);
+    folder_.add(places_.ordered);
+    return n_models;
   }
 
   /// Moves the models to SCENE/sparse if enough photographs are registered.

@@ -27,12 +27,36 @@ TEST(ColmapProgress, ReadsStepsOfSeveralVersions) {
   expect("I20240131 10:11:12.123456 42 feature_extraction.cc:258] Processed file [3/50]", 3, 50);
   expect("Matching image [7/50] in 0.2s", 7, 50);
   expect("Matching block [1/4, 1/4] in 12.3s", 1, 16);
-  expect("Matching block [2/4, 3/4]", 7, 16);
+  expect("Matching block [2/4, 3/4]", 6, 16);  // which begins
+  expect("I20250101 10:11:12.1 42 feature_matching.cc:80] Processing block [1/2, 1/2]", 0, 4);
   expect("Registering image #12 (27)", 27, 0);
   expect("I20250101 10:11:12.1 42 incremental_pipeline.cc:47] Registering image #12 (num_reg_frames=27)", 27, 0);
   for (const char* line : {"", "Processed file", "Processed file [", "Processed file [99999999999999999999999/2]",
                            "Matching block [0/4, 1/4]", "Registering image #12", "=> Image sees 12 / 30 points"}) {
     EXPECT_FALSE(colmap_step(line)) << line;
+  }
+}
+
+TEST(ColmapProgress, CountsThePairsOfBlocks) {
+  for (const std::size_t block : {2, 3, 5}) {
+    for (const std::size_t n : {2, 3, 7, 10}) {
+      // As COLMAP goes through them: of two photographs in different blocks, one of the two blocks has the pair.
+      const std::size_t n_rows = (n + block - 1) / block;
+      std::vector<std::size_t> counts(n_rows * n_rows);
+      for (std::size_t a = 0; a < n; ++a) {
+        for (std::size_t b = 0; b < n; ++b) {
+          const std::size_t in_a = a % block, in_b = b % block;
+          const bool is_here = (a > b && in_a <= in_b) || (a < b && in_a < in_b);
+          counts[a / block * n_rows + b / block] += is_here ? 1 : 0;
+        }
+      }
+      std::size_t sum = 0;
+      for (std::size_t i = 0; i < counts.size(); ++i) {
+        EXPECT_EQ(pairs_in_blocks(n, block, i), sum) << n << " photographs, blocks of " << block;
+        sum += counts[i];
+      }
+      EXPECT_EQ(pairs_in_blocks(n, block, 1000), n * (n - 1) / 2);
+    }
   }
 }
 
@@ -83,7 +107,9 @@ TEST(ColmapProgram, UsesTheNamesThatThisVersionHas) {
     EXPECT_EQ(value_of(match, other + "Matching.use_gpu"), "");
     EXPECT_EQ(match[1], "exhaustive_matcher");
     EXPECT_EQ(value_of(match, "ExhaustiveMatching.block_size"), "16");
-    EXPECT_EQ(value_of(colmap.map_command(), "Mapper.num_threads"), "3");
+    EXPECT_EQ(value_of(colmap.map_command("mapper"), "Mapper.num_threads"), "3");
+    EXPECT_TRUE(colmap.has_command("mapper"));
+    EXPECT_FALSE(colmap.has_command("global_mapper"));
   }
 }
 

@@ -23,6 +23,7 @@ if [ "$1" = -h ]; then
   echo "              (Commit Unknown on Unknown without CUDA)"
   echo
   echo "Usage:"
+  cat "$here/commands"
   exit 0
 fi
 if [ "$2" = -h ]; then
@@ -59,7 +60,7 @@ case $command in
     printf "Matching block [1/2, 1/2]"
     echo " in 0.1s"
     echo "Matching block [2/2, 2/2] in 0.1s" ;;
-  mapper)
+  mapper | global_mapper)
     echo "Registering image #3 (2)"
     if [ -z "$(ls "$here/models")" ]; then
       echo "  => No good initial image pair found."
@@ -130,6 +131,7 @@ FakePrograms::FakePrograms() : path_before_(std::getenv("PATH")) {
   write_program(folder_ / "ffmpeg", kFfmpeg);
   set_colmap_version("3.8");
   set_colmap_prelude("");
+  write_bytes(folder_ / "commands", "  colmap mapper --image_path IMAGES\n\nAvailable commands:\n  mapper\n");
   set_models({});
   write_photographs(folder_ / "source", 1);
   write_image(folder_ / "frame.jpg", read_image(folder_ / "source/a.png", false));
@@ -186,6 +188,10 @@ void FakePrograms::set_colmap_version(const std::string& version) const {
 
 void FakePrograms::add_colmap_help(const std::string& line) const {
   write_bytes(folder_ / "options", read_bytes(folder_ / "options") + line + "\n");
+}
+
+void FakePrograms::add_colmap_command(const std::string& command) const {
+  write_bytes(folder_ / "commands", read_bytes(folder_ / "commands") + "  " + command + "\n");
 }
 
 void FakePrograms::slow_down() const {

@@ -29,6 +29,8 @@ class FakePrograms {
   void set_colmap_version(const std::string& version) const;
   /// Adds a line to the help of COLMAP's commands.
   void add_colmap_help(const std::string& line) const;
+  /// Adds a command to the list of COLMAP's help. `global_mapper` does what `mapper` does.
+  void add_colmap_command(const std::string& command) const;
   /// Makes feature_extractor wait after each photograph from now on, so that it can be interrupted.
   void slow_down() const;
   /// Sets the grey images that ffmpeg decodes from any video, of side x side bytes each, and their number.

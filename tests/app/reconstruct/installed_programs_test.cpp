@@ -45,7 +45,7 @@ TEST(InstalledColmap, RegistersASyntheticScene) {
   EXPECT_GE(result.n_registered, 7u);
   EXPECT_LT(result.mean_error, 1);
   EXPECT_TRUE(fs::exists(folder / "scene/sparse/0/points3D.bin"));
-  for (const char* stage : {"extracting features", "matching, blocks of pairs", "registering photographs"}) {
+  for (const char* stage : {"extracting features", "matching, pairs", "registering photographs"}) {
     EXPECT_NE(std::find(stages.begin(), stages.end(), stage), stages.end()) << "no progress of " << stage;
   }
 }

@@ -78,11 +78,65 @@ TEST_F(Reconstruct, SaysWhatItCounts) {
     });
     return steps;
   };
-  EXPECT_EQ(steps_of_matching(),
-            (Words{"matching, blocks of pairs 0/0", "matching, blocks of pairs 1/4", "matching, blocks of pairs 4/4"}));
+  // The stub has its own four blocks.
+  EXPECT_EQ(steps_of_matching(), (Words{"matching, pairs 0/45", "matching, pairs 45/45", "matching, pairs 45/45"}));
   options_.matcher = "sequential";
   EXPECT_EQ(steps_of_matching(),
             (Words{"matching, photographs 0/0", "matching, photographs 1/10", "matching, photographs 10/10"}));
+}
+
+class LargeReconstruction : public Reconstruct {
+ protected:
+  LargeReconstruction() {
+    const std::string photograph = read_bytes(fs::path(options_.input) / "a.png");
+    ColmapModel model;
+    model.cameras[1] = {1, CameraModel::kOpenCv, 8, 6, {10, 10, 4, 3, 0, 0, 0, 0}};
+    for (std::uint32_t i = 0; i < 201; ++i) {
+      ColmapImage image;
+      image.id = i + 1;
+      image.camera_id = 1;
+      image.name = std::to_string(1000 + i) + ".png";
+      write_bytes(folder_ / "large" / image.name, photograph);
+      model.images.push_back(image);
+    }
+    model.points.push_back({1, {0, 0, 1}, {}, 0.5, {1, 2}});
+    options_.input = (folder_ / "large").string();
+    programs_.set_model(model);
+  }
+};
+
+TEST_F(LargeReconstruction, UsesTheGlobalMapperWhereColmapHasIt) {
+  EXPECT_EQ(commands_of_call(), kAll) << "this version has none";
+  options_.output = (folder_ / "other").string();
+  programs_.add_colmap_command("global_mapper");
+  EXPECT_EQ(commands_of_call(), (Words{"feature_extractor", "exhaustive_matcher", "global_mapper"}));
+  EXPECT_EQ(result_.n_registered, 201u);
+  EXPECT_TRUE(warnings_.empty()) << warnings_[0];
+}
+
+TEST_F(LargeReconstruction, AGlobalMapperThatFailsIsReplacedByTheOther) {
+  programs_.add_colmap_command("global_mapper");
+  // It fails, or it ends well without a model.
+  for (const std::string failure : {"echo 'ERROR: bad luck'; exit 3", "exit 0"}) {
+    options_.output += "2";
+    warnings_.clear();
+    programs_.set_colmap_prelude("if [ $1 = global_mapper ]; then " + failure + "; fi");
+    EXPECT_EQ(commands_of_call(), (Words{"feature_extractor", "exhaustive_matcher", "global_mapper", "mapper"}));
+    EXPECT_EQ(result_.n_registered, 201u);
+    ASSERT_EQ(warnings_.size(), 1u);
+    EXPECT_TRUE(test::contains(warnings_[0], "the slower mapper is used instead")) << warnings_[0];
+  }
+}
+
+TEST_F(LargeReconstruction, BothMappersMayFail) {
+  programs_.add_colmap_command("global_mapper");
+  programs_.set_colmap_prelude("case $1 in *mapper) echo 'ERROR: bad luck'; exit 3; esac");
+  EXPECT_TRUE(fails({"colmap mapper failed (exit code 3): ERROR: bad luck"}));
+}
+
+TEST_F(Reconstruct, FewPhotographsDoNotNeedTheGlobalMapper) {
+  programs_.add_colmap_command("global_mapper");
+  EXPECT_EQ(commands_of_call(), kAll);
 }
 
 TEST_F(Reconstruct, DoesNotRepeatWhatIsDone) {
