@@ -11,6 +11,7 @@ packages=(
   libopencv-core-dev libopencv-imgproc-dev libopencv-imgcodecs-dev  # only the modules that are linked
   nlohmann-json3-dev libhwy-dev zlib1g-dev libtiff-dev libutf8proc-dev
   libmicrohttpd-dev  # the live view's server
+  libexiv2-dev libgeographiclib-dev  # GPS positions of photographs
   libopenvdb-dev libboost-dev libmeshoptimizer-dev libtinygltf-dev libembree-dev  # meshes; OpenVDB includes Boost
 )
 libtorch=(

@@ -11,6 +11,7 @@ namespace b3dgs {
 // and otherwise TORCH(...). run_NAME() runs it.
 #define B3DGS_COMMANDS(LIGHT, TORCH)                                                             \
   LIGHT(reconstruct, "make a scene from photographs or a video, with COLMAP")                    \
+  LIGHT(georeference, "put a COLMAP scene in metres and upright, by the GPS of its photographs") \
   TORCH(train, "train a scene")                                                                  \
   TORCH(eval, "compute PSNR and SSIM of a trained model")                                        \
   TORCH(render, "render colour, depth and alpha images of a model")                              \
@@ -44,9 +45,9 @@ enum ExitCode { kDone = 0, kFailed = 1, kBadInput = 2 };
 #define B3DGS_ROW(name, help) int run_##name(const std::vector<std::string>& words);
 B3DGS_COMMANDS(B3DGS_ROW, B3DGS_ROW)
 #undef B3DGS_ROW
-int run_bench_sweep(const std::vector<std::string>& words);  // b3dgs bench sweep
-int run_bench_step(const std::vector<std::string>& words);   // b3dgs bench step
-int run_bench_paper(const std::vector<std::string>& words);  // b3dgs bench paper
+int run_bench_sweep(const std::vector<std::string>& words);     // b3dgs bench sweep
+int run_bench_step(const std::vector<std::string>& words);      // b3dgs bench step
+int run_bench_paper(const std::vector<std::string>& words);     // b3dgs bench paper
 
 struct Command {
   const char* name;

@@ -27,6 +27,10 @@ void report_reconstruction(const ReconstructResult& result, const std::string& s
   if (result.n_models > 1) {
     std::cout << "COLMAP made " << result.n_models << " models that it could not join; sparse/0 is the largest\n";
   }
+  if (result.georeference) {
+    std::cout << "in metres, z up: " << result.georeference->describe_fit() << "; origin "
+              << result.georeference->describe_origin() << "\n";
+  }
   std::cout << "next: b3dgs train " << shell_quote(scene) << " -m MODEL --eval\n";
 }
 

@@ -7,6 +7,7 @@
 #include <system_error>
 #include <utility>
 
+#include "app/georeference/georeference_scene.h"
 #include "app/reconstruct/colmap_program.h"
 #include "app/reconstruct/panoramas.h"
 #include "app/reconstruct/photographs.h"
@@ -366,10 +367,23 @@ class Reconstruction {
     if (share < kWarnBelow) {
       warn_(registered + "; views that are missing leave holes: " + kHowToPhotograph);
     }
+    if (is_new) folder_.clear(places_.root / Georeference::kFile);
+    if (!is_there(places_.root / Georeference::kFile)) georeference(models / "0");
+    result_.georeference = read_georeference(places_.root);
     if (!is_new) return;
     folder_.move_aside(places_.sparse);
     folder_.own().move(places_.ordered, places_.sparse);
     folder_.own().remove(places_.models);
+  }
+
+  /// Puts the model in metres, if GPS positions of the photographs agree with it.
+  void georeference(const fs::path& model) {
+    if (!options_.georeference || input_.is_video) return;
+    show("reading GPS positions", 0, 0);
+    // From the originals, because copies that were turned upright have no EXIF data.
+    const auto photograph = [&](const std::string& name) { return input_.source / name; };
+    const std::string why_not = georeference_scene(places_.root, model, photograph).why_not;
+    if (!why_not.empty()) warn_(why_not + "; the model keeps COLMAP's unit of length and axes");
   }
 
   const ReconstructOptions& options_;

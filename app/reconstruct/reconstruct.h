@@ -4,12 +4,14 @@
 #include <atomic>
 #include <cstddef>
 #include <functional>
+#include <optional>
 #include <string>
 #include <type_traits>
 #include <vector>
 
 #include "core/config.h"
 #include "scene/colmap/colmap.h"
+#include "scene/georeference.h"
 
 namespace b3dgs {
 
@@ -24,6 +26,7 @@ struct ReconstructOptions {
   int threads = 0;  // 0: all cores
   int max_features = 8192;
   double min_registered = 0.6;
+  bool georeference = true;
 };
 
 inline std::vector<std::string> supported_camera_model_names() {
@@ -49,6 +52,8 @@ void visit_fields(ReconstructOptions& c, Visitor&& field) {
   field(Option{"threads"}.common(), c.threads, AtLeast{0}, "threads of COLMAP; 0 = all cores; fewer need less memory");
   field(Option{"max_features"}, c.max_features, AtLeast{100}, "features that COLMAP extracts from a photograph");
   field(Option{"min_registered"}, c.min_registered, InRange{0, 1}, "least share of photographs that must get a camera");
+  field(Option{"georeference"}.common(), c.georeference, Any{},
+        "scene in metres, with z up, by the GPS positions of the photographs, if they agree");
 }
 
 struct ReconstructResult {
@@ -56,8 +61,9 @@ struct ReconstructResult {
   std::size_t n_photographs = 0;  // number given to COLMAP
   std::size_t n_registered = 0;   // number registered in the largest model
   std::size_t n_models = 0;
-  std::size_t n_points = 0;  // of the largest model
-  double mean_error = 0;     // px, mean reprojection error of its points
+  std::size_t n_points = 0;                  // of the largest model
+  double mean_error = 0;                     // px, mean reprojection error of its points
+  std::optional<Georeference> georeference;  // of the scene
 };
 
 /// `done` of `total` (0: unknown) of a stage, such as "matching".

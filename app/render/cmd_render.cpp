@@ -269,6 +269,7 @@ int run_render(const std::vector<std::string>& words) {
   // A file does not name the views it was trained on, so --path train has all.
   if (model.is_file() && camera_options.path == "test" && line.was_given("path")) model.config.eval = true;
   if (!model.is_file() || !model_options.source_path.empty()) add_cameras(model, model_options, status);
+  if (camera_options.up == "auto" && model.scene.georeference) camera_options.up = "z";
   const CameraChoice choice = choose_cameras(line, camera_options, model.scene, model.splats);
   if (choice.fps > 0 && !line.was_given("fps")) options.fps = choice.fps;
 

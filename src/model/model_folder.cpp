@@ -114,6 +114,11 @@ void ModelFolder::write_inputs(const TrainConfig& config, const Scene& scene) co
   write_json_file(photographs(), fingerprints, -1);
   write_file(root_ / "cfg_args", cfg_args(config));
   write_json_file(root_ / "config.json", config_to_json(config));
+  if (scene.georeference) {
+    write_georeference(root_, *scene.georeference);
+  } else {
+    clear(root_ / Georeference::kFile);
+  }
 }
 
 void ModelFolder::write_poses(const Scene& scene, const std::vector<View>& refined_train) const {

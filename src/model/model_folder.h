@@ -83,7 +83,8 @@ class ModelFolder {
   std::optional<double> training_unit() const;
   void write_training(const std::string& id, double unit) const;
 
-  /// Writes input.ply, cameras.json (test cameras first), photographs.json, cfg_args and config.json. @throws IoError
+  /// Writes input.ply, cameras.json (test cameras first), photographs.json, cfg_args, config.json and, if the scene has
+  /// one, georeference.json. @throws IoError
   void write_inputs(const TrainConfig& config, const Scene& scene) const;
 
   /// Writes cameras.json with the refined poses of the training views, and poses.json. @throws IoError

@@ -181,6 +181,7 @@ Scene load_scene(const SceneOptions& options, const ProgressFn& progress) {
   Scene scene;
   scene.source_path = options.source_path;
   scene.options = options;
+  scene.georeference = read_georeference(source_path);
   scene.warnings = model.warnings;
   if (!mask_warning.empty()) scene.warnings.push_back(mask_warning);
   if (!model.points.left_out.empty()) scene.warnings.push_back(model.points.left_out);

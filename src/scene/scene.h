@@ -10,6 +10,7 @@
 
 #include "scene/cameras/camera.h"
 #include "scene/cameras/coordinate_frame.h"
+#include "scene/georeference.h"
 #include "scene/images/image.h"
 #include "scene/points/point_cloud.h"
 
@@ -58,12 +59,13 @@ struct Scene {
   std::vector<View> train;  // sorted by name
   std::vector<View> test;   // sorted by name
   PointCloud points;
-  std::int64_t n_added_points = 0;      // the last of them were found in the photographs, beside the scene's own
-  CoordinateFrame frame;                // of cameras, points and extent
-  std::optional<SceneOptions> options;  // passed to load_scene()
-  double extent = 0;                    // scene_extent() of the training views
-  std::vector<std::string> summary;     // about a dozen lines that describe the scene
-  std::vector<std::string> warnings;    // one line for each missing item
+  std::int64_t n_added_points = 0;           // the last of them were found in the photographs, beside the scene's own
+  CoordinateFrame frame;                     // of cameras, points and extent
+  std::optional<SceneOptions> options;       // passed to load_scene()
+  double extent = 0;                         // scene_extent() of the training views
+  std::optional<Georeference> georeference;  // place on the Earth, if it is known
+  std::vector<std::string> summary;          // about a dozen lines that describe the scene
+  std::vector<std::string> warnings;         // one line for each missing item
 };
 
 /// Progress of load_scene(): stage, items done, total. Called from one thread at a time.

@@ -161,6 +161,7 @@ std::vector<std::string> summarize(const Scene& scene, const SceneOrigin& origin
   const std::string rule = split.empty() ? concat("every ", kTestEvery, "th by name") : "the views of " + split;
   add("scene", scene.source_path);
   add("model", origin.model.description);
+  if (scene.georeference) add("place", scene.georeference->describe_origin());
   add("images", describe_images(origin));
   add("cameras", describe_cameras(origin.model.model));
   add("distortion", describe_distortion(origin));

@@ -125,6 +125,7 @@ void use_frame_of_gaussians(LoadedModel& model) {
     for (const View& view : scene.train) cameras.push_back(view.camera);
     change_frame_of_views(choose_frame(cameras, world_positions(model.splats, kSamples)), scene);
   }
+  if (!model.is_file()) scene.georeference = read_georeference(model.folder.root());
   const std::optional<double> unit = model.is_file() ? std::nullopt : model.folder.training_unit();
   model.near_plane = model.config.near_plane * unit.value_or(scene.frame.unit) / model.splats.frame.unit;
   change_frame_of_views(model.splats.frame, scene);

@@ -4,6 +4,8 @@
 
 #include <nlohmann/json.hpp>
 
+#include "app/georeference/gps.h"
+#include "app/georeference/gps_photograph.h"
 #include "app/reconstruct/fake_programs.h"
 #include "core/check.h"
 #include "scene/images/image.h"
@@ -83,6 +85,68 @@ TEST_F(Reconstruct, SaysWhatItCounts) {
   options_.matcher = "sequential";
   EXPECT_EQ(steps_of_matching(),
             (Words{"matching, photographs 0/0", "matching, photographs 1/10", "matching, photographs 10/10"}));
+}
+
+/// 12 photographs with GPS positions, and a model of them in units of 10 m.
+class ReconstructWithGps : public Reconstruct {
+ protected:
+  void SetUp() override {
+    if (!can_read_gps()) GTEST_SKIP() << "built without libexiv2 and GeographicLib";
+    options_.input = (folder_ / "flight").string();
+    ColmapModel model;
+    model.cameras[1] = {1, CameraModel::kOpenCv, 8, 6, {10, 10, 4, 3, 0, 0, 0, 0}};
+    for (std::uint32_t i = 0; i < 12; ++i) {
+      const std::array<double, 3> place{20.0 * (i % 4), 25.0 * (i / 4), 30 + 2.0 * (i % 3)};  // m east, north, up
+      ColmapImage image;
+      image.id = i + 1;
+      image.camera_id = 1;
+      image.name = std::string(1, static_cast<char>('a' + i)) + ".jpg";
+      image.translation = {-place[1] / 10, place[0] / 10, -place[2] / 10};  // turned about the vertical
+      model.images.push_back(image);
+      write_gps(i, place);
+    }
+    model.points.push_back({1, {0, 0, 1}, {}, 0.5, {1, 2}});
+    programs_.set_model(model);
+  }
+  void write_gps(std::uint32_t i, const std::array<double, 3>& place) {
+    test::write_gps_photograph(fs::path(options_.input) / (std::string(1, static_cast<char>('a' + i)) + ".jpg"),
+                               test::position_of({47, 8, 400}, place));
+  }
+};
+
+TEST_F(ReconstructWithGps, PutsTheModelInMetres) {
+  EXPECT_EQ(commands_of_call(), kAll);
+  ASSERT_TRUE(result_.georeference);
+  EXPECT_EQ(result_.georeference->n_kept, 12);
+  EXPECT_LT(result_.georeference->largest_residual, 0.01);
+  EXPECT_NEAR(*result_.georeference->height, 410, 0.01) << "of the point";
+  const ColmapModel model = read_colmap_model(scene() / "sparse/0");
+  EXPECT_NEAR(distance(center_of(model.images[0]), center_of(model.images[3])), 60, 0.01);
+  EXPECT_NEAR(center_of(model.images[0])[2], 20, 0.01);
+  EXPECT_FALSE(fs::exists(scene() / "sparse.previous")) << "the program's own model needs no copy";
+  EXPECT_TRUE(warnings_.empty());
+  const std::string before = read_bytes(scene() / "sparse/0/images.txt");
+  EXPECT_EQ(commands_of_call(), Words{});
+  EXPECT_TRUE(result_.georeference);
+  EXPECT_EQ(read_bytes(scene() / "sparse/0/images.txt"), before);
+}
+
+TEST_F(ReconstructWithGps, CanBeTurnedOffAndOn) {
+  options_.georeference = false;
+  make_scene();
+  EXPECT_FALSE(result_.georeference);
+  options_.georeference = true;
+  EXPECT_EQ(commands_of_call(), Words{});
+  EXPECT_TRUE(result_.georeference);
+}
+
+TEST_F(ReconstructWithGps, KeepsTheModelIfPositionsContradictIt) {
+  for (std::uint32_t i = 0; i < 12; ++i) write_gps(i, {30.0 * (i * 7 % 12), 20.0 * (i * 5 % 11), 10.0 * (i * 5 % 7)});
+  make_scene();
+  EXPECT_FALSE(result_.georeference);
+  EXPECT_FALSE(fs::exists(scene() / Georeference::kFile));
+  ASSERT_EQ(warnings_.size(), 1u);
+  EXPECT_TRUE(test::contains(warnings_[0], "the model keeps COLMAP's unit of length and axes")) << warnings_[0];
 }
 
 class LargeReconstruction : public Reconstruct {
