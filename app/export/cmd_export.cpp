@@ -15,6 +15,7 @@
 #include "core/options/command_line.h"
 #include "core/text.h"
 #include "model/edit/edit.h"
+#include "model/formats/las.h"
 #include "model/formats/splat_formats.h"
 #include "model/raster_input.h"
 #include "scene/cameras/coordinate_frame.h"
@@ -34,6 +35,8 @@ struct ExportOptions {
   std::string output;
   bool overwrite = false;
   std::string up = "keep";
+  std::string scale;
+  bool to_utm = false;
   std::string crop;
   double min_opacity = 0;
   int max_sh_degree = 3;
@@ -48,6 +51,10 @@ void visit_fields(ExportOptions& c, Visitor&& field) {
   field(Option{"overwrite"}, c.overwrite, Any{}, "replace the file if it exists");
   field(Option{"up"}, c.up, OneOf{{"keep", "auto", "x", "y", "z", "-x", "-y", "-z"}},
         "rotate: the cameras' up becomes this axis of a PLY; auto: -y, upright in viewers");
+  field(Option{"scale"}, c.scale, Any{},
+        "multiply by a factor, or make the distance of two points true: X0,Y0,Z0,X1,Y1,Z1,DISTANCE");
+  field(Option{"to_utm"}, c.to_utm, Any{},
+        "write easting, northing and height of a georeferenced scene to a .ply or .las");
   field(Option{"crop"}, c.crop, Any{}, "keep centres in a box X0,Y0,Z0,X1,Y1,Z1 or a sphere X,Y,Z,RADIUS");
   field(Option{"min_opacity"}, c.min_opacity, InRange{0, 1}, "leave out Gaussians of lower opacity");
   field(Option{"max_sh_degree"}, c.max_sh_degree, InRange{0, 3}, "leave out SH coefficients of higher degrees");
@@ -78,6 +85,12 @@ void check_output(const ModelOptions& model, const ExportOptions& options) {
     input_error(options.output, ": expected an extension, such as .spz, .ply, .sog or .html, which selects the format");
   }
   if (needs_splat_transform(output)) require_splat_transform(output);
+  if (options.to_utm && (needs_splat_transform(output) || is_spz(output))) {
+    input_error("--to_utm is for .ply and .las, which have double precision, not ", options.output);
+  }
+  if (options.to_utm && (options.up != "keep" || !options.scale.empty())) {
+    input_error("--to_utm keeps up and scale of the georeferenced scene; leave out --up and --scale");
+  }
   if (options.sh_bits != kSpzShBits && !is_spz(output)) input_error("--sh_bits is for .spz, not ", options.output);
 }
 
@@ -118,7 +131,7 @@ UnitQuat rotation_to(const std::string& axis, const LoadedModel& model) {
     for (const View& view : *views) cameras.push_back(view.camera);
   }
   if (cameras.empty()) input_error("--up needs cameras to know which way is up; name a scene with -s");
-  const std::optional<std::array<double, 3>> up = up_direction(cameras);
+  const std::optional<std::array<double, 3>> up = model.scene.georeference ? Georeference::kUp : up_direction(cameras);
   if (!up) input_error("--up: the cameras do not agree on which way is up; rotate the model in an editor instead");
   const std::string target = axis == "auto" ? "-y" : axis;
   std::array<double, 3> to{};
@@ -140,7 +153,9 @@ CoordinateFrame spz_frame(const SplatCloud& splats, StatusLine& status) {
   return around;
 }
 
-void write_output(const fs::path& output, const SplatCloud& splats, int sh_bits, StatusLine& status) {
+/// `epsg` of the coordinates, or 0.
+void write_output(const fs::path& output, const SplatCloud& splats, int sh_bits, int epsg, StatusLine& status) {
+  if (is_las(output)) return write_las(output, splats, epsg);
   if (needs_splat_transform(output)) return write_by_splat_transform(output, splats, status);
   if (!is_spz(output)) return write_splats(output, splats);
   constexpr int kUsualBits = 12;
@@ -210,17 +225,19 @@ void measure_loss(const LoadedModel& before, SplatCloud exported, const std::vec
 }  // namespace
 
 int run_export(const std::vector<std::string>& words) {
-  CommandLine line("export",
-                   "Write a model folder or a file of Gaussians in another format: .spz and .ply, and with the program "
-                   "splat-transform .sog, .html, .glb, .compressed.ply and others. Prints the size, and the PSNR lost "
-                   "on views of the scene.",
-                   "b3dgs export output/garden garden.spz");
+  CommandLine line(
+      "export",
+      "Write a model folder or a file of Gaussians in another format: .spz, .ply and .las (points), and with "
+      "the program splat-transform .sog, .html, .glb, .compressed.ply and others. Prints the size, and the PSNR lost "
+      "on views of the scene.",
+      "b3dgs export output/garden garden.spz");
   ModelOptions model_options;
   ExportOptions options;
   line.add(model_options, "Model", {"model_path"});
   line.add(options, "File", {"output"});
   if (!line.parse(words)) return 0;
   if (!options.crop.empty()) parse_crop(options.crop);
+  const double scale = options.scale.empty() ? 1 : parse_scale(options.scale);
   if (model_options.model_path.empty())
     input_error("missing argument: MODEL_PATH; usage: b3dgs export MODEL OUTPUT.spz");
   check_output(model_options, options);
@@ -232,6 +249,10 @@ int run_export(const std::vector<std::string>& words) {
   std::string why_not = model.is_file() && model_options.source_path.empty()
                             ? "no scene is named (-s SCENE)"
                             : add_scene_or_cameras(model, model_options, status);
+  if (options.to_utm && !model.scene.georeference) {
+    input_error(model_options.model_path, ": has no ", Georeference::kFile,
+                ", which --to_utm needs; run b3dgs georeference SCENE, and train again");
+  }
   LoadedModel original = model;
   if (!options.crop.empty()) crop(options.crop, original.splats);
   const fs::path input = model.is_file() ? model.file : model.folder.ply(model.iteration);
@@ -246,6 +267,14 @@ int run_export(const std::vector<std::string>& words) {
     rotation = rotation_to(options.up, model);
     rotate_splats(rotation, model.splats);
   }
+  scale_splats(scale, model.splats);
+  const int epsg = options.to_utm ? model.scene.georeference->epsg : 0;
+  if (options.to_utm) {
+    move_to_utm(*model.scene.georeference, model.splats);
+    print_line("coordinates", "easting, northing and height, EPSG:%d", epsg);
+  } else if (scale != 1) {
+    print_line("scale", "%.6g", scale);
+  }
   const fs::path output = options.output;
   CoordinateFrame written_frame;
   if (is_spz(output)) {
@@ -255,7 +284,7 @@ int run_export(const std::vector<std::string>& words) {
   }
   if (needs_splat_transform(output)) catch_stop_signals();  // removes the temporary files of splat-transform
   try {
-    write_output(output, model.splats, options.sh_bits, status);
+    write_output(output, model.splats, options.sh_bits, epsg, status);
   } catch (const InputError&) {
     if (stop_signal() == 0) throw;
   }
@@ -270,6 +299,8 @@ int run_export(const std::vector<std::string>& words) {
                                                 static_cast<std::size_t>(options.compare_views));
   std::optional<SplatCloud> written;
   if (options.compare_views == 0) why_not = "--compare_views is 0";
+  if (options.to_utm) why_not = "the views are in coordinates of the scene";
+  if (is_las(output)) why_not = "the file has points, not Gaussians";
   if (why_not.empty()) written = read_back(output, why_not, status);
   if (!written) {
     print_line("PSNR", "not measured: %s", why_not.c_str());
@@ -277,6 +308,7 @@ int run_export(const std::vector<std::string>& words) {
   }
   if (is_spz(output)) written->frame = written_frame;
   rotate_splats(inverse(rotation), *written);
+  scale_splats(1 / scale, *written);
   measure_loss(original, std::move(*written), views,
                has_test          ? "test views"
                : model.is_file() ? "views"

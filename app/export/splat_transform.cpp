@@ -14,6 +14,7 @@
 #include "core/files/folders.h"
 #include "core/process/child_process.h"
 #include "core/text.h"
+#include "model/formats/las.h"
 
 namespace b3dgs {
 namespace {
@@ -83,14 +84,14 @@ std::string sog_in_page(const fs::path& page) {
 }  // namespace
 
 bool needs_splat_transform(const fs::path& file) {
-  return !splat_format(file) || ends_with(file, ".compressed.ply");
+  return (!splat_format(file) && !is_las(file)) || ends_with(file, ".compressed.ply");
 }
 
 void require_splat_transform(const fs::path& file) {
   if (!find_program(kProgram).empty()) return;
-  input_error(file.string(), ": b3dgs writes .ply and .spz; other formats, such as .sog and .html, are written by the ",
-              "program ", kProgram,
-              ", which is not installed; get it with: npm install -g @playcanvas/splat-transform");
+  input_error(
+      file.string(), ": b3dgs writes .ply, .spz and .las; other formats, such as .sog and .html, are written by the ",
+      "program ", kProgram, ", which is not installed; get it with: npm install -g @playcanvas/splat-transform");
 }
 
 void write_by_splat_transform(const fs::path& file, const SplatCloud& cloud, StatusLine& status) {

@@ -160,6 +160,58 @@ TEST(RotationBetween, TurnsOneDirectionIntoTheOther) {
   }
 }
 
+TEST(ScaleSplats, MultipliesWorldCoordinatesAndSizes) {
+  SplatCloud cloud = random_cloud(5, 1);
+  cloud.frame = {{10, -20, 30}, 0.5};
+  const SplatCloud before = cloud;
+  scale_splats(4, cloud);
+  for (std::size_t row = 0; row < 5; ++row) {
+    const auto was = before.frame.to_world(&before.means[3 * row]), is = cloud.frame.to_world(&cloud.means[3 * row]);
+    for (std::size_t axis = 0; axis < 3; ++axis) EXPECT_NEAR(is[axis], 4 * was[axis], 1e-12);
+  }
+  EXPECT_EQ(cloud.frame.unit, 2) << "of the sizes, too";
+  EXPECT_EQ(cloud.log_scales, before.log_scales);
+}
+
+TEST(ParseScale, IsAFactorOrTwoPointsAndTheirDistance) {
+  EXPECT_EQ(parse_scale("2.5"), 2.5);
+  EXPECT_DOUBLE_EQ(parse_scale("1,2,3, 1,5,-1, 12.5"), 2.5) << "they are 5 apart";
+  for (const char* text : {"", "0", "-1", "nan", "1,2", "1,2,3,4,5,6", "1,2,3,1,2,3,5", "1,2,3,4,5,6,0",
+                           "1,2,3,4,5,6,-7", "1,2,3,4,5,6,7,8"}) {
+    EXPECT_TRUE(fails_with<InputError>({"--scale", "expected a factor above 0, or two different points"}, [&] {
+      parse_scale(text);
+    })) << text;
+  }
+  EXPECT_TRUE(fails_with<InputError>({"--scale two", "\"two\""}, [] { parse_scale("two"); }));
+}
+
+TEST(MoveToUtm, MovesMeansAndTurnsOrientations) {
+  Georeference place;
+  place.easting = 500000;
+  place.northing = 5000000;
+  place.height = 200;
+  place.convergence = 30;
+  place.grid_scale = 0.9996;
+  SplatCloud cloud = random_cloud(4, 2);
+  cloud.frame = {{300, -200, 10}, 2};
+  const SplatCloud before = cloud;
+  move_to_utm(place, cloud);
+  EXPECT_TRUE(cloud.frame.is_far()) << "a PLY has double precision";
+  const double angle = 30 * kDegree;
+  const Mat3<double> turn{std::cos(angle), -std::sin(angle), 0, std::sin(angle), std::cos(angle), 0, 0, 0, 1};
+  for (std::size_t row = 0; row < 4; ++row) {
+    const auto was = before.frame.to_world(&before.means[3 * row]), is = cloud.frame.to_world(&cloud.means[3 * row]);
+    const Vec turned = turn * Vec{was[0], was[1], was[2]};
+    EXPECT_NEAR(is[0], 500000 + 0.9996 * turned.x, 1e-3);
+    EXPECT_NEAR(is[1], 5000000 + 0.9996 * turned.y, 1e-3);
+    EXPECT_NEAR(is[2], 200 + was[2], 0.02) << "the Earth falls by 1 cm within 400 m";
+    const Mat3<double> covariance = covariance_of(cloud, row), expected = covariance_of(before, row);
+    const Vec direction{0.6, 0, 0.8};
+    EXPECT_NEAR(dot(turn * direction, covariance * (turn * direction)), dot(direction, expected * direction), 1e-5);
+    EXPECT_NEAR(color_at(cloud, row, turn * direction), color_at(before, row, direction), 1e-5);
+  }
+}
+
 TEST(Crop, IsABoxBetweenAnyTwoCornersOrASphere) {
   const CropRegion box = parse_crop("1,2,-3,-1,0,3");
   for (const std::array<double, 3>& inside : {std::array<double, 3>{0, 1, 0}, {1, 2, 3}, {-1, 0, -3}}) {

@@ -114,6 +114,41 @@ void rotate_splats(const UnitQuat& rotation, SplatCloud& cloud) {
   });
 }
 
+void scale_splats(double factor, SplatCloud& cloud) {
+  for (double& value : cloud.frame.origin) value *= factor;
+  cloud.frame.unit *= factor;
+}
+
+double parse_scale(const std::string& text) {
+  constexpr std::size_t kNumbers = 7;
+  const auto place = [&] { return "--scale " + text; };
+  std::vector<double> numbers;
+  for (TextFields fields(text); !fields.empty() && numbers.size() <= kNumbers;) {
+    numbers.push_back(fields.number<double>("a number", place));
+  }
+  double factor = numbers.size() == 1 ? numbers[0] : 0;
+  if (numbers.size() == kNumbers) {
+    const double length = distance({numbers[0], numbers[1], numbers[2]}, {numbers[3], numbers[4], numbers[5]});
+    factor = numbers[6] / length;
+  }
+  if (factor > 0 && std::isfinite(factor)) return factor;
+  input_error(place(), ": expected a factor above 0, or two different points and the true distance between them, ",
+              "\"x0,y0,z0,x1,y1,z1,distance\"; b3dgs view shows the coordinates of points that you click");
+}
+
+void move_to_utm(const Georeference& georeference, SplatCloud& cloud) {
+  const CoordinateFrame before = cloud.frame;
+  const std::vector<float> means = cloud.means;
+  const double half = 0.5 * georeference.convergence * kDegree;
+  rotate_splats({std::cos(half), 0, 0, std::sin(half)}, cloud);  // orientations and SH coefficients
+  cloud.frame.origin = georeference.to_utm(before.origin);
+  for (std::size_t i = 0; i < means.size(); i += 3) {
+    const std::array<double, 3> world = georeference.to_utm(before.to_world(&means[i]));
+    const std::array<double, 3> local = cloud.frame.from_world(world.data());
+    for (std::size_t axis = 0; axis < 3; ++axis) cloud.means[i + axis] = static_cast<float>(local[axis]);
+  }
+}
+
 bool CropRegion::contains(const std::array<double, 3>& position) const {
   double squared = 0;
   bool is_inside = true;

@@ -1,4 +1,4 @@
-// Rotates Gaussians about the origin, and removes unwanted ones.
+// Rotates, scales and moves Gaussians, and removes unwanted ones.
 #pragma once
 
 #include <array>
@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "model/formats/splat_formats.h"
+#include "scene/georeference.h"
 
 namespace b3dgs {
 
@@ -27,6 +28,17 @@ void rotate_splats(const UnitQuat& rotation, SplatCloud& cloud);
 /// Returns the matrix [15, 15] that turns SH coefficients of degree 1 to 3, in the order of SplatCloud::shN, into those
 /// of the rotated function. Degrees do not mix.
 std::array<double, 225> sh_rotation(const UnitQuat& rotation);
+
+/// Multiplies world coordinates, and with them the sizes of the Gaussians.
+void scale_splats(double factor, SplatCloud& cloud);
+
+/// Parses a factor, or "x0,y0,z0,x1,y1,z1,distance": two points and the true distance between them, which is divided by
+/// that of their coordinates. @throws InputError for other texts, and if the factor is not positive and finite
+double parse_scale(const std::string& text);
+
+/// Turns the coordinates of a georeferenced scene into easting, northing and height (Georeference::to_utm()). Sizes of
+/// Gaussians stay in metres of the scene, which differ by less than 0.1 % from those of the grid.
+void move_to_utm(const Georeference& georeference, SplatCloud& cloud);
 
 // Removal of Gaussians and SH coefficients.
 

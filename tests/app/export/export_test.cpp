@@ -198,6 +198,54 @@ TEST_F(Export, TurnsTheModelUpright) {
   EXPECT_TRUE(test::contains(blind.err, "needs cameras")) << blind.err;
 }
 
+TEST_F(Export, MakesTheDistanceOfTwoPointsTrue) {
+  const Outcome outcome = run_export({path("model"), path("scaled.ply"), "--scale", "0,0,0,0,3,4,10"});
+  ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
+  EXPECT_TRUE(test::contains(outcome.out, "0.00 dB lost")) << "measured before scaling: " << outcome.out;
+  const SplatCloud before = read_splat_ply(ply()), after = read_splat_ply(path("scaled.ply"));
+  for (std::size_t i = 0; i < before.means.size(); ++i) {
+    EXPECT_NEAR(after.means[i], 2 * before.means[i], 1e-4);
+    EXPECT_NEAR(after.log_scales[i], before.log_scales[i] + std::log(2), 1e-4);
+  }
+}
+
+TEST_F(Export, WritesUtmOfAGeoreferencedModel) {
+  const Outcome blind = run_export({path("model"), path("utm.ply"), "--to_utm"});
+  EXPECT_EQ(blind.exit_code, 2);
+  EXPECT_TRUE(test::contains(blind.err, "has no georeference.json")) << blind.err;
+  Georeference place;
+  place.epsg = 32615;
+  place.easting = 576682.924;
+  place.northing = 5188164.023;
+  place.height = 198.5;
+  place.convergence = 0.73;
+  place.grid_scale = 0.99964;
+  write_georeference(path("model"), place);
+  ASSERT_EQ(run_export({path("model"), path("utm.ply"), "--to_utm"}).exit_code, 0);
+  const Outcome points = run_export({path("model"), path("utm.las"), "--to_utm"});
+  ASSERT_EQ(points.exit_code, 0) << points.err;
+  EXPECT_TRUE(test::contains(points.out, "EPSG:32615")) << points.out;
+  EXPECT_TRUE(test::contains(points.out, "not measured: the file has points")) << points.out;
+  const auto refuses = [&](const std::vector<std::string>& words, const std::string& part) {
+    const Outcome outcome = run_export(words);
+    EXPECT_EQ(outcome.exit_code, 2) << outcome.err;
+    EXPECT_TRUE(test::contains(outcome.err, part)) << outcome.err;
+  };
+  refuses({path("model"), path("utm.spz"), "--to_utm"}, "--to_utm is for .ply and .las");
+  refuses({path("model"), path("utm2.ply"), "--to_utm", "--up", "-y"}, "leave out --up and --scale");
+  fs::remove(path("model/georeference.json"));
+  const SplatCloud before = read_splat_ply(ply()), after = read_splat_ply(path("utm.ply"));
+  EXPECT_TRUE(after.frame.is_far());
+  ASSERT_EQ(after.size(), before.size());
+  const std::string las = test::read_bytes(path("utm.las"));
+  EXPECT_EQ(las.size(), 227 + 54 + 40 + 26 * static_cast<std::size_t>(before.size()));
+  for (std::size_t i = 0; i < before.means.size(); i += 3) {
+    const auto at = after.frame.to_world(&after.means[i]),
+               expected = place.to_utm(before.frame.to_world(&before.means[i]));
+    for (std::size_t axis = 0; axis < 3; ++axis) EXPECT_NEAR(at[axis], expected[axis], 1e-4);
+  }
+}
+
 TEST_F(Export, DoesWithoutPhotographs) {
   fs::rename(path("scene"), path("moved"));
   const Outcome outcome = run_export({path("model"), path("blind.spz"), "--up", "auto", "--max_gaussians", "50"});
@@ -221,6 +269,7 @@ TEST_F(Export, RefusesWhatCannotBeDone) {
   refuses({path("nothing"), path("b.spz")}, "not found");
   refuses({path("model"), path("b.spz"), "--crop", "1,2"}, "--crop");
   refuses({path("model"), path("b.spz"), "--up", "w"}, "--up");
+  refuses({path("model"), path("b.spz"), "--scale", "1,2,3"}, "--scale 1,2,3: expected a factor above 0");
   refuses({ply(), path("b.spz"), "--iteration", "20"}, "--iteration");
   write_splat_ply(path("empty.ply"), SplatCloud{});
   refuses({path("empty.ply"), path("b.spz")}, "no Gaussians");
