@@ -29,9 +29,10 @@ struct FrameRequest {
   Camera camera;
   int view = -1;  // index in ViewedScene::views whose camera this is; -1: none
   FrameMode mode = FrameMode::kRender;
-  int quality = 85;                          // of the JPEG, 1 to 100
-  bool is_draft = false;                     // the camera moves, so the next request follows soon
-  std::shared_ptr<const Image8> photograph;  // of the camera's size, for kDifference
+  int quality = 85;                             // of the JPEG, 1 to 100
+  bool is_draft = false;                        // the camera moves, so the next request follows soon
+  std::shared_ptr<const Image8> photograph;     // of the camera's size, for kDifference
+  std::optional<std::array<double, 2>> pick{};  // a place in the frame, 0 to 1 from its upper left corner
 };
 
 struct Frame {
@@ -39,8 +40,9 @@ struct Frame {
   int iteration = 0;
   std::int64_t n_gaussians = 0;
   double render_ms = 0;
-  double wait_s = 0;   // until a training can afford a larger or newer frame
-  std::string legend;  // one line that says what the colours mean; empty for kRender
+  double wait_s = 0;                             // until a training can afford a larger or newer frame
+  std::string legend;                            // one line that says what the colours mean; empty for kRender
+  std::optional<std::array<double, 3>> point{};  // of the surface at FrameRequest::pick, in coordinates of files
 };
 
 /// Thrown if the frame cannot be rendered now. The same request may succeed later.
@@ -64,7 +66,9 @@ struct ViewedScene {
   std::array<double, 3> center{};  // centre of the visible region
   double radius = 1;               // its approximate radius
   bool is_training = false;
-  CoordinateFrame frame{};  // of cameras and centre; files have world coordinates
+  CoordinateFrame frame{};                    // of cameras and centre; files have world coordinates
+  std::optional<std::array<double, 3>> up{};  // direction in which the page is upright
+  bool is_metric = false;                     // coordinates of files are in metres
 };
 
 struct CurvePoint {

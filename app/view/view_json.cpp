@@ -99,6 +99,11 @@ FrameRequest parse_frame_request(const std::string& body, const ViewedScene& sce
     if (!json["draft"].is_boolean()) input_error("draft: expected true or false");
     request.is_draft = json["draft"].get<bool>();
   }
+  if (json.contains("pick")) {
+    const Json& place = json["pick"];
+    if (!place.is_array() || place.size() != 2) input_error("pick: expected 2 numbers");
+    request.pick = {number(place[0], "pick", 0, 1), number(place[1], "pick", 0, 1)};
+  }
   if (json.contains("view")) {
     request.view = whole_number(json["view"], "view", 0, 1'000'000'000);
     const ImageSize fitted = fit_view(scene, request.view, size, request.mode != FrameMode::kDifference);
@@ -137,8 +142,14 @@ Json cameras_json(const ViewedScene& scene) {
                      {"fov", 2 * std::atan(0.5 * pinhole.height / pinhole.fy) * 180 / kPi},
                      {"camera_to_world", opengl_from_pose(camera.cam_from_world)}});
   }
-  return {{"title", scene.title},   {"training", scene.is_training}, {"center", scene.center},
-          {"radius", scene.radius}, {"origin", scene.frame.origin},  {"unit", scene.frame.unit},
+  return {{"title", scene.title},
+          {"training", scene.is_training},
+          {"center", scene.center},
+          {"radius", scene.radius},
+          {"origin", scene.frame.origin},
+          {"unit", scene.frame.unit},
+          {"up", scene.up ? Json(*scene.up) : Json()},
+          {"metric", scene.is_metric},
           {"views", views}};
 }
 
@@ -167,6 +178,7 @@ Json frame_json(const Frame& frame) {
           {"count", frame.n_gaussians},
           {"ms", frame.render_ms},
           {"wait_ms", 1000 * frame.wait_s},
+          {"point", frame.point ? Json(*frame.point) : Json()},
           {"legend", frame.legend}};
 }
 

@@ -12,6 +12,8 @@
 #include "core/text.h"
 #include "model/raster_input.h"
 #include "raster/kernels.h"
+#include "raster/math/lens.h"
+#include "scene/cameras/camera_lens.h"
 #include "scene/cameras/coordinate_frame.h"
 #include "scene/images/image.h"
 #include "scene/view_image.h"
@@ -69,17 +71,39 @@ void paint_load(const ViewLoad& load, const TileShape& tile, Frame& frame) {
       format_count(statistics.p99).c_str(), statistics.gini);
 }
 
+/// Returns the point where the view is half opaque or more, or nothing if it is not.
+std::optional<std::array<double, 3>> surface_point(const FrameRequest& request, const RenderedView& rendered) {
+  constexpr double kLeastAlpha = 0.5;
+  const Camera& camera = request.camera;
+  const double x = (*request.pick)[0] * camera.width, y = (*request.pick)[1] * camera.height;
+  const int column = std::min(camera.width - 1, static_cast<int>(x));
+  const int row = std::min(camera.height - 1, static_cast<int>(y));
+  const auto alpha = rendered.alpha[row][column].item<double>();
+  const std::optional<std::array<double, 3>> ray = LensRays(camera).at(x, y);
+  if (!ray || alpha < kLeastAlpha) return std::nullopt;
+  const double of_ray = lens_depth(camera.lens, Vec3<double>{(*ray)[0], (*ray)[1], (*ray)[2]});
+  const double length = rendered.depth[row][column].item<double>() / alpha / of_ray;
+  const Pose& pose = camera.cam_from_world;
+  std::array<double, 3> at{};
+  for (std::size_t i = 0; i < 3; ++i) at[i] = length * (*ray)[i] - pose.translation[i];
+  return rotated_back(pose.rotation, at);
+}
+
 }  // namespace
 
 ViewedScene viewed_scene(const Scene& scene, const std::vector<float>& points, const std::string& title) {
   ViewedScene viewed;
   viewed.title = title;
   viewed.frame = scene.frame;
+  std::vector<Camera> cameras;
   for (const auto* views : {&scene.train, &scene.test}) {
     for (const View& view : *views) {
       viewed.views.push_back({view.name, view.camera, views == &scene.test, view.image != nullptr});
+      cameras.push_back(view.camera);
     }
   }
+  viewed.is_metric = scene.georeference.has_value();
+  viewed.up = viewed.is_metric ? Georeference::kUp : up_direction(cameras);
   const CoordinateFrame around = choose_frame({}, {points.begin(), points.end()});
   viewed.center = around.origin;
   viewed.radius = 0.5 * kTypicalDepth * around.unit;  // the median distance of the points
@@ -112,6 +136,10 @@ Frame WatchedScene::paint(const FrameRequest& request, const GaussianTensors& ga
     frame.image = to_image8(rendered.color);
   }
   frame.render_ms = 1000 * (steady_seconds() - start_s);
+  if (request.pick) {
+    const auto point = surface_point(request, rendered);
+    if (point) frame.point = viewed_.frame.to_world(point->data());
+  }
   if (request.mode == FrameMode::kDifference) paint_difference(*request.photograph, frame);
   if (request.mode == FrameMode::kLoad) paint_load(rasterizer_.count_load(), settings.tile_shape(), frame);
   return frame;

@@ -14,6 +14,7 @@ class PageCamera {
   begin(scene) {
     this.center = scene.center;
     this.radius = scene.radius;
+    if (scene.up) this.up = scene.up;
     const cameras = scene.views.map((view) => PageCamera.parse(view));
     if (cameras.length === 0) {
       this.position = add(scene.center, mul(unit([0.6, -0.5, -1]), 3 * scene.radius));
@@ -22,8 +23,6 @@ class PageCamera {
       this.distance = 3 * scene.radius;
       return;
     }
-    const sum = cameras.reduce((total, camera) => add(total, camera.axes[1]), [0, 0, 0]);
-    if (norm(sum) > 0.1 * cameras.length) this.up = unit(sum);
     this.center = PageCamera.meeting_point(cameras) || scene.center;
     this.jump(scene.views[0]);
   }

@@ -111,6 +111,7 @@ function listen_to_panel() {
   $("key_add").onclick = () => { path.add(camera); show_keys(); };
   $("key_drop").onclick = () => { path.drop(); show_keys(); };
   $("key_seconds").oninput = show_keys;
+  $("true_distance").oninput = () => { if (picks.length > 0) show_picks(); };
   $("path_play").onclick = () => play(!playing);
   $("path_save").onclick = save_path;
 }
@@ -129,6 +130,7 @@ function save_path() {
 
 function listen_to_picture() {
   const pointers = new Map();
+  let pressed = null;
   const middle = () => {
     const all = [...pointers.values()];
     const x = all.reduce((s, p) => s + p.x, 0) / all.length, y = all.reduce((s, p) => s + p.y, 0) / all.length;
@@ -143,9 +145,13 @@ function listen_to_picture() {
     picture.focus({preventScroll: true});
     picture.classList.add("held");
     pointers.set(event.pointerId, {x: event.clientX, y: event.clientY, button: event.button});
+    pressed = pointers.size === 1 && event.button === 0 ? event : null;
     play(false);
   });
   const release = (event) => {
+    const is_click = pressed && Math.hypot(event.clientX - pressed.clientX, event.clientY - pressed.clientY) < 4;
+    if (is_click && event.type === "pointerup") pick_at(event);
+    pressed = null;
     pointers.delete(event.pointerId);
     if (pointers.size === 0) picture.classList.remove("held");
   };

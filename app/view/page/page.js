@@ -76,7 +76,7 @@ function frame_size(scale) {
 
 const is_training = () => scene.training && state !== null && !state.paused;
 
-async function fetch_picture(is_draft) {
+async function fetch_picture(is_draft, asked_pick) {
   const [width, height] = frame_size(is_draft && !is_training() ? draft_scale : 1);
   if (mode === "photograph") {
     return [await ask(`/photograph?view=${view}&width=${width}&height=${height}`), null];
@@ -84,6 +84,7 @@ async function fetch_picture(is_draft) {
   const request = {width, height, mode, quality: is_draft ? 70 : 90, draft: is_draft};
   if (view >= 0) request.view = view;
   else request.camera = {camera_to_world: camera.matrix(), fov: camera.fov};
+  if (asked_pick) request.pick = asked_pick;
   const response = await post("/frame", request);
   return [response, JSON.parse(response.headers.get("X-Frame"))];
 }
@@ -99,8 +100,9 @@ async function frames() {
       continue;
     }
     wanted = false;
+    const asked_pick = pick;
     try {
-      const [response, about] = await fetch_picture(is_draft);
+      const [response, about] = await fetch_picture(is_draft, asked_pick);
       const bitmap = await createImageBitmap(await response.blob());
       if (image) image.close();
       image = bitmap;
@@ -119,6 +121,10 @@ async function frames() {
         shown_iteration = about.iteration;
         $("frame").textContent = `${bitmap.width} x ${bitmap.height}, ${about.ms.toFixed(1)} ms` +
             (state && state.iterations > 0 && scene.training ? `, iteration ${about.iteration}` : "");
+      }
+      if (about && asked_pick) {
+        if (pick === asked_pick) pick = null;
+        add_pick(about.point);
       }
       legend = about ? about.legend : "";
       show_legend();

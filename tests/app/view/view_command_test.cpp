@@ -111,6 +111,44 @@ TEST_F(ViewPrograms, AFrameIsWhatRenderWrites) {
   viewer.join();
 }
 
+TEST_F(ViewPrograms, APickIsThePointThatTheViewShowsThere) {
+  ModelOptions options;
+  options.model_path = model();
+  options.device = "cpu";
+  StatusLine status = StatusLine::silent();
+  LoadedModel loaded = load_model(options);
+  add_scene(loaded, status);
+  ModelRenderer renderer(loaded, torch::kCPU);
+  WatchedModel watched({renderer.gaussians, renderer.settings, loaded.iteration}, loaded.scene,
+                       viewed_scene(loaded.scene, loaded.splats.means, "model"));
+  ASSERT_TRUE(watched.scene().up);
+  EXPECT_GT((*watched.scene().up)[2], 0.99) << "the cameras are on a ring about the z axis";
+  std::atomic<int> stop{0};
+  std::thread viewer([&] {
+    int n_points = 0;
+    for (const auto& place : {std::array<double, 2>{0.5, 0.5}, {0.3, 0.7}, {0.8, 0.9}}) {
+      FrameRequest request;
+      request.view = 2;
+      request.camera = watched.scene().views[2].camera;
+      request.pick = place;
+      const auto point = watched.render(request).point;
+      if (!point) continue;
+      ++n_points;
+      const auto local = watched.scene().frame.from_world(point->data());
+      const auto seen = request.camera.project(local.data());
+      EXPECT_TRUE(seen);
+      if (!seen) continue;
+      EXPECT_NEAR(seen->x, place[0] * request.camera.width, 1e-3);
+      EXPECT_NEAR(seen->y, place[1] * request.camera.height, 1e-3);
+      EXPECT_LT(distance(*point, {0, 0, 0}), 20) << "within the scene";
+    }
+    EXPECT_GT(n_points, 0);
+    stop = 1;
+  });
+  watched.run(stop);
+  viewer.join();
+}
+
 TEST_F(ViewPrograms, ShowsAFileOfGaussiansWithoutAScene) {
   const int port = free_port();
   test::RunOptions options;

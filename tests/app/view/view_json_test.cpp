@@ -96,6 +96,17 @@ TEST(FrameRequest, ADraftIsOneThatSaysSo) {
   EXPECT_TRUE(fails_with<InputError>({"draft: expected true or false"}, [&] { is_draft(R"(,"draft":1)"); }));
 }
 
+TEST(FrameRequest, APickIsAPlaceInTheFrame) {
+  const auto pick = [](const std::string& rest) {
+    return parse_frame_request(R"({"width":200,"height":200,"view":0)" + rest + "}", scene_of_two()).pick;
+  };
+  EXPECT_FALSE(pick(""));
+  EXPECT_EQ(pick(R"(,"pick":[0.25,1])"), (std::array<double, 2>{0.25, 1}));
+  for (const char* wrong : {"[0.5]", "[0.5,1.1]", "[-0.1,0]", "[null,0]", "0.5"}) {
+    EXPECT_TRUE(fails_with<InputError>({"pick: expected"}, [&] { pick(std::string(",\"pick\":") + wrong); })) << wrong;
+  }
+}
+
 TEST(FrameRequest, RefusesWhatIsNotARequest) {
   const auto refused = [](const std::string& body, const std::string& part) {
     return fails_with<InputError>({part}, [&] { parse_frame_request(body, scene_of_two()); });
@@ -152,6 +163,19 @@ TEST(ViewJson, ThePageIsToldWhereItsFrameIs) {
   const nlohmann::ordered_json json = cameras_json(scene);
   EXPECT_EQ(json["origin"], (std::array<double, 3>{1e6, -2, 0.5}));
   EXPECT_EQ(json["unit"], 0.25);
+}
+
+TEST(ViewJson, ThePageIsToldWhichWayIsUpAndThePickedPoint) {
+  ViewedScene scene = scene_of_two();
+  EXPECT_TRUE(cameras_json(scene)["up"].is_null());
+  scene.up = {0, 0, 1};
+  scene.is_metric = true;
+  EXPECT_EQ(cameras_json(scene)["up"], (std::array<double, 3>{0, 0, 1}));
+  EXPECT_EQ(cameras_json(scene)["metric"], true);
+  Frame frame;
+  EXPECT_TRUE(frame_json(frame)["point"].is_null());
+  frame.point = {1.5, -2, 1e7};
+  EXPECT_EQ(frame_json(frame)["point"], (std::array<double, 3>{1.5, -2, 1e7}));
 }
 
 TEST(ViewJson, Commands) {
