@@ -26,6 +26,7 @@ std::string option_tables() {
   const std::unique_ptr<std::streambuf, decltype(restore)> at_end(standard_output, restore);
   const std::vector<std::string> words{"--help-markdown"};
   for (const Command& command : kCommands) command.run(words);
+  run_bench_forecast(words);
   run_bench_step(words);
   run_bench_sweep(words);
   return text.str();

@@ -44,11 +44,11 @@ void time_passes(BenchView& view, BenchFile& file) {
 
 /// Rejects mistyped subcommands and built-in scenes, which would be mistaken for a folder. @throws InputError
 void check_scene(const std::string& scene) {
-  static const std::vector<std::string> kNames{"street", "spread", "kernels", "step", "sweep", "paper"};
+  static const std::vector<std::string> kNames{"street", "spread", "kernels", "step", "sweep", "forecast", "paper"};
   if (std::find(kNames.begin(), kNames.end(), scene) != kNames.end() || std::filesystem::exists(scene)) return;
   const std::string nearest = nearest_name(scene, kNames);
   input_error("neither a scene nor a subcommand of bench: ", scene,
-              nearest.empty() ? " (expected a COLMAP or model folder, street, spread, step, sweep or paper)"
+              nearest.empty() ? " (expected a COLMAP or model folder, street, spread, step, sweep, forecast or paper)"
                               : "; did you mean " + nearest + "?");
 }
 
@@ -56,10 +56,9 @@ int run_bench_kernels(const std::vector<std::string>& words) {
   BenchConfig config;
   CommandLine line(
       "bench",
-      "Time the kernels and the rendering passes on one view. `b3dgs bench step` times training steps by stage, `b3dgs "
-      "bench sweep` the forward kernels for various numbers and distributions of Gaussians, `b3dgs bench paper` "
-      "repeats "
-      "the table of the paper.",
+      "Time the kernels and the rendering passes on one view. `b3dgs bench forecast` says how long the presets train a "
+      "scene here, `b3dgs bench step` times training steps by stage, `b3dgs bench sweep` the forward kernels for "
+      "various numbers and distributions of Gaussians, `b3dgs bench paper` repeats the table of the paper.",
       "b3dgs bench street");
   line.add(config, "Benchmark", {"scene"});
   if (!line.parse(words)) return 0;
@@ -188,6 +187,7 @@ int run_bench(const std::vector<std::string>& words) {
   if (what == "sweep") return run_bench_sweep(rest());
   if (what == "step") return run_bench_step(rest());
   if (what == "paper") return run_bench_paper(rest());
+  if (what == "forecast") return run_bench_forecast(rest());
   return run_bench_kernels(what == "kernels" ? rest() : words);
 }
 

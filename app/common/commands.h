@@ -47,6 +47,7 @@ B3DGS_COMMANDS(B3DGS_ROW, B3DGS_ROW)
 #undef B3DGS_ROW
 int run_bench_sweep(const std::vector<std::string>& words);     // b3dgs bench sweep
 int run_bench_step(const std::vector<std::string>& words);      // b3dgs bench step
+int run_bench_forecast(const std::vector<std::string>& words);  // b3dgs bench forecast
 int run_bench_paper(const std::vector<std::string>& words);     // b3dgs bench paper
 
 struct Command {
