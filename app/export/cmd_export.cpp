@@ -19,6 +19,7 @@
 #include "model/formats/splat_formats.h"
 #include "model/raster_input.h"
 #include "scene/cameras/coordinate_frame.h"
+#include "scene/crop_region.h"
 #include "scene/images/image.h"
 #include "scene/view_image.h"
 #include "train/device.h"

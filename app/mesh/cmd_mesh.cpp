@@ -23,9 +23,9 @@
 #include "core/host_memory.h"
 #include "core/options/command_line.h"
 #include "core/text.h"
-#include "model/edit/edit.h"
 #include "model/model_folder.h"
 #include "model/raster_input.h"
+#include "scene/crop_region.h"
 #include "scene/view_image.h"
 #include "train/device.h"
 

@@ -6,17 +6,14 @@
 #include <numeric>
 #include <random>
 
-#include "core/check.h"
 #include "core/vec.h"
 #include "model/edit/edit.h"
 #include "raster/math/sh.h"
 #include "scene/cameras/camera.h"
-#include "support/expect_error.h"
 
 namespace b3dgs {
 namespace {
 
-using test::fails_with;
 using Vec = Vec3<double>;
 
 SplatCloud random_cloud(std::size_t n, int sh_degree) {
@@ -209,27 +206,6 @@ TEST(MoveToUtm, MovesMeansAndTurnsOrientations) {
     const Vec direction{0.6, 0, 0.8};
     EXPECT_NEAR(dot(turn * direction, covariance * (turn * direction)), dot(direction, expected * direction), 1e-5);
     EXPECT_NEAR(color_at(cloud, row, turn * direction), color_at(before, row, direction), 1e-5);
-  }
-}
-
-TEST(Crop, IsABoxBetweenAnyTwoCornersOrASphere) {
-  const CropRegion box = parse_crop("1,2,-3,-1,0,3");
-  for (const std::array<double, 3>& inside : {std::array<double, 3>{0, 1, 0}, {1, 2, 3}, {-1, 0, -3}}) {
-    EXPECT_TRUE(box.contains(inside));
-  }
-  for (const std::array<double, 3>& outside : {std::array<double, 3>{1.1, 1, 0}, {0, -0.1, 0}, {0, 1, 4}}) {
-    EXPECT_FALSE(box.contains(outside));
-  }
-  const CropRegion sphere = parse_crop("1,0,0,0.5");
-  const std::array<double, 3> inside{1.3, 0.3, 0}, outside{1.4, 0.4, 0};
-  EXPECT_TRUE(sphere.contains(inside));
-  EXPECT_FALSE(sphere.contains(outside));
-}
-
-TEST(Crop, RefusesOtherTexts) {
-  for (const char* text : {"", "1", "1,2,3", "1,2,3,4,5", "1,2,3,4,5,6,7", "1,2,3,0", "1,2,3,-1", "1,2,3,nan",
-                           "0,0,0,inf,1,1", "a,b,c,d", "1;2;3;4", "0,0,0,0,1,1"}) {
-    EXPECT_TRUE(fails_with<InputError>({"--crop"}, [&] { parse_crop(text); })) << text;
   }
 }
 
