@@ -25,6 +25,14 @@ b3dgs_need(nlohmann_json_FOUND "nlohmann-json" "nlohmann-json3-dev")
 find_package(ZLIB QUIET)
 b3dgs_need(ZLIB_FOUND "zlib" "zlib1g-dev")
 
+find_path(B3DGS_ZSTD_INCLUDE zstd.h)
+find_library(B3DGS_ZSTD zstd)
+b3dgs_need(B3DGS_ZSTD_INCLUDE "Zstandard" "libzstd-dev")
+b3dgs_need(B3DGS_ZSTD "Zstandard" "libzstd-dev")
+add_library(b3dgs_zstd INTERFACE IMPORTED)
+target_include_directories(b3dgs_zstd SYSTEM INTERFACE ${B3DGS_ZSTD_INCLUDE})
+target_link_libraries(b3dgs_zstd INTERFACE ${B3DGS_ZSTD})
+
 find_package(TIFF QUIET)
 b3dgs_need(TIFF_FOUND "libtiff" "libtiff-dev")
 

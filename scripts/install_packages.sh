@@ -9,7 +9,7 @@ set -euo pipefail
 packages=(
   g++ cmake ninja-build
   libopencv-core-dev libopencv-imgproc-dev libopencv-imgcodecs-dev  # only the modules that are linked
-  nlohmann-json3-dev libhwy-dev zlib1g-dev libtiff-dev libutf8proc-dev
+  nlohmann-json3-dev libhwy-dev zlib1g-dev libzstd-dev libtiff-dev libutf8proc-dev
   libmicrohttpd-dev  # the live view's server
   libexiv2-dev libgeographiclib-dev  # GPS positions of photographs
   libopenvdb-dev libboost-dev libmeshoptimizer-dev libtinygltf-dev libembree-dev  # meshes; OpenVDB includes Boost

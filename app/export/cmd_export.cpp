@@ -43,6 +43,7 @@ struct ExportOptions {
   int max_sh_degree = 3;
   std::int64_t max_gaussians = 0;
   int sh_bits = kSpzShBits;
+  int spz_version = 3;
   int compare_views = 10;
 };
 
@@ -63,6 +64,7 @@ void visit_fields(ExportOptions& c, Visitor&& field) {
         "keep the N Gaussians that contribute most to the training views (0 = all)");
   field(Option{"sh_bits"}, c.sh_bits, InRange{1, kSpzShBits},
         "SPZ: bits kept of SH coefficients; fewer compress better");
+  field(Option{"spz_version"}, c.spz_version, InRange{3, 4}, "SPZ: version; 4 is read by fewer programs");
   field(Option{"compare_views"}, c.compare_views, AtLeast{0},
         "views on which PSNR before and after is measured (0 = not measured)");
 }
@@ -93,6 +95,9 @@ void check_output(const ModelOptions& model, const ExportOptions& options) {
     input_error("--to_utm keeps up and scale of the georeferenced scene; leave out --up and --scale");
   }
   if (options.sh_bits != kSpzShBits && !is_spz(output)) input_error("--sh_bits is for .spz, not ", options.output);
+  if (options.spz_version != ExportOptions().spz_version && !is_spz(output)) {
+    input_error("--spz_version is for .spz, not ", options.output);
+  }
 }
 
 std::int64_t crop(const std::string& text, SplatCloud& splats) {
@@ -155,7 +160,8 @@ CoordinateFrame spz_frame(const SplatCloud& splats, StatusLine& status) {
 }
 
 /// `epsg` of the coordinates, or 0.
-void write_output(const fs::path& output, const SplatCloud& splats, int sh_bits, int epsg, StatusLine& status) {
+void write_output(const fs::path& output, const SplatCloud& splats, const ExportOptions& options, int epsg,
+                  StatusLine& status) {
   if (is_las(output)) return write_las(output, splats, epsg);
   if (needs_splat_transform(output)) return write_by_splat_transform(output, splats, status);
   if (!is_spz(output)) return write_splats(output, splats);
@@ -164,7 +170,7 @@ void write_output(const fs::path& output, const SplatCloud& splats, int sh_bits,
     status.warn(detail::concat("Gaussians are so far away that SPZ stores all positions in steps of 1/", 1 << bits,
                                " world units instead of 1/", 1 << kUsualBits, "; leave out distant ones with --crop"));
   }
-  write_spz(output, splats, sh_bits);
+  write_spz(output, splats, options.sh_bits, options.spz_version);
 }
 
 /// Reads the written file back. If this fails, only the measurement is missing.
@@ -285,7 +291,7 @@ int run_export(const std::vector<std::string>& words) {
   }
   if (needs_splat_transform(output)) catch_stop_signals();  // removes the temporary files of splat-transform
   try {
-    write_output(output, model.splats, options.sh_bits, epsg, status);
+    write_output(output, model.splats, options, epsg, status);
   } catch (const InputError&) {
     if (stop_signal() == 0) throw;
   }

@@ -141,7 +141,8 @@ void write_ply_seeds(const fs::path& folder) {
 
 void write_spz_seeds(const fs::path& folder) {
   for (const int degree : {0, 3}) write_spz(folder / ("file" + std::to_string(degree)), small_cloud(degree));
-  // The seeds are not compressed, so that a fuzzer can change values. The target compresses them.
+  write_file(folder / "version4", test::spz4_file(test::spz_content(3, 3, 1), std::string(12, '\1')));
+  // The others are not compressed, so that a fuzzer can change values. The target compresses them.
   for (const std::uint8_t version : {1, 2, 3}) {
     write_file(folder / ("content" + std::to_string(version)), test::spz_content(version, 3, version));
     write_file(folder / ("sizeless" + std::to_string(version)), test::spz_header(version, 0, 3));

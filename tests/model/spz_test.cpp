@@ -76,6 +76,10 @@ class Spz : public testing::Test {
     test::write_bytes(path, test::gzip(content));
     return path;
   }
+  fs::path store4(const std::string& file) {
+    test::write_bytes(folder_ / "a4.spz", file);
+    return folder_ / "a4.spz";
+  }
   SplatCloud write_and_read(const SplatCloud& cloud) {
     write_spz(folder_ / "b.spz", cloud);
     return read_spz(folder_ / "b.spz");
@@ -237,9 +241,10 @@ TEST_F(Spz, RefusesFilesOfOtherKinds) {
   test::write_bytes(folder_ / "a.spz", "ply\nformat ascii 1.0\n");
   EXPECT_TRUE(refuses(folder_ / "a.spz", {"damaged"}));
   EXPECT_TRUE(refuses(store("XGSP" + test::spz_content(3, 1, 0).substr(4)), {"NGSP"}));
-  test::write_bytes(folder_ / "a.spz", test::spz_header(4, 1, 0));  // version 4 is not inside gzip
-  EXPECT_TRUE(refuses(folder_ / "a.spz", {"version 4", "splat-transform"}));
-  EXPECT_TRUE(refuses(store(test::spz_header(9, 0, 0)), {"version 1 to 3", "found 9"}));
+  EXPECT_TRUE(refuses(store(test::spz_header(9, 0, 0)), {"version 1 to 4", "found 9"}));
+  EXPECT_TRUE(refuses(store(test::spz_header(4, 0, 0)), {"version 4 inside gzip"}));
+  EXPECT_TRUE(refuses(store4(test::spz_header(3, 0, 0) + std::string(16, '\0')), {"version 3 outside of gzip"}));
+  EXPECT_TRUE(refuses(store4(test::spz_header(5, 0, 0) + std::string(16, '\0')), {"version 1 to 4", "found 5"}));
   EXPECT_TRUE(refuses(store(test::spz_header(3, 0, 4)), {"SH degree 0 to 3", "found 4"}));
   EXPECT_TRUE(refuses(store(test::spz_header(3, 0, 0, 24)), {"fractional bits", "found 24"}));
 }
@@ -261,6 +266,79 @@ TEST_F(Spz, RefusesTruncatedAndDamagedFiles) {
   std::string missing = test::spz_content(3, 5, 1);
   missing.pop_back();
   EXPECT_TRUE(refuses(store(missing), {"ends 1 or more bytes early"}));
+}
+
+TEST_F(Spz, ReadsVersion4) {
+  for (const std::uint8_t degree : {0, 3}) {
+    std::string content = test::spz_content(3, 7, degree);
+    for (std::size_t i = 16; i < content.size(); ++i) content[i] = static_cast<char>(31 * i);
+    content[14] = 1;
+    const SplatCloud old = read_spz(store(content)), cloud = read_spz(store4(test::spz4_file(content)));
+    EXPECT_EQ(cloud.size(), 7);
+    EXPECT_TRUE(cloud.antialiased);
+    EXPECT_EQ(cloud.means, old.means);
+    EXPECT_EQ(cloud.quats, old.quats);
+    EXPECT_EQ(cloud.log_scales, old.log_scales);
+    EXPECT_EQ(cloud.logit_opacities, old.logit_opacities);
+    EXPECT_EQ(cloud.sh0, old.sh0);
+    EXPECT_EQ(cloud.shN, old.shN);
+  }
+}
+
+TEST_F(Spz, WritesTheSameGaussiansAsVersion4) {
+  for (const int degree : {0, 3}) {
+    SplatCloud cloud = random_cloud(5000, degree);
+    cloud.antialiased = true;
+    const SplatCloud old = write_and_read(cloud);
+    write_spz(folder_ / "4.spz", cloud, kSpzShBits, 4);
+    const std::string bytes = test::read_bytes(folder_ / "4.spz");
+    EXPECT_EQ(bytes.substr(0, 5), "NGSP\4");
+    EXPECT_EQ(bytes[15], degree > 0 ? 6 : 5);
+    const SplatCloud back = read_spz(folder_ / "4.spz");
+    EXPECT_TRUE(back.antialiased);
+    EXPECT_EQ(back.means, old.means);
+    EXPECT_EQ(back.quats, old.quats);
+    EXPECT_EQ(back.log_scales, old.log_scales);
+    EXPECT_EQ(back.logit_opacities, old.logit_opacities);
+    EXPECT_EQ(back.sh0, old.sh0);
+    EXPECT_EQ(back.shN, old.shN);
+  }
+  write_spz(folder_ / "empty.spz", SplatCloud{}, kSpzShBits, 4);
+  EXPECT_EQ(read_spz(folder_ / "empty.spz").size(), 0);
+}
+
+TEST_F(Spz, RefusesTruncatedAndDamagedFilesOfVersion4) {
+  const std::string whole = test::spz4_file(test::spz_content(3, 400, 1));
+  ASSERT_EQ(read_spz(store4(whole)).size(), 400);
+  for (std::size_t size = 4; size < whole.size(); ++size) {
+    ASSERT_TRUE(refuses(store4(whole.substr(0, size)), {"truncated"})) << size;
+  }
+  EXPECT_TRUE(refuses(store4(whole + "x"), {"more bytes"}));
+  const auto with = [&](std::size_t at, char byte) {
+    std::string changed = whole;
+    changed[at] = byte;
+    return store4(changed);
+  };
+  EXPECT_TRUE(refuses(with(15, 4), {"expected 6 streams", "found 4"}));
+  EXPECT_TRUE(refuses(with(15, 7), {"expected 6 streams", "found 7"}));
+  EXPECT_TRUE(refuses(with(16, 31), {"a table at 31"}));
+  EXPECT_TRUE(refuses(with(32 + 8, 1), {"stream 0", "expected 3600 bytes"}));
+  EXPECT_TRUE(refuses(with(32 + 6 * 16, 'x'), {"damaged"}));  // Zstandard's magic number
+  std::string missing = test::spz4_file(test::spz_content(3, 399, 1));
+  missing.replace(0, 32 + 6 * 16, whole.substr(0, 32 + 6 * 16));
+  EXPECT_TRUE(fails_with<InputError>({"a4.spz"}, [&] { read_spz(store4(missing)); }));
+  std::string bomb = test::spz4_file(test::spz_content(3, 200000, 0));
+  EXPECT_TRUE(refuses(store4(bomb), {"200000 Gaussians", "damaged"}));
+}
+
+TEST_F(Spz, RefusesOtherAxes) {
+  const std::string content = test::spz_content(3, 5, 1);
+  const std::string other("\2\0\xbe\xad\4\0\0\0abcd", 12);
+  const auto axes = [](char system) { return std::string("\3\0\xbe\xad\4\0\0\0", 8) + system + std::string(3, '\0'); };
+  EXPECT_EQ(read_spz(store4(test::spz4_file(content, other + axes(4)))).size(), 5);
+  EXPECT_TRUE(refuses(store4(test::spz4_file(content, other + axes(6))), {"coordinate system 6", "splat-transform"}));
+  // A record that claims more bytes than there are is the last.
+  EXPECT_EQ(read_spz(store4(test::spz4_file(content, std::string(12, '\xff') + axes(6)))).size(), 5);
 }
 
 TEST_F(Spz, ReadsPastExtensionsThatItsFlagsAnnounce) {

@@ -99,15 +99,18 @@ bool is_splat_ply(const std::filesystem::path& path);
 // SPZ, Niantic's compressed format of Gaussians (https://github.com/nianticlabs/spz). Versions 1 to 3 are a gzip stream
 // of a header of 16 bytes and six arrays, little-endian:
 //
-//   uint32 magic ("NGSP"), version, count; uint8 SH degree (0-3), fractional bits, flags (1: anti-aliased), 0
-//   positions   3 x 24-bit fixed point with the header's fractional bits; version 1: 3 x 16-bit floating point
-//   opacities   uint8, 0 to 1
-//   colours     3 x uint8, SH coefficient of degree 0: (byte / 255 - 0.5) / 0.15
-//   log scales  3 x uint8: byte / 16 - 10
-//   rotations   version 3: uint32, from the top 2 bits for the index of the largest component in x, y, z, w, which is
+//   uint32 magic ("NGSP"), version, count; uint8 SH degree (0-3), fractional bits, flags (1: anti-aliased, 2:
+//   extensions after the arrays), 0 positions   3 x 24-bit fixed point with the header's fractional bits; version 1: 3
+//   x 16-bit floating point opacities   uint8, 0 to 1 colours     3 x uint8, SH coefficient of degree 0: (byte / 255 -
+//   0.5) / 0.15 log scales  3 x uint8: byte / 16 - 10 rotations   version 3: uint32, from the top 2 bits for the index
+//   of the largest component in x, y, z, w, which is
 //               positive, and 10 bits for each of the others in this order: sign, magnitude / 511 * sqrt(1/2).
 //               Before: x, y, z as uint8: byte / 127.5 - 1, and w positive
 //   SH          uint8 for each coefficient of degree 1 and higher, RGB: (byte - 128) / 128
+//
+// Version 4 has the same arrays, each as a Zstandard stream of its own. Its header is not compressed. The last byte of
+// the 16 is the number of streams, 5 or 6 without SH, and these follow: uint32 offset of the table of streams, 12 zero
+// bytes, extensions, for each stream uint64 compressed and uncompressed size, and the streams.
 //
 // Axes are right, up, back, but those of a PLY are right, down, front. Both functions convert: y and z change sign, and
 // so do the SH coefficients that are odd in them.
@@ -120,13 +123,14 @@ int spz_fractional_bits(const SplatCloud& cloud);
 /// Default bits of an SH coefficient in write_spz(), the most that the format can store.
 inline constexpr int kSpzShBits = 8;
 
-/// Writes version 3. SH coefficients are stored from -1 to 1 with `sh_bits` bits (1 to 8), so in steps of 1/128 with 8
-/// and of 1/8 with 4. Fewer bits compress better. Log scales are clamped to -10 to 5.94. The write is atomic. @throws
-/// IoError; InputError as spz_fractional_bits()
-void write_spz(const std::filesystem::path& path, const SplatCloud& cloud, int sh_bits = kSpzShBits);
+/// Writes version 3 or 4. SH coefficients are stored from -1 to 1 with `sh_bits` bits (1 to 8), so in steps of 1/128
+/// with 8 and of 1/8 with 4. Fewer bits compress better. Log scales are clamped to -10 to 5.94. The write is atomic.
+/// @throws IoError; InputError as spz_fractional_bits()
+void write_spz(const std::filesystem::path& path, const SplatCloud& cloud, int sh_bits = kSpzShBits, int version = 3);
 
-/// Reads versions 1 to 3. Opacities of 0 and 1 become the finite values 0.001 and 0.999. @throws InputError, also for a
-/// file that claims to decompress to more than a hundred times its size
+/// Reads versions 1 to 4. Opacities of 0 and 1 become the finite values 0.001 and 0.999. Extensions are ignored, except
+/// for one that says that the axes are others, which is an error. @throws InputError, also for a file that claims to
+/// decompress to more than a hundred times its size
 SplatCloud read_spz(const std::filesystem::path& path);
 SplatCloud read_spz(FileReader& file);
 

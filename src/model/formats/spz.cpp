@@ -1,4 +1,5 @@
 #include <zlib.h>
+#include <zstd.h>
 
 #include <algorithm>
 #include <array>
@@ -7,7 +8,9 @@
 #include <iterator>
 #include <memory>
 #include <new>
+#include <numeric>
 #include <string>
+#include <string_view>
 
 #include "core/check.h"
 #include "model/formats/splat_formats.h"
@@ -16,8 +19,8 @@ namespace b3dgs {
 namespace {
 
 constexpr std::array<char, 4> kMagic{'N', 'G', 'S', 'P'};
-constexpr std::uint32_t kWrittenVersion = 3, kLastGzipVersion = 3;
-constexpr std::uint8_t kAntialiased = 1;      // other flags announce data after the arrays
+constexpr std::uint32_t kLastVersion = 4;
+constexpr std::uint8_t kAntialiased = 1;      // other flags announce extensions
 constexpr int kGzipWindow = 15 + 16;          // requests a gzip header and checksum from zlib
 constexpr std::size_t kMostAtOnce = 1 << 30;  // zlib's counters have 32 bits
 
@@ -31,7 +34,8 @@ constexpr float kShOne = 128;  // byte of the coefficient 0, and number of steps
 // Compressed real files are at least a third of the size of their content. A higher ratio than this is an attack or
 // damage.
 constexpr std::uint64_t kMaxRatio = 100, kAlwaysAllowed = 1 << 20;
-constexpr std::size_t kMaxExtensionBytes = 1 << 20;  // after the arrays
+constexpr std::size_t kMaxExtensionBytes = 1 << 20;  // of versions 1 to 3
+constexpr int kZstdLevel = 12;
 
 // Signs for conversion between right, down, front and right, up, back, in both directions, for coordinates and for SH
 // coefficients from degree 1 in the order of SplatCloud::shN (y z x, xy yz zz xz xx-yy, ...).
@@ -41,18 +45,42 @@ constexpr std::array<float, 15> kShSigns{-1, -1, 1, -1, 1, 1, -1, 1, -1, 1, -1, 
 /// The header as stored in the file. Machines are little-endian (ply.cpp).
 struct Header {
   std::array<char, 4> magic = kMagic;
-  std::uint32_t version = kWrittenVersion, count = 0;
-  std::uint8_t sh_degree = 0, fractional_bits = 0, flags = 0, unused = 0;
+  std::uint32_t version = 0, count = 0;
+  std::uint8_t sh_degree = 0, fractional_bits = 0, flags = 0, n_streams = 0;  // n_streams: 0 before version 4
 
+  bool is_zstd() const { return version >= 4; }
   std::size_t position_bytes() const { return version == 1 ? 6 : 9; }
   std::size_t rotation_bytes() const { return version < 3 ? 3 : 4; }
-  /// Returns the size of the arrays after the header.
+  /// Returns the sizes of the six arrays, in the order of the file.
+  std::array<std::uint64_t, 6> array_bytes() const {
+    const std::uint64_t n = count;
+    return {n * position_bytes(), n, 3 * n, 3 * n, n * rotation_bytes(), n * sh_rest_count(sh_degree)};
+  }
   std::size_t bytes() const {
-    return count * (position_bytes() + 1 + 3 + 3 + rotation_bytes() + sh_rest_count(sh_degree));
+    const std::array<std::uint64_t, 6> sizes = array_bytes();
+    return std::accumulate(sizes.begin(), sizes.end(), std::uint64_t{0});
   }
 };
 constexpr std::size_t kHeaderBytes = 16;
 static_assert(sizeof(Header) == kHeaderBytes);
+
+/// The rest of the header since version 4.
+struct ZstdHeader {
+  std::uint32_t toc_offset = 0;
+  std::array<std::uint32_t, 3> unused{};
+};
+constexpr std::size_t kZstdHeaderBytes = kHeaderBytes + 16;
+static_assert(sizeof(ZstdHeader) == kZstdHeaderBytes - kHeaderBytes);
+
+struct StreamSizes {
+  std::uint64_t compressed = 0, content = 0;
+};
+
+/// A file after decompression.
+struct Content {
+  Header header;
+  std::string arrays, extensions;
+};
 
 /// Returns the content of a gzip stream, but at most `most` bytes. @throws InputError if it is damaged, or ends before
 /// the file does
@@ -90,7 +118,7 @@ std::string decompress(const std::string& compressed, std::size_t most, const st
   return content;
 }
 
-void write_compressed(AtomicFile& file, const std::string& content) {
+void write_gzip(AtomicFile& file, const std::string& content) {
   constexpr int kMemoryLevel = 8;  // zlib's default
   z_stream stream{};
   B3DGS_CHECK(
@@ -123,8 +151,8 @@ void check_header(const Header& header, std::uint64_t compressed_bytes, const st
   if (header.magic != kMagic) {
     input_error(name, ": not an SPZ file (expected the content to begin with \"NGSP\"); it is of another format");
   }
-  if (header.version < 1 || header.version > kLastGzipVersion) {
-    input_error(name, ": expected SPZ version 1 to 3, found ", header.version);
+  if (header.version < 1 || header.version > kLastVersion) {
+    input_error(name, ": expected SPZ version 1 to ", kLastVersion, ", found ", header.version);
   }
   if (degree > kMaxShDegree) {
     input_error(name, ": expected SH degree 0 to 3, found ", degree, "; export it again with at most degree 3");
@@ -136,6 +164,118 @@ void check_header(const Header& header, std::uint64_t compressed_bytes, const st
     input_error(name, ": claims ", header.count, " Gaussians, ", header.bytes(), " bytes, in a file of ",
                 compressed_bytes, " bytes; it is damaged");
   }
+}
+
+[[noreturn]] void fail_truncated(const std::string& name) {
+  input_error(name, ": the file ends early; it is truncated: copy or export it again");
+}
+
+/// Reads versions 1 to 3.
+Content read_gzip(const std::string& compressed, const std::string& name) {
+  const auto expect_bytes = [&](const std::string& content, std::size_t wanted) {
+    if (content.size() >= wanted) return;
+    input_error(name, ": the compressed content ends ", wanted - content.size(),
+                " or more bytes early; the file is damaged: export it again");
+  };
+  std::string all = decompress(compressed, kHeaderBytes, name);
+  expect_bytes(all, kHeaderBytes);
+  Content content;
+  std::memcpy(&content.header, all.data(), kHeaderBytes);
+  const Header& header = content.header;
+  check_header(header, compressed.size(), name);
+  if (header.is_zstd()) input_error(name, ": SPZ version ", header.version, " inside gzip; the file is damaged");
+  const std::size_t expected = kHeaderBytes + header.bytes();
+  const std::size_t most = expected + ((header.flags & ~kAntialiased) != 0 ? kMaxExtensionBytes : 0);
+  all = decompress(compressed, most + 1, name);
+  expect_bytes(all, expected);
+  if (all.size() > most) {
+    input_error(name, ": expected the end of the compressed content, found more; the file is damaged or of a later ",
+                "version");
+  }
+  content.arrays = all.substr(kHeaderBytes, header.bytes());
+  content.extensions = all.substr(expected);
+  return content;
+}
+
+/// Reads version 4.
+Content read_zstd(const std::string& file, const std::string& name) {
+  if (file.size() < kZstdHeaderBytes) fail_truncated(name);
+  Content content;
+  ZstdHeader rest;
+  std::memcpy(&content.header, file.data(), kHeaderBytes);
+  std::memcpy(&rest, file.data() + kHeaderBytes, sizeof rest);
+  const Header& header = content.header;
+  check_header(header, file.size(), name);
+  if (!header.is_zstd()) input_error(name, ": SPZ version ", header.version, " outside of gzip; the file is damaged");
+  const std::array<std::uint64_t, 6> sizes = header.array_bytes();
+  const std::size_t n_needed = sizes.back() > 0 ? sizes.size() : sizes.size() - 1;  // without SH, writers omit theirs
+  if (header.n_streams < n_needed || header.n_streams > sizes.size() || rest.toc_offset < kZstdHeaderBytes) {
+    input_error(name, ": expected ", n_needed, " streams and their table from byte 32 on, found ",
+                int{header.n_streams}, " and a table at ", rest.toc_offset, "; the file is damaged");
+  }
+  std::size_t at = rest.toc_offset + header.n_streams * sizeof(StreamSizes);
+  if (at > file.size()) fail_truncated(name);
+  content.extensions = file.substr(kZstdHeaderBytes, rest.toc_offset - kZstdHeaderBytes);
+  content.arrays.resize(header.bytes());
+  char* to = content.arrays.data();
+  for (std::size_t i = 0; i < header.n_streams; ++i) {
+    StreamSizes stream;
+    std::memcpy(&stream, file.data() + rest.toc_offset + i * sizeof stream, sizeof stream);
+    if (stream.content != sizes[i]) {
+      input_error(name, ": stream ", i, " (counted from 0): expected ", sizes[i], " bytes for ", header.count,
+                  " Gaussians, found ", stream.content, "; the file is damaged");
+    }
+    if (stream.compressed > file.size() - at) fail_truncated(name);
+    const std::size_t result = ZSTD_decompress(to, sizes[i], file.data() + at, stream.compressed);
+    if (ZSTD_isError(result) != 0 || result != sizes[i]) {
+      input_error(name, ": the compressed data are damaged (",
+                  ZSTD_isError(result) != 0 ? ZSTD_getErrorName(result) : "they end early",
+                  "); copy or export the file again");
+    }
+    to += sizes[i];
+    at += stream.compressed;
+  }
+  if (at < file.size()) {
+    input_error(name, ": expected the end of the file after the compressed data, found more bytes");
+  }
+  return content;
+}
+
+/// Extensions are records of a type, a size and as many bytes. Most describe nothing that is needed here, but one says
+/// that the axes are not those of the format. @throws InputError in this case
+void check_extensions(std::string_view records, const std::string& name) {
+  constexpr std::uint32_t kCoordinateSystem = 0xADBE0003;
+  constexpr std::uint32_t kUnspecified = 0, kRightUpBack = 4;
+  std::array<std::uint32_t, 3> record{};  // type, size, and the first word
+  while (records.size() >= sizeof record) {
+    std::memcpy(record.data(), records.data(), sizeof record);
+    if (record[0] == kCoordinateSystem && record[2] != kUnspecified && record[2] != kRightUpBack) {
+      input_error(name, ": an extension says that its axes are not right, up, back (coordinate system ", record[2],
+                  "); convert it first: splat-transform IN.spz OUT.ply");
+    }
+    records.remove_prefix(std::min<std::size_t>(records.size(), 8 + std::size_t{record[1]}));
+  }
+}
+
+void write_zstd(AtomicFile& file, const Header& header, const char* arrays) {
+  ZstdHeader rest;
+  rest.toc_offset = kZstdHeaderBytes;
+  const std::array<std::uint64_t, 6> sizes = header.array_bytes();
+  std::vector<StreamSizes> table;
+  std::string streams;
+  for (std::size_t i = 0; i < header.n_streams; ++i) {
+    const std::size_t before = streams.size(), bound = ZSTD_compressBound(sizes[i]);
+    streams.resize(before + bound);
+    const std::size_t written = ZSTD_compress(&streams[before], bound, arrays, sizes[i], kZstdLevel);
+    if (ZSTD_isError(written) != 0) throw std::bad_alloc();  // it has no other reason to fail
+    streams.resize(before + written);
+    table.push_back({written, sizes[i]});
+    arrays += sizes[i];
+  }
+  file.write(&header, sizeof header);
+  file.write(&rest, sizeof rest);
+  file.write(table.data(), table.size() * sizeof(StreamSizes));
+  file.write(streams.data(), streams.size());
 }
 
 float half_to_float(std::uint32_t half) {
@@ -248,15 +388,18 @@ int spz_fractional_bits(const SplatCloud& cloud) {
   return wanted;
 }
 
-void write_spz(const std::filesystem::path& path, const SplatCloud& cloud, int sh_bits) {
+void write_spz(const std::filesystem::path& path, const SplatCloud& cloud, int sh_bits, int version) {
   B3DGS_CHECK(cloud.sh_degree >= 0 && cloud.sh_degree <= kMaxShDegree, "SH degree ", cloud.sh_degree);
   B3DGS_CHECK(cloud.size() <= 0xffffffff, cloud.size(), " Gaussians");
   B3DGS_CHECK(sh_bits >= 1 && sh_bits <= kSpzShBits, sh_bits, " bits");
+  B3DGS_CHECK(version == 3 || version == 4, "version ", version);
   Header header;
+  header.version = static_cast<std::uint32_t>(version);
   header.count = static_cast<std::uint32_t>(cloud.size());
   header.sh_degree = static_cast<std::uint8_t>(cloud.sh_degree);
   header.fractional_bits = static_cast<std::uint8_t>(spz_fractional_bits(cloud));
   header.flags = cloud.antialiased ? kAntialiased : 0;
+  if (header.is_zstd()) header.n_streams = cloud.sh_degree > 0 ? 6 : 5;
   const double log_unit = std::log(cloud.frame.unit), sh_step = 1 << (kSpzShBits - sh_bits);
   const std::size_t n = header.count, n_sh = sh_rest_count(header.sh_degree);
   std::string content(kHeaderBytes + header.bytes(), '\0');
@@ -275,7 +418,7 @@ void write_spz(const std::filesystem::path& path, const SplatCloud& cloud, int s
     *to++ = to_byte(std::round((value * kShOne + kShOne) / sh_step) * sh_step);
   }
   AtomicFile file(path);
-  write_compressed(file, content);
+  header.is_zstd() ? write_zstd(file, header, content.data() + kHeaderBytes) : write_gzip(file, content);
   file.commit();
 }
 
@@ -286,35 +429,18 @@ SplatCloud read_spz(const std::filesystem::path& path) {
 
 SplatCloud read_spz(FileReader& file) {
   const std::string name = file.name();
-  std::string compressed(file.remaining(), '\0');
-  file.read_bytes(compressed.data(), compressed.size());
-  if (compressed.compare(0, kMagic.size(), kMagic.data(), kMagic.size()) == 0) {
-    input_error(name, ": expected SPZ version 1 to 3, found version 4 or later, which is compressed in another way; ",
-                "convert it first: splat-transform IN.spz OUT.ply");
-  }
-  const auto expect_bytes = [&](const std::string& content, std::size_t wanted) {
-    if (content.size() >= wanted) return;
-    input_error(name, ": the compressed content ends ", wanted - content.size(),
-                " or more bytes early; the file is damaged: export it again");
-  };
-  std::string content = decompress(compressed, kHeaderBytes, name);
-  expect_bytes(content, kHeaderBytes);
-  Header header;
-  std::memcpy(&header, content.data(), kHeaderBytes);
-  check_header(header, compressed.size(), name);
-  const std::size_t n = header.count, n_sh = sh_rest_count(header.sh_degree), expected = kHeaderBytes + header.bytes();
-  const std::size_t most = expected + ((header.flags & ~kAntialiased) != 0 ? kMaxExtensionBytes : 0);
-  content = decompress(compressed, most + 1, name);
-  expect_bytes(content, expected);
-  if (content.size() > most) {
-    input_error(name, ": expected the end of the compressed content, found more; the file is damaged or of a later ",
-                "version");
-  }
+  std::string bytes(file.remaining(), '\0');
+  file.read_bytes(bytes.data(), bytes.size());
+  const bool is_zstd = bytes.compare(0, kMagic.size(), kMagic.data(), kMagic.size()) == 0;
+  const Content content = is_zstd ? read_zstd(bytes, name) : read_gzip(bytes, name);
+  const Header& header = content.header;
+  if ((header.flags & ~kAntialiased) != 0) check_extensions(content.extensions, name);
+  const std::size_t n = header.count, n_sh = sh_rest_count(header.sh_degree);
 
   SplatCloud cloud;
   cloud.sh_degree = header.sh_degree;
   cloud.antialiased = (header.flags & kAntialiased) != 0;
-  const auto* from = reinterpret_cast<const std::uint8_t*>(content.data()) + kHeaderBytes;
+  const auto* from = reinterpret_cast<const std::uint8_t*>(content.arrays.data());
   cloud.means.resize(3 * n);
   for (std::size_t row = 0; row < n; ++row, from += header.position_bytes()) {
     float* const xyz = &cloud.means[3 * row];

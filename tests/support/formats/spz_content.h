@@ -2,8 +2,10 @@
 #pragma once
 
 #include <zlib.h>
+#include <zstd.h>
 
 #include <cstdint>
+#include <cstring>
 #include <string>
 #include <string_view>
 
@@ -39,6 +41,35 @@ inline std::string gzip(std::string_view bytes) {
   result.resize(stream.total_out);
   deflateEnd(&stream);
   return result;
+}
+
+/// Returns a file of version 4 with the arrays of `content`, which is that of a file of version 3.
+inline std::string spz4_file(std::string_view content, std::string_view extensions = {}) {
+  const auto degree = static_cast<unsigned>(content[12]);
+  std::uint32_t count = 0;
+  std::memcpy(&count, content.data() + 8, sizeof count);
+  const auto little_endian = [](std::uint64_t value, int bytes) {
+    std::string text;
+    for (int i = 0; i < bytes; ++i) text += static_cast<char>(value >> (8 * i));
+    return text;
+  };
+  std::string table, streams;
+  std::size_t at = 16;
+  for (const std::size_t each : {9u, 1u, 3u, 3u, 4u, 3 * ((degree + 1) * (degree + 1) - 1)}) {
+    const std::size_t size = each * count;
+    if (each == 0) continue;  // as other programs do without SH
+    std::string stream(ZSTD_compressBound(size), '\0');
+    stream.resize(ZSTD_compress(stream.data(), stream.size(), content.data() + at, size, 1));
+    table += little_endian(stream.size(), 8) + little_endian(size, 8);
+    streams += stream;
+    at += size;
+  }
+  std::string file(content.substr(0, 16));
+  file[4] = 4;
+  file[15] = static_cast<char>(table.size() / 16);
+  if (!extensions.empty()) file[14] = static_cast<char>(file[14] | 2);
+  file += little_endian(32 + extensions.size(), 4) + std::string(12, '\0');
+  return file.append(extensions) + table + streams;
 }
 
 }  // namespace b3dgs::test
