@@ -39,6 +39,8 @@ struct ExportOptions {
   std::string scale;
   bool to_utm = false;
   std::string crop;
+  bool remove_floaters = false;
+  std::string floater_kinds = "unseen,close";  // removing the others often lowers PSNR (docs/recipes.md, Floaters)
   double min_opacity = 0;
   int max_sh_degree = 3;
   std::int64_t max_gaussians = 0;
@@ -57,6 +59,10 @@ void visit_fields(ExportOptions& c, Visitor&& field) {
         "multiply by a factor, or make the distance of two points true: X0,Y0,Z0,X1,Y1,Z1,DISTANCE");
   field(Option{"to_utm"}, c.to_utm, Any{},
         "write easting, northing and height of a georeferenced scene to a .ply or .las");
+  field(Option{"remove_floaters"}, c.remove_floaters, Any{},
+        "remove what the summary of the training counts as possible floaters, by kind");
+  field(Option{"floater_kinds"}, c.floater_kinds, Any{},
+        "kinds that --remove_floaters removes: all, or some of unseen,one_view,close,large");
   field(Option{"crop"}, c.crop, Any{}, "keep centres in a box X0,Y0,Z0,X1,Y1,Z1 or a sphere X,Y,Z,RADIUS");
   field(Option{"min_opacity"}, c.min_opacity, InRange{0, 1}, "leave out Gaussians of lower opacity");
   field(Option{"max_sh_degree"}, c.max_sh_degree, InRange{0, 3}, "leave out SH coefficients of higher degrees");
@@ -98,6 +104,7 @@ void check_output(const ModelOptions& model, const ExportOptions& options) {
   if (options.spz_version != ExportOptions().spz_version && !is_spz(output)) {
     input_error("--spz_version is for .spz, not ", options.output);
   }
+  check_floater_kinds(options.floater_kinds);
 }
 
 std::int64_t crop(const std::string& text, SplatCloud& splats) {
@@ -115,6 +122,11 @@ void reduce(LoadedModel& model, const ExportOptions& options, const torch::Devic
     if (splats.size() == 0)
       input_error("no Gaussian is left: all ", format_count(removed), " ", what, " would be removed");
   };
+  if (options.remove_floaters) {
+    const PossibleFloaters floaters = possible_floaters(model, options.floater_kinds, device, status);
+    report(keep_if([&](std::size_t row) { return !floaters.is_one[row]; }, splats),
+           "that may be floaters (" + floaters.counts + ")");
+  }
   if (!options.crop.empty()) report(crop(options.crop, splats), "outside of --crop " + options.crop);
   if (options.min_opacity > 0) {
     report(keep_if([&](std::size_t row) { return opacity_of(splats, row) >= options.min_opacity; }, splats),
@@ -200,7 +212,8 @@ void measure_loss(const LoadedModel& before, SplatCloud exported, const std::vec
   status.show(detail::concat("measuring PSNR on ", views.size(), views.size() == 1 ? " view" : " views"), /*now=*/true);
   const torch::Device device = choose_device(before.config.device);
   ModelRenderer renderer_before(before, device), renderer_after(after, device);
-  double n = 0, psnr_before = 0, psnr_after = 0, psnr_between = 0;  // dB, sums over the views
+  double n = 0, psnr_between = 0;  // dB; these and the next are sums over the views
+  ImageQuality sum_before, sum_after;
   const ProgressFn progress = show_loading(status);
   for (std::size_t i = 0; i < views.size(); ++i) {
     const View& view = views[i];
@@ -212,8 +225,11 @@ void measure_loss(const LoadedModel& before, SplatCloud exported, const std::vec
     const auto quality = image_quality(own, *photograph, view.valid.get());
     if (!quality) continue;  // no valid pixel
     ++n;
-    psnr_before += quality->psnr;
-    psnr_after += image_quality(other, *photograph, view.valid.get())->psnr;
+    const auto exported_quality = image_quality(other, *photograph, view.valid.get());
+    sum_before.psnr += quality->psnr;
+    sum_before.ssim += quality->ssim;
+    sum_after.psnr += exported_quality->psnr;
+    sum_after.ssim += exported_quality->ssim;
     psnr_between += image_quality(other, to_image8(own), view.valid.get())->psnr;
   }
   status.clear();
@@ -221,9 +237,10 @@ void measure_loss(const LoadedModel& before, SplatCloud exported, const std::vec
   if (is_cropped) {
     print_line("PSNR", "not measured: the photographs show more than --crop leaves");
   } else {
-    const double lost = (psnr_before - psnr_after) / n;
-    print_line("PSNR", "%.2f dB, before %.2f dB: %.2f dB %s (mean of %.0f %s)", psnr_after / n, psnr_before / n,
+    const double lost = (sum_before.psnr - sum_after.psnr) / n;
+    print_line("PSNR", "%.2f dB, before %.2f dB: %.2f dB %s (mean of %.0f %s)", sum_after.psnr / n, sum_before.psnr / n,
                std::abs(lost), lost <= -0.005 ? "gained" : "lost", n, what);
+    print_line("SSIM", "%.4f, before %.4f", sum_after.ssim / n, sum_before.ssim / n);
   }
   print_line("renders", "%.2f dB, those after against those before%s", psnr_between / n,
              is_cropped ? ", both cropped" : "");
@@ -232,12 +249,11 @@ void measure_loss(const LoadedModel& before, SplatCloud exported, const std::vec
 }  // namespace
 
 int run_export(const std::vector<std::string>& words) {
-  CommandLine line(
-      "export",
-      "Write a model folder or a file of Gaussians in another format: .spz, .ply and .las (points), and with "
-      "the program splat-transform .sog, .html, .glb, .compressed.ply and others. Prints the size, and the PSNR lost "
-      "on views of the scene.",
-      "b3dgs export output/garden garden.spz");
+  CommandLine line("export",
+                   "Write a model folder or a file of Gaussians in another format: .spz, .ply and .las (points), and "
+                   "with the program splat-transform .sog, .html, .glb, .compressed.ply and others. Prints the size, and the PSNR and SSIM "
+                   "before and after on views of the scene.",
+                   "b3dgs export output/garden garden.spz");
   ModelOptions model_options;
   ExportOptions options;
   line.add(model_options, "Model", {"model_path"});

@@ -104,8 +104,8 @@ torch::Tensor median_depth(const RenderedView& rendered) {
 
 }  // namespace
 
-FloaterCount count_floaters(Rasterizer& rasterizer, const GaussianTensors& gaussians,
-                            const std::vector<CameraView>& views, const RenderSettings& settings) {
+Floaters find_floaters(Rasterizer& rasterizer, const GaussianTensors& gaussians, const std::vector<CameraView>& views,
+                       const RenderSettings& settings) {
   RenderSettings forward_only = settings;
   forward_only.keep_for_backward = false;
   const torch::TensorOptions floats = gaussians.means.options();
@@ -128,8 +128,14 @@ FloaterCount count_floaters(Rasterizer& rasterizer, const GaussianTensors& gauss
     const torch::Tensor radii = splats.radii.index_select(0, seen);
     is_large.index_fill_(0, rows.masked_select(radii > kLargeShare * std::max(view.width, view.height)), true);
   }
-  const auto count = [](const torch::Tensor& mask) { return mask.sum().item<std::int64_t>(); };
-  return {count(n_views == 0), count(n_views == 1), count(is_close), count(is_large)};
+  return {n_views == 0, n_views == 1, is_close, is_large};
+}
+
+FloaterCount count_floaters(Rasterizer& rasterizer, const GaussianTensors& gaussians,
+                            const std::vector<CameraView>& views, const RenderSettings& settings) {
+  const Floaters found = find_floaters(rasterizer, gaussians, views, settings);
+  const auto count = [](const torch::Tensor& rows) { return rows.sum().item<std::int64_t>(); };
+  return {count(found.unseen), count(found.one_view), count(found.close), count(found.large)};
 }
 
 }  // namespace b3dgs

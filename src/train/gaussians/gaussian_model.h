@@ -26,18 +26,25 @@ GaussianTensors to_tensors(const SplatCloud& cloud, int sh_degree, torch::Device
 /// @throws InputError if there are no points or Gaussians
 SplatCloud initial_splats(const TrainConfig& config, const Scene& scene);
 
-/// Numbers of Gaussians that may be floaters: training views constrain them so little that they may look wrong in other
-/// views. A Gaussian contributes to a view if its blend weight is at least 1/255 in one of the pixels. Masks are
-/// ignored. A Gaussian can be in several of these counts.
-struct FloaterCount {
-  std::int64_t unseen = 0;    // contribute to no view
-  std::int64_t one_view = 0;  // contribute to exactly one view
-  std::int64_t close = 0;     // contribute to a view whose camera is closer than a tenth of the view's median depth
-  std::int64_t large = 0;     // contribute to a view in which 3 standard deviations exceed 0.3 times its longer side
+/// Gaussians that may be floaters: training views constrain them so little that they may look wrong in other views. A
+/// Gaussian contributes to a view if its blend weight is at least 1/255 in one of the pixels. Masks are ignored. Each
+/// tensor is [N] bool, and a Gaussian can be in several.
+struct Floaters {
+  torch::Tensor unseen;    // contributes to no view
+  torch::Tensor one_view;  // contributes to exactly one view
+  torch::Tensor close;     // contributes to a view whose camera is closer than a tenth of the view's median depth
+  torch::Tensor large;     // contributes to a view in which 3 standard deviations exceed 0.3 times its longer side
 };
 
-/// Renders every view and counts the floaters. On a GPU, waits for each view. @throws the errors of
+/// Renders every view and finds the floaters. On a GPU, waits for each view. @throws the errors of
 /// Rasterizer::project() and forward_splats()
+Floaters find_floaters(Rasterizer& rasterizer, const GaussianTensors& gaussians, const std::vector<CameraView>& views,
+                       const RenderSettings& settings);
+
+/// The numbers of floaters of each kind.
+struct FloaterCount {
+  std::int64_t unseen = 0, one_view = 0, close = 0, large = 0;
+};
 FloaterCount count_floaters(Rasterizer& rasterizer, const GaussianTensors& gaussians,
                             const std::vector<CameraView>& views, const RenderSettings& settings);
 
