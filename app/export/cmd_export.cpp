@@ -63,7 +63,8 @@ void visit_fields(ExportOptions& c, Visitor&& field) {
         "remove what the summary of the training counts as possible floaters, by kind");
   field(Option{"floater_kinds"}, c.floater_kinds, Any{},
         "kinds that --remove_floaters removes: all, or some of unseen,one_view,close,large");
-  field(Option{"crop"}, c.crop, Any{}, "keep centres in a box X0,Y0,Z0,X1,Y1,Z1 or a sphere X,Y,Z,RADIUS");
+  field(Option{"crop"}, c.crop, Any{},
+        "keep centres in a box X0,Y0,Z0,X1,Y1,Z1, in a sphere X,Y,Z,RADIUS, or a file with one");
   field(Option{"min_opacity"}, c.min_opacity, InRange{0, 1}, "leave out Gaussians of lower opacity");
   field(Option{"max_sh_degree"}, c.max_sh_degree, InRange{0, 3}, "leave out SH coefficients of higher degrees");
   field(Option{"max_gaussians"}, c.max_gaussians, AtLeast{0},

@@ -4,6 +4,8 @@
 #include <array>
 #include <string>
 
+#include "scene/cameras/coordinate_frame.h"
+
 namespace b3dgs {
 
 /// An axis-aligned box, or a sphere; world units.
@@ -15,8 +17,15 @@ struct CropRegion {
   bool contains(const std::array<double, 3>& position) const;
 };
 
-/// Parses a region: "x0,y0,z0,x1,y1,z1" is a box between two opposite corners, "x,y,z,radius" a sphere. @throws
-/// InputError for other texts, and for a region without volume
+/// Parses a region: "x0,y0,z0,x1,y1,z1" is a box between two opposite corners, "x,y,z,radius" a sphere. Any other text
+/// is the name of a file whose only line, besides blank lines and those that begin with #, is a region. @throws
+/// InputError for a text or file that is none, and for a region without volume
 CropRegion parse_crop(const std::string& text);
+
+/// Returns the text of numbers from which parse_crop() makes the same region.
+std::string crop_text(const CropRegion& region);
+
+/// Returns a region of the world in the coordinates of `frame`.
+CropRegion in_frame(const CoordinateFrame& frame, CropRegion region);
 
 }  // namespace b3dgs
