@@ -15,6 +15,7 @@
 #include "core/json_text.h"
 #include "core/text.h"
 #include "model/checkpoint/checkpoint_header.h"
+#include "scene/crop_region.h"
 #include "train/checkpoint/checkpoint.h"
 #include "train/final_config.h"
 #include "train/scene_limits.h"
@@ -163,6 +164,7 @@ TrainPlan make_plan(const CommandLine& line, StatusLine& status, const TrainComm
   if (config.model_path.empty()) config.model_path = default_model_path(config.source_path);
   make_absolute(config.source_path);
   make_absolute(config.init_ply);
+  if (!config.crop.empty()) config.crop = crop_text(parse_crop(config.crop));  // other ranks may not have its file
   plan.fixed = plan.layers ? given : config_to_json(config);
   config.device = device;
   return plan;

@@ -103,6 +103,7 @@ struct TrainConfig {
   int score_views = 20;  // before each round
   SplitRule split = SplitRule::kPreserve;
   double prune_weight = 0.03;
+  std::string crop;  // region to train in detail; empty: all
 
   // Rasterizer
   std::string kernel = kAdaptive;

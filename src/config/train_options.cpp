@@ -142,6 +142,8 @@ void for_each_option(TrainConfig& c, const std::function<void(const TrainOption&
         "budget: how the two parts of a Gaussian are placed; see docs/recipes.md");
   field(Option{"prune_weight"}, c.prune_weight, InRange{0, 1},
         "budget: remove Gaussians whose largest blend weight is below X (0 = none)");
+  field(Option{"crop"}, c.crop, Any{},
+        "budget: train this box, sphere, or file with one in detail, and the rest coarsely");
 
   field(Option{"kernel"}.group("Kernels"), c.kernel, kernels,
         "blending kernel; adaptive: segmented or sub-tile, timed; published: as in the paper");

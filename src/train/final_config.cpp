@@ -3,7 +3,9 @@
 #include <utility>
 
 #include "core/check.h"
+#include "core/config.h"
 #include "raster/kernels.h"
+#include "scene/crop_region.h"
 #include "train/device.h"
 #include "train/evaluate.h"
 #include "train/gaussians/gaussian_model.h"
@@ -27,6 +29,11 @@ void check_options(const TrainConfig& config, torch::Device device) {
     input_error("--strategy mcmc --max_gaussians 0: expected a limit on a CPU, where free memory does not limit ",
                 "growth; pass one, such as --max_gaussians 1000000");
   }
+  if (!config.crop.empty()) parse_crop(config.crop);
+  if (!config.crop.empty() && config.strategy != Strategy::kBudget) {
+    input_error("--crop: expected --strategy budget, found ", name_of(config.strategy),
+                ", which cannot add Gaussians mostly in a region; omit --crop, and export with it");
+  }
   if (config.exposure && config.bilateral_grid) {
     input_error("--exposure and --bilateral_grid cannot be used together; the grid can represent exposures, too");
   }
@@ -40,6 +47,7 @@ FinalConfig finalize(TrainConfig config, const Scene& scene) {
   check_scene_options(config, scene);
   const torch::Device device = choose_device(config.device);
   config = with_scene_limits(std::move(config), scene);
+  if (!config.crop.empty()) config.crop = crop_text(parse_crop(config.crop));  // checkpoints do not need its file
   config.device = device_name(device);
   check_options(config, device);
   return {std::move(config), device};

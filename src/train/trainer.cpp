@@ -60,6 +60,19 @@ void Trainer::ensure_model() {
   if (state_.n_gaussians() > 0) return;
   const SplatCloud cloud = initial_splats(config_, scene_);
   for (const std::string& note : cloud.notes) recorder_.warn(note);
+  if (!config_.crop.empty()) {
+    const CropRegion region = parse_crop(config_.crop);
+    std::int64_t n_inside = 0;
+    for (std::size_t i = 0; i < cloud.means.size(); i += 3) {
+      n_inside += region.contains(cloud.frame.to_world(&cloud.means[i])) ? 1 : 0;
+    }
+    if (n_inside == 0) {
+      input_error("--crop ", config_.crop, ": none of the ", format_count(cloud.size()),
+                  " initial Gaussians is inside; choose the region in b3dgs view");
+    }
+    recorder_.say(detail::concat("crop        ", format_count(n_inside), " of ", format_count(cloud.size()),
+                                 " initial Gaussians are inside"));
+  }
   if (cloud.antialiased && !config_.antialiasing) {
     recorder_.warn(config_.init_ply + " was trained with --antialiasing, but this training renders without " +
                    "it: splats that are small in the image become too opaque; add --antialiasing");

@@ -63,6 +63,7 @@ Training::Training(const FinalConfig& final_config, const Scene& of, ModelFolder
       time(hooks.clock_s ? hooks.clock_s : steady_clock_s, [where = device] { wait_for(where); }),
       recorder({config, folder, hooks, state, time, *memory, timer, scene.frame}, whole_device) {
   for (const std::string& warning : objective.warnings()) recorder.warn(warning);
+  if (!config.crop.empty()) density->set_region(in_frame(scene.frame, parse_crop(config.crop)));
   hold_images(scene.test, hooks.on_loading);  // in the host memory that the training views leave free
   if (views.size() == 0) input_error(scene.source_path, ": no training views");
   std::vector<CameraView> cameras;

@@ -181,6 +181,23 @@ TEST_F(BadInput, WrongPly) {
   expect_refused(run_b3dgs({"info", ply}), {"wrong.ply"});
 }
 
+TEST_F(BadInput, WrongCrop) {
+  const std::string file = (folder_.path() / "crop.txt").string();
+  expect_refused(train({"--crop", "1,2,3"}), {"--crop 1,2,3: expected a box"});
+  expect_refused(train({"--crop", file}), {"crop.txt", "no such file"});
+  write_file(file, "0,0,0,1\n0,0,0,2\n");
+  expect_refused(train({"--crop", file}), {"crop.txt:2", "found another one"});
+  write_file(file, "100,100,100,1\n");
+  expect_refused(train({"--crop", file}), {"--crop 100,100,100,1: none of the 300 initial Gaussians is inside"});
+  expect_refused(train({"--crop", "0,0,2,1", "--strategy", "mcmc"}),
+                 {"--crop: expected --strategy budget, found mcmc"});
+  EXPECT_FALSE(fs::exists(model() / "point_cloud"));
+  write_file(file, "0,0,2,1\n");
+  ASSERT_EQ(train({"--crop", file}).exit_code, 0);
+  fs::remove(file);  // the checkpoint has the region
+  EXPECT_EQ(train({"--resume", checkpoint().string(), "--iterations", "6"}).exit_code, 0);
+}
+
 TEST_F(BadInput, WrongCheckpoint) {
   ASSERT_EQ(train({}).exit_code, 0);
   const std::string good = read_bytes(checkpoint());

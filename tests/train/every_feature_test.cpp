@@ -93,6 +93,11 @@ TEST(Features, MakeADifference) {
       turn_off(changed);
       EXPECT_FALSE(train(changed, scene, temp / "without").ply == with) << what;
     }
+    if (config.strategy == Strategy::kBudget) {
+      TrainConfig whole = config;
+      whole.crop.clear();
+      EXPECT_FALSE(train(whole, scene, temp / "without").ply == with) << "crop";
+    }
     if (config.strategy != Strategy::kMcmc) continue;
     TrainConfig still = config;
     still.noise_lr = 0;

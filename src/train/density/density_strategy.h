@@ -13,9 +13,11 @@
 #include <cstdint>
 #include <functional>
 #include <memory>
+#include <optional>
 
 #include "config/train_config.h"
 #include "raster/torch/rasterizer.h"
+#include "scene/crop_region.h"
 #include "train/density/row_edit.h"
 #include "train/optimizer/adam.h"
 
@@ -56,6 +58,9 @@ class DensityStrategy {
   DensityStrategy(const TrainConfig& config, double extent) : config_(config), extent_(extent) {}
   virtual ~DensityStrategy() = default;
 
+  /// Sets the region of --crop, in the frame of the scene.
+  void set_region(const CropRegion& region) { region_ = region; }
+
   /// Returns zero statistics of `n_gaussians`. A strategy may add columns to the common ones.
   virtual DensityStatistics make_statistics(std::int64_t n_gaussians, torch::Device device) const;
 
@@ -86,6 +91,7 @@ class DensityStrategy {
  protected:
   const TrainConfig config_;
   const double extent_;
+  std::optional<CropRegion> region_;
 };
 
 /// Creates the strategy config.strategy.

@@ -47,6 +47,7 @@ inline TrainConfig every_feature(const FeatureRow& row, const std::filesystem::p
   config.iterations = 23;
   config.batch = row.batch;
   config.max_gaussians = is_budget ? 600 : is_mcmc ? 500 : 0;
+  if (is_budget) config.crop = "0.4,0,0,0.5";
   config.exposure = !row.has_grid;
   config.bilateral_grid = row.has_grid;
   config.pose_opt = config.antialiasing = true;

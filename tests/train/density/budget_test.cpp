@@ -12,6 +12,7 @@
 #include "core/parallel.h"
 #include "core/random.h"
 #include "raster/math/covariance.h"
+#include "scene/crop_region.h"
 #include "support/approx.h"
 #include "support/same.h"
 #include "support/temp_dir.h"
@@ -125,6 +126,36 @@ TEST(BudgetStrategy, DrawsAsOftenAsTheScoresSay) {
     n_without += rows == Rows{0, 1};
   }
   EXPECT_NEAR(n_without, kDraws * 2.0 / 90, 5 * std::sqrt(kDraws * 2.0 / 90));
+}
+
+TEST(BudgetStrategy, SplitsMostlyInsideOfTheRegion) {
+  const std::int64_t n = 400;
+  BudgetModel model = make_model(n);
+  column(model, BudgetColumn::kErrorSum).copy_(torch::arange(n).remainder(3) + 1);
+  const auto* const means = model.gaussians.means.data_ptr<float>();
+  const auto plan = [&](const char* region, std::int64_t n_added) {
+    TrainConfig config = budget_config();
+    config.max_gaussians = n + n_added;
+    const std::unique_ptr<DensityStrategy> strategy = make_density_strategy(config, 1);
+    strategy->set_region(parse_crop(region));
+    return parents_of(strategy->plan_round(model.gaussians, model.statistics, kLastRound, 0));
+  };
+  for (const char* region : {"-5,-5,0,5,5,5", "0,0,1,5"}) {
+    const CropRegion inside = parse_crop(region);
+    const auto is_inside = [&](std::int64_t row) {
+      return inside.contains({means[3 * row], means[3 * row + 1], means[3 * row + 2]});
+    };
+    std::int64_t n_inside = 0;
+    for (std::int64_t row = 0; row < n; ++row) n_inside += is_inside(row);
+    ASSERT_GT(n_inside, 100);
+    ASSERT_LT(n_inside, 300);
+    const Rows few = plan(region, 100), many = plan(region, n);
+    EXPECT_EQ(few.size(), 100u);
+    EXPECT_EQ(std::count_if(few.begin(), few.end(), is_inside), 90);
+    // If all inside are split, the others do not take their place.
+    EXPECT_EQ(std::count_if(many.begin(), many.end(), is_inside), n_inside);
+    EXPECT_EQ(static_cast<std::int64_t>(many.size()) - n_inside, n / 10);
+  }
 }
 
 TEST(BudgetStrategy, SplitsAlongTheLongestAxis) {

@@ -16,6 +16,9 @@ namespace {
 /// views with probability 0.0008.
 constexpr int kPruneViews = 20;
 
+/// Fraction of the parents of a round that are drawn outside of --crop.
+constexpr double kOutsideShare = 0.1;
+
 constexpr const char* kColumnNames[] = {"error_sum", "max_weight", "score_views"};
 
 template <class Statistics>
@@ -46,6 +49,15 @@ void add_parts(const GaussianTensors& gaussians, const torch::Tensor& parents, S
   args.out_log_scales = edit.new_log_scales.data_ptr<float>();
   args.out_logit_opacities = edit.new_logit_opacities.data_ptr<float>();
   for_rows<make_part>(parents.is_cuda(), args, 2 * n);
+}
+
+/// Returns whether each of `means` [n, 3] is in the region, [n] bool.
+torch::Tensor inside(const CropRegion& region, const torch::Tensor& means) {
+  const auto vector = [&](const std::array<double, 3>& v) {
+    return torch::tensor({v[0], v[1], v[2]}, means.options());
+  };
+  if (region.radius > 0) return (means - vector(region.center)).norm(2, 1) <= region.radius;
+  return (means >= vector(region.low)).logical_and_(means <= vector(region.high)).all(1);
 }
 
 int last_growth_round(const TrainConfig& config) {
@@ -114,7 +126,7 @@ class BudgetStrategy final : public DensityStrategy {
     const std::int64_t n = gaussians.size(), n_stay = stays.sum().item<std::int64_t>();
     torch::Tensor parents = torch::empty({0}, stays.options().dtype(torch::kInt64));
     if (is_growth_round(config_, iteration)) {
-      parents = choose_parents(statistics, stays, iteration, n_stay, max_gaussians, round.n_over_limit);
+      parents = choose_parents(gaussians, statistics, stays, iteration, n_stay, max_gaussians, round.n_over_limit);
     }
     stays.index_fill_(0, parents, 0);
     const torch::Tensor kept = rows_of(stays);
@@ -142,9 +154,11 @@ class BudgetStrategy final : public DensityStrategy {
  private:
   /// Returns the indices of the Gaussians to split, ascending. Their number is limited by the budget and by
   /// `max_gaussians` (0 = no limit), given that `n_stay` Gaussians are not pruned. `n_over_limit` receives the number
-  /// that `max_gaussians` excluded.
-  torch::Tensor choose_parents(const DensityStatistics& statistics, const torch::Tensor& stays, int iteration,
-                               std::int64_t n_stay, std::int64_t max_gaussians, std::int64_t& n_over_limit) const {
+  /// that `max_gaussians` excluded. With --crop, at most kOutsideShare of them are outside. If there are too few
+  /// candidates inside, there are fewer parents.
+  torch::Tensor choose_parents(const GaussianTensors& gaussians, const DensityStatistics& statistics,
+                               const torch::Tensor& stays, int iteration, std::int64_t n_stay,
+                               std::int64_t max_gaussians, std::int64_t& n_over_limit) const {
     const torch::Tensor& scores = column(statistics, BudgetColumn::kErrorSum);
     const torch::Tensor rows = rows_of((scores > 0).logical_and_(stays));
     std::int64_t n_wanted = rows.size(0);
@@ -156,7 +170,15 @@ class BudgetStrategy final : public DensityStrategy {
     n_over_limit = n_wanted - n_parents;
     const torch::Tensor keys =
         draw_keys(rows, scores, {config_.seed, RandomStream::kParents, static_cast<std::uint32_t>(iteration)});
-    return std::get<0>(largest_rows(rows, keys, n_parents).sort());
+    if (!region_) return std::get<0>(largest_rows(rows, keys, n_parents).sort());
+    const torch::Tensor is_inside = inside(*region_, gaussians.means.index_select(0, rows));
+    const auto draw = [&](const torch::Tensor& places, std::int64_t n) {
+      return largest_rows(rows.index_select(0, places), keys.index_select(0, places), std::min(n, places.size(0)));
+    };
+    const auto n_outside = static_cast<std::int64_t>(kOutsideShare * static_cast<double>(n_parents));
+    const torch::Tensor within = draw(rows_of(is_inside), n_parents - n_outside),
+                        beyond = draw(rows_of(is_inside.logical_not()), n_outside);
+    return std::get<0>(torch::cat({within, beyond}).sort());
   }
 };
 
