@@ -239,6 +239,59 @@ async function check_training(browser) {
   forgive_the_end();
 }
 
+/// Chooses a box, drags its handles, and exports with the file that the page saves.
+async function check_crop(page) {
+  await page.click("[data-crop=box]");
+  const text = () => page.inputValue("#crop_text");
+  const numbers = async () => (await text()).replace("--crop=", "").split(",").map(Number);
+  const handle = (index) => page.evaluate((i) => {
+    const area = picture.getBoundingClientRect(), [x, y] = on_screen(crop.handles()[i].at, picture_lens());
+    return [area.x + x, area.y + y];
+  }, index);
+  const pull = async (index, dx, dy) => {
+    const [x, y] = await handle(index);
+    await page.mouse.move(x, y);
+    await page.mouse.down();
+    await page.mouse.move(x + dx, y + dy, {steps: 5});
+    await page.mouse.up();
+  };
+  const first = await numbers(), matrix = await page.evaluate(() => camera.matrix());
+  assert.equal(first.length, 6);
+  const [x0, y0] = await handle(6);
+  await pull(6, 0, -30);  // the upper side, because z is up
+  const higher = await numbers(), [x1, y1] = await handle(6);
+  assert(higher[5] > first[5] + 0.01, `the upper side moves: ${first} -> ${higher}`);
+  assert.deepEqual([...higher.slice(0, 5)], [...first.slice(0, 5)], "the other sides stay");
+  assert(Math.hypot(x1 - x0, y1 - (y0 - 30)) < 6, "the handle follows the pointer");
+  await pull(0, 40, 0);
+  const moved = await numbers();
+  assert(Math.abs((moved[3] - moved[0]) - (higher[3] - higher[0])) < 2e-3, "the size stays");
+  assert.notDeepEqual(moved, higher, "the box moves");
+  assert.deepEqual(await page.evaluate(() => camera.matrix()), matrix, "the camera stays");
+  await picture_of(page, "crop_box");
+  await page.click("[data-crop=sphere]");
+  await pull(2, 0, 0);
+  await picture_of(page, "crop_sphere");
+  assert.equal((await numbers()).length, 4);
+  await page.fill("#crop_text", "--crop=-1,-1,-1,1,1,0.5");
+  await page.press("#crop_text", "Enter");
+  assert.deepEqual(await numbers(), [-1, -1, -1, 1, 1, 0.5]);
+  await page.fill("#crop_text", "1,2");
+  await page.press("#crop_text", "Enter");
+  assert.match(await page.locator("#message").textContent(), /expected x0,y0,z0/);
+  assert.deepEqual(await numbers(), [-1, -1, -1, 1, 1, 0.5], "a text that is no region changes nothing");
+  const [saved] = await Promise.all([page.waitForEvent("download"), page.click("#crop_save")]);
+  const file = path.join(folder, "crop.txt");
+  await saved.saveAs(file);
+  const exported = (name, ...words) => execFileSync(program, ["export", path.join(folder, "done"),
+    path.join(folder, name), "--compare_views", "0", "--device", "cpu", "--quiet", ...words]).toString();
+  assert.match(exported("by_file.ply", "--crop", file), /outside of --crop/);
+  exported("by_text.ply", await text());
+  assert(fs.readFileSync(path.join(folder, "by_file.ply")).equals(fs.readFileSync(path.join(folder, "by_text.ply"))));
+  await page.click("[data-crop=none]");
+  assert(await page.locator("#crop_save").isDisabled());
+}
+
 async function check_model(browser) {
   execFileSync(program, ["train", path.join(folder, "scene"), "-m", path.join(folder, "done"), "--iterations", "100",
     "--device", "cpu", "--quiet"]);
@@ -257,6 +310,7 @@ async function check_model(browser) {
   assert(await page.evaluate(() => image.height === picture.height || image.width === picture.width),
     "the first picture has the size of the window, not that of the photograph");
   assert(await page.locator("#pause").isHidden(), "there is no training to pause");
+  await check_crop(page);
   await page.click("[data-way=fly]");
   const before = await look(page);
   await drag(page, 60, 0);

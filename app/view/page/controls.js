@@ -118,10 +118,14 @@ function listen_to_panel() {
 
 function save_path() {
   const [width, height] = $("path_size").value.split("x").map(Number);
-  const text = JSON.stringify(path.file(key_seconds(), width, height, 30, scene.origin, scene.unit), null, 1);
+  const file = path.file(key_seconds(), width, height, 30, scene.origin, scene.unit);
+  download("camera_path.json", JSON.stringify(file, null, 1), "application/json");
+}
+
+function download(name, text, type) {
   const link = document.createElement("a");
-  link.href = URL.createObjectURL(new Blob([text], {type: "application/json"}));
-  link.download = "camera_path.json";
+  link.href = URL.createObjectURL(new Blob([text], {type}));
+  link.download = name;
   link.click();
   setTimeout(() => URL.revokeObjectURL(link.href), 1000);
 }

@@ -152,6 +152,9 @@ function draw() {
   const w = image.width * scale, h = image.height * scale;
   context.imageSmoothingEnabled = shown_mode !== "load";
   context.drawImage(image, (width - w) / 2, (height - h) / 2, w, h);
+  context.setTransform(ratio, 0, 0, ratio, 0, 0);
+  crop.draw(context);
+  context.setTransform(1, 0, 0, 1, 0, 0);
 }
 
 function show_legend() {
@@ -198,7 +201,7 @@ function end() {
   play(false);
   held_keys.clear();
   picture.style.pointerEvents = "none";
-  for (const own of document.querySelectorAll("#panel :is(button, select, input):not(#fold, #path_save, #path_size)")) {
+  for (const own of document.querySelectorAll("#panel :is(button, select, input):not(#fold, #path_save, #path_size, #crop_save)")) {
     own.disabled = true;
   }
 }
@@ -268,6 +271,7 @@ async function begin() {
   scene.views.forEach((v, i) => $("camera").add(new Option(`${v.name}${v.test ? " (test)" : ""}`, String(i))));
   $("cameras").hidden = scene.views.length === 0;
   listen_to_panel();
+  listen_to_crop();  // before those of the picture, so that a handle is not also the camera
   listen_to_picture();
   listen_to_keys();
   choose("ways", "way", way);
