@@ -9,6 +9,7 @@
 #include "app/common/output_file.h"
 #include "app/common/stop_request.h"
 #include "app/common/torch/model.h"
+#include "app/export/page_view.h"
 #include "app/export/scene_views.h"
 #include "app/export/splat_transform.h"
 #include "core/check.h"
@@ -32,10 +33,13 @@ namespace fs = std::filesystem;
 
 constexpr std::size_t kScoredViews = 200;  // for --max_gaussians; more views change the order of few Gaussians
 
+constexpr UnitQuat kNoRotation{1, 0, 0, 0};
+constexpr const char* kByFormat = "by-format";
+
 struct ExportOptions {
   std::string output;
   bool overwrite = false;
-  std::string up = "keep";
+  std::string up = kByFormat;
   std::string scale;
   bool to_utm = false;
   std::string crop;
@@ -53,8 +57,8 @@ template <class Visitor>
 void visit_fields(ExportOptions& c, Visitor&& field) {
   field(Option{"output"}, c.output, Any{}, "file to write; its extension selects the format");
   field(Option{"overwrite"}, c.overwrite, Any{}, "replace the file if it exists");
-  field(Option{"up"}, c.up, OneOf{{"keep", "auto", "x", "y", "z", "-x", "-y", "-z"}},
-        "rotate: the cameras' up becomes this axis of a PLY; auto: -y, upright in viewers");
+  field(Option{"up"}, c.up, OneOf{{kByFormat, "keep", "auto", "x", "y", "z", "-x", "-y", "-z"}},
+        "cameras' up becomes this axis of a PLY; auto: -y; by-format: auto for .html, else keep");
   field(Option{"scale"}, c.scale, Any{},
         "multiply by a factor, or make the distance of two points true: X0,Y0,Z0,X1,Y1,Z1,DISTANCE");
   field(Option{"to_utm"}, c.to_utm, Any{},
@@ -98,7 +102,7 @@ void check_output(const ModelOptions& model, const ExportOptions& options) {
   if (options.to_utm && (needs_splat_transform(output) || is_spz(output))) {
     input_error("--to_utm is for .ply and .las, which have double precision, not ", options.output);
   }
-  if (options.to_utm && (options.up != "keep" || !options.scale.empty())) {
+  if (options.to_utm && ((options.up != "keep" && options.up != kByFormat) || !options.scale.empty())) {
     input_error("--to_utm keeps up and scale of the georeferenced scene; leave out --up and --scale");
   }
   if (options.sh_bits != kSpzShBits && !is_spz(output)) input_error("--sh_bits is for .spz, not ", options.output);
@@ -158,6 +162,19 @@ UnitQuat rotation_to(const std::string& axis, const LoadedModel& model) {
   return rotation_between(*up, to);
 }
 
+/// Returns the rotation of --up. A page that cannot be turned upright by default stays as it is, with a warning.
+UnitQuat rotation_of(const ExportOptions& options, const LoadedModel& model, StatusLine& status) {
+  const bool is_default = options.up == kByFormat;
+  if (options.up == "keep" || (is_default && !is_page(options.output))) return kNoRotation;
+  try {
+    return rotation_to(is_default ? "auto" : options.up, model);
+  } catch (const InputError& error) {
+    if (!is_default) throw;
+    status.warn(std::string("the page may open tilted; ") + error.what());
+    return kNoRotation;
+  }
+}
+
 /// Returns the frame of the coordinates in an SPZ. It is that of the world, unless the Gaussians as a whole are too far
 /// from its origin, or spread over too little or too much space, for 24-bit positions and 8-bit scales.
 CoordinateFrame spz_frame(const SplatCloud& splats, StatusLine& status) {
@@ -174,9 +191,9 @@ CoordinateFrame spz_frame(const SplatCloud& splats, StatusLine& status) {
 
 /// `epsg` of the coordinates, or 0.
 void write_output(const fs::path& output, const SplatCloud& splats, const ExportOptions& options, int epsg,
-                  StatusLine& status) {
+                  const PageOptions& page, StatusLine& status) {
   if (is_las(output)) return write_las(output, splats, epsg);
-  if (needs_splat_transform(output)) return write_by_splat_transform(output, splats, status);
+  if (needs_splat_transform(output)) return write_by_splat_transform(output, splats, page, status);
   if (!is_spz(output)) return write_splats(output, splats);
   constexpr int kUsualBits = 12;
   if (const int bits = spz_fractional_bits(splats); bits < kUsualBits) {
@@ -250,11 +267,12 @@ void measure_loss(const LoadedModel& before, SplatCloud exported, const std::vec
 }  // namespace
 
 int run_export(const std::vector<std::string>& words) {
-  CommandLine line("export",
-                   "Write a model folder or a file of Gaussians in another format: .spz, .ply and .las (points), and "
-                   "with the program splat-transform .sog, .html, .glb, .compressed.ply and others. Prints the size, and the PSNR and SSIM "
-                   "before and after on views of the scene.",
-                   "b3dgs export output/garden garden.spz");
+  CommandLine line(
+      "export",
+      "Write a model folder or a file of Gaussians in another format: .spz, .ply and .las (points), and with the "
+      "program splat-transform .sog, .html, .glb, .compressed.ply and others. Prints the size, and the PSNR and SSIM "
+      "before and after on views of the scene.",
+      "b3dgs export output/garden garden.spz");
   ModelOptions model_options;
   ExportOptions options;
   line.add(model_options, "Model", {"model_path"});
@@ -286,11 +304,9 @@ int run_export(const std::vector<std::string>& words) {
              format_count(model.splats.size()).c_str(), model.splats.sh_degree, format_bytes(input_bytes).c_str());
 
   reduce(model, options, device, status);
-  UnitQuat rotation{1, 0, 0, 0};
-  if (options.up != "keep") {
-    rotation = rotation_to(options.up, model);
-    rotate_splats(rotation, model.splats);
-  }
+  const fs::path output = options.output;
+  const UnitQuat rotation = rotation_of(options, model, status);
+  if (rotation != kNoRotation) rotate_splats(rotation, model.splats);
   scale_splats(scale, model.splats);
   const int epsg = options.to_utm ? model.scene.georeference->epsg : 0;
   if (options.to_utm) {
@@ -299,16 +315,17 @@ int run_export(const std::vector<std::string>& words) {
   } else if (scale != 1) {
     print_line("scale", "%.6g", scale);
   }
-  const fs::path output = options.output;
   CoordinateFrame written_frame;
-  if (is_spz(output)) {
-    written_frame = spz_frame(model.splats, status);
+  if (is_spz(output)) written_frame = spz_frame(model.splats, status);
+  if (is_page(output) && model.splats.frame.is_far()) written_frame.origin = model.splats.frame.origin;
+  if (is_spz(output) || is_page(output)) {
     change_frame(written_frame, model.splats);
     model.splats.frame = {};
   }
   if (needs_splat_transform(output)) catch_stop_signals();  // removes the temporary files of splat-transform
   try {
-    write_output(output, model.splats, options, epsg, status);
+    const PageOptions page = page_view(original, rotation, scale, written_frame);
+    write_output(output, model.splats, options, epsg, page, status);
   } catch (const InputError&) {
     if (stop_signal() == 0) throw;
   }
@@ -330,7 +347,7 @@ int run_export(const std::vector<std::string>& words) {
     print_line("PSNR", "not measured: %s", why_not.c_str());
     return 0;
   }
-  if (is_spz(output)) written->frame = written_frame;
+  if (is_spz(output) || is_page(output)) written->frame = written_frame;
   rotate_splats(inverse(rotation), *written);
   scale_splats(1 / scale, *written);
   measure_loss(original, std::move(*written), views,

@@ -44,9 +44,11 @@ struct Conversion {
   std::string reason;                            // reason of a failure
 };
 
-Conversion convert(const fs::path& from, const fs::path& to, bool on_cpu) {
+/// `settings` is a file for the viewer of a page, or empty.
+Conversion convert(const fs::path& from, const fs::path& to, bool on_cpu, const fs::path& settings = {}) {
   std::vector<std::string> words{kProgram, "-q", "-w"};
   if (on_cpu) words.insert(words.end(), {"-g", "cpu"});
+  if (!settings.empty()) words.insert(words.end(), {"-E", settings.string()});
   words.insert(words.end(), {from.string(), to.string()});
   std::string first, reason;
   const ChildResult result = run_program_lines(words, [&](const std::string& line) {
@@ -81,7 +83,23 @@ std::string sog_in_page(const fs::path& page) {
   return bytes;
 }
 
+/// Replaces the title of a page. Does nothing if it has none.
+void set_title(const fs::path& page, const std::string& title) {
+  constexpr std::string_view kOpen = "<title>", kClose = "</title>";
+  std::string text = read_whole_file(page);
+  const std::size_t open = text.find(kOpen), close = text.find(kClose, std::min(open, text.size()));
+  if (close == std::string::npos) return;
+  std::string escaped;
+  for (const char c : title) escaped += c == '&' ? "&amp;" : c == '<' ? "&lt;" : std::string(1, c);
+  const std::size_t begin = open + kOpen.size();
+  write_file(page, text.replace(begin, close - begin, escaped));
+}
+
 }  // namespace
+
+bool is_page(const fs::path& file) {
+  return ends_with(file, ".html");
+}
 
 bool needs_splat_transform(const fs::path& file) {
   return (!splat_format(file) && !is_las(file)) || ends_with(file, ".compressed.ply");
@@ -94,24 +112,28 @@ void require_splat_transform(const fs::path& file) {
       "program ", kProgram, ", which is not installed; get it with: npm install -g @playcanvas/splat-transform");
 }
 
-void write_by_splat_transform(const fs::path& file, const SplatCloud& cloud, StatusLine& status) {
+void write_by_splat_transform(const fs::path& file, const SplatCloud& cloud, const PageOptions& page,
+                              StatusLine& status) {
   const fs::path folder = fs::absolute(file).parent_path();
   create_folder(folder);
   const WorkFolder work(folder);
   const fs::path ply = work.path() / "gaussians.ply", result = work.path() / file.filename();
   write_splat_ply(ply, cloud);
+  const fs::path settings = is_page(file) ? work.path() / "settings.json" : fs::path();
+  if (is_page(file)) write_file(settings, page.settings);
   status.show(std::string(kProgram) + " writes " + file.filename().string() + ", which may take minutes", /*now=*/true);
-  Conversion conversion = convert(ply, result, /*on_cpu=*/false);
+  Conversion conversion = convert(ply, result, /*on_cpu=*/false, settings);
   if (!conversion.has_written && !conversion.is_stopped) {
     // Some formats are compressed on a GPU, if the program can use one.
     status.show(std::string(kProgram) + " writes " + file.filename().string() + " without a GPU", /*now=*/true);
-    const Conversion again = convert(ply, result, /*on_cpu=*/true);
+    const Conversion again = convert(ply, result, /*on_cpu=*/true, settings);
     if (again.has_written) conversion = again;
   }
   status.clear();
   if (!conversion.has_written) {
     input_error(file.string(), ": ", kProgram, " has not written it (", conversion.reason, ")");
   }
+  if (is_page(file)) set_title(result, page.title);
   std::error_code error;
   fs::rename(result, file, error);
   if (error) io_error("cannot write ", file.string(), ": ", error.message());
@@ -125,7 +147,7 @@ std::optional<SplatCloud> read_by_splat_transform(const fs::path& file, std::str
   }
   const WorkFolder work(fs::absolute(file).parent_path());
   fs::path source = fs::absolute(file);
-  if (ends_with(file, ".html")) {
+  if (is_page(file)) {
     const std::string sog = sog_in_page(file);
     if (sog.empty()) {
       why_not = "no SOG file was found in the page";

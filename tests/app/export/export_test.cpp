@@ -2,15 +2,20 @@
 // program is tested if it is installed (scripts/check_exports.sh).
 #include <gtest/gtest.h>
 
+#include <algorithm>
+#include <cctype>
 #include <cmath>
 #include <csignal>
 #include <cstdlib>
+#include <nlohmann/json.hpp>
+#include <sstream>
 
 #include "app/export/scene_views.h"
 #include "core/check.h"
 #include "core/files/folders.h"
 #include "core/process/child_process.h"
 #include "core/text.h"
+#include "model/cameras/cameras_json.h"
 #include "model/edit/edit.h"
 #include "model/formats/splat_formats.h"
 #include "support/expect_error.h"
@@ -63,6 +68,15 @@ class Export : public testing::Test {
     words.insert(words.begin(), "export");
     words.insert(words.end(), {"--device", "cpu", "--quiet"});
     return run_b3dgs(words);
+  }
+
+  static Camera first_camera() {
+    std::vector<NamedCamera> cameras = read_cameras_json(path("model/cameras.json"));
+    cameras.erase(std::remove_if(cameras.begin(), cameras.end(), [](const NamedCamera& c) { return c.held_out; }),
+                  cameras.end());
+    return std::min_element(cameras.begin(), cameras.end(),
+                            [](const NamedCamera& a, const NamedCamera& b) { return a.name < b.name; })
+        ->camera;
   }
 
   static test::TempDir* folder_;
@@ -246,6 +260,103 @@ TEST_F(Export, WritesUtmOfAGeoreferencedModel) {
   }
 }
 
+TEST_F(Export, WritesVersion4OfSpz) {
+  const Outcome outcome = run_export({path("model"), path("v4.spz"), "--spz_version", "4"});
+  ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
+  EXPECT_EQ(test::read_bytes(path("v4.spz")).substr(0, 5), "NGSP\4");
+  EXPECT_EQ(read_spz(path("v4.spz")).size(), read_splat_ply(ply()).size());
+  ASSERT_EQ(run_export({path("v4.spz"), path("v3.spz")}).exit_code, 0);
+  EXPECT_EQ(read_spz(path("v3.spz")).size(), read_spz(path("v4.spz")).size());
+  test::write_bytes(path("cut.spz"), test::read_bytes(path("v4.spz")).substr(0, 500));
+  const Outcome cut = run_export({path("cut.spz"), path("b.ply")});
+  EXPECT_EQ(cut.exit_code, 2);
+  EXPECT_TRUE(test::contains(cut.err, "cut.spz: the file ends early; it is truncated")) << cut.err;
+  const Outcome other = run_export({path("model"), path("b.ply"), "--spz_version", "4"});
+  EXPECT_EQ(other.exit_code, 2);
+  EXPECT_TRUE(test::contains(other.err, "--spz_version is for .spz")) << other.err;
+}
+
+TEST_F(Export, RemovesTheFloatersThatTheSummaryCounts) {
+  // Some Gaussians are moved behind all cameras, and one is put in front of one.
+  constexpr std::size_t kUnseen = 12;
+  SplatCloud cloud = read_splat_ply(ply());
+  const Outcome before = run_export({path("model"), path("clean.ply"), "--remove_floaters", "--floater_kinds", "all"});
+  ASSERT_EQ(before.exit_code, 0) << before.err;
+  const std::string info = run_b3dgs({"info", path("model")}).out;  // "possible: 1 in no training view, 2 in ..."
+  const std::size_t at = info.find("possible: ");
+  ASSERT_NE(at, std::string::npos) << info;
+  std::string counts;  // each number of that line
+  for (std::size_t i = at; info[i] != ';'; ++i) counts += std::isdigit(info[i]) != 0 ? info[i] : ' ';
+  std::istringstream numbers(counts);
+  std::string expected;
+  for (const char* kind : {" unseen, ", " one_view, ", " close, ", " large)"}) {
+    std::int64_t n = 0;
+    numbers >> n;
+    expected += std::to_string(n) + kind;
+  }
+  EXPECT_TRUE(test::contains(before.out, "Gaussians that may be floaters (" + expected)) << info << before.out;
+  EXPECT_TRUE(test::contains(before.out, "SSIM        0.")) << before.out;
+  for (std::size_t i = 0; i < kUnseen; ++i) cloud.means[3 * i + 2] = 1e4f;
+  write_splat_ply(path("floating.ply"), cloud);
+  const Outcome outcome = run_export({path("floating.ply"), path("unseen.ply"), "-s", path("scene"),
+                                      "--remove_floaters", "--floater_kinds", "unseen"});
+  ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
+  const SplatCloud rest = read_splat_ply(path("unseen.ply"));
+  EXPECT_LE(rest.size(), cloud.size() - std::int64_t{kUnseen});
+  for (std::size_t i = 2; i < rest.means.size(); i += 3) EXPECT_LT(rest.means[i], 1e3f);
+  EXPECT_TRUE(test::contains(outcome.out, "0.00 dB lost")) << outcome.out;
+  const Outcome blind = run_export({path("floating.ply"), path("b.ply"), "--remove_floaters"});
+  EXPECT_EQ(blind.exit_code, 2);
+  EXPECT_TRUE(test::contains(blind.err, "needs the training views")) << blind.err;
+  const Outcome unknown = run_export({path("model"), path("b.ply"), "--floater_kinds", "unseen,big"});
+  EXPECT_EQ(unknown.exit_code, 2);
+  EXPECT_TRUE(test::contains(unknown.err, "found \"big\"")) << unknown.err;
+}
+
+TEST_F(Export, CropsByAFile) {
+  test::write_bytes(path("crop.txt"), "# a region\n-1,-1,-1,1,1,1\n");
+  ASSERT_EQ(run_export({path("model"), path("by_file.ply"), "--crop", path("crop.txt")}).exit_code, 0);
+  ASSERT_EQ(run_export({path("model"), path("by_text.ply"), "--crop=-1,-1,-1,1,1,1"}).exit_code, 0);
+  EXPECT_TRUE(test::same(test::read_bytes(path("by_file.ply")), test::read_bytes(path("by_text.ply"))));
+  test::write_bytes(path("crop.txt"), "{\"box\": [1, 2]}\n");
+  const Outcome bad = run_export({path("model"), path("b.ply"), "--crop", path("crop.txt")});
+  EXPECT_EQ(bad.exit_code, 2);
+  EXPECT_TRUE(test::contains(bad.err, "crop.txt:1: expected a coordinate")) << bad.err;
+}
+
+TEST_F(Export, PagesOpenUprightAtTheFirstCamera) {
+  const fs::path folder = *folder_ / "bin3";
+  fs::create_directory(folder);
+  test::write_bytes(folder / "splat-transform",
+                    "#!/bin/sh\nwhile [ $# -gt 2 ]; do [ \"$1\" = -E ] && settings=$2; shift; done\n"
+                    "echo '<title>SuperSplat Viewer</title>' >\"$2\"\ncat \"$settings\" >>\"$2\"\ncp \"$1\" '" +
+                        path("page.ply") + "'\n");
+  fs::permissions(folder / "splat-transform", fs::perms::owner_all);
+  const ScopedPath first(folder.string() + ":/usr/bin:/bin");
+  ASSERT_EQ(run_export({path("model"), path("page.html"), "--compare_views", "0"}).exit_code, 0);
+  SplatCloud expected = read_splat_ply(ply());
+  rotate_splats(rotation_between({0, 0, 1}, {0, -1, 0}), expected);  // z is up in this scene
+  const SplatCloud written = read_splat_ply(path("page.ply"));
+  ASSERT_EQ(written.size(), expected.size());
+  for (std::size_t i = 0; i < expected.means.size(); ++i) EXPECT_NEAR(written.means[i], expected.means[i], 1e-3) << i;
+  const std::string page = test::read_bytes(path("page.html"));
+  const std::size_t end = page.find('\n');
+  EXPECT_EQ(page.substr(0, end), "<title>model</title>");
+  const nlohmann::json settings = nlohmann::json::parse(page.substr(end + 1));
+  const auto position = settings["camera"]["position"].get<std::vector<double>>();
+  const auto target = settings["camera"]["target"].get<std::vector<double>>();
+  const std::array<double, 3> camera = first_camera().center();  // y is up in the viewer, and x and z are turned
+  EXPECT_NEAR(position[0], -camera[0], 1e-4);
+  EXPECT_NEAR(position[1], camera[2], 1e-4);
+  EXPECT_NEAR(position[2], camera[1], 1e-4);
+  for (const double value : target) EXPECT_NEAR(value, 0, 0.5);  // the cameras look at the origin
+  EXPECT_EQ(settings["background"]["color"], nlohmann::json::array({0, 0, 0}));
+
+  fs::copy(ply(), path("a<b&c.ply"));
+  ASSERT_EQ(run_export({path("a<b&c.ply"), path("file.html"), "--compare_views", "0"}).exit_code, 0);
+  EXPECT_EQ(test::read_bytes(path("file.html")).substr(0, 29), "<title>a&lt;b&amp;c</title>\n{");
+}
+
 TEST_F(Export, DoesWithoutPhotographs) {
   fs::rename(path("scene"), path("moved"));
   const Outcome outcome = run_export({path("model"), path("blind.spz"), "--up", "auto", "--max_gaussians", "50"});
@@ -354,29 +465,57 @@ class SplatTransform : public Export {
   }
 };
 
+/// Tolerances of the attributes, apart from rotations, whose |dot product| with the expected ones is compared with 1.
+struct Tolerances {
+  double position, log_scale, color, sh, opacity, rotation;
+};
+
+void expect_same_splats(const SplatCloud& found, const SplatCloud& expected, const Tolerances& tolerance) {
+  ASSERT_EQ(found.size(), expected.size());
+  ASSERT_EQ(found.sh_degree, expected.sh_degree);
+  const auto opacity = [](float logit) { return 1 / (1 + std::exp(-static_cast<double>(logit))); };
+  for (std::size_t i = 0; i < expected.means.size(); ++i) {
+    ASSERT_NEAR(found.means[i], expected.means[i], tolerance.position) << i;
+    ASSERT_NEAR(found.log_scales[i], expected.log_scales[i], tolerance.log_scale) << i;
+    ASSERT_NEAR(found.sh0[i], expected.sh0[i], tolerance.color) << i;
+  }
+  for (std::size_t i = 0; i < expected.shN.size(); ++i) ASSERT_NEAR(found.shN[i], expected.shN[i], tolerance.sh) << i;
+  for (std::size_t i = 0; i < expected.logit_opacities.size(); ++i) {
+    ASSERT_NEAR(opacity(found.logit_opacities[i]), opacity(expected.logit_opacities[i]), tolerance.opacity) << i;
+    double dot = 0, found_squared = 0, squared = 0;
+    for (std::size_t k = 4 * i; k < 4 * i + 4; ++k) {
+      dot += static_cast<double>(found.quats[k]) * expected.quats[k];
+      found_squared += static_cast<double>(found.quats[k]) * found.quats[k];
+      squared += static_cast<double>(expected.quats[k]) * expected.quats[k];
+    }
+    ASSERT_NEAR(std::abs(dot) / std::sqrt(found_squared * squared), 1, tolerance.rotation) << i;
+  }
+}
+
 TEST_F(SplatTransform, ReadsTheSameGaussiansFromOurSpz) {
   // A trained model has all rotations, and SH of degree 3.
-  write_spz(path("ours.spz"), read_splat_ply(ply()));
-  const ChildResult result = run_program_lines({"splat-transform", "-q", "-w", path("ours.spz"), path("theirs.ply")},
-                                               [](const std::string&) {});
-  ASSERT_TRUE(result.succeeded()) << describe(result);
-  const SplatCloud ours = read_spz(path("ours.spz")), theirs = read_splat_ply(path("theirs.ply"));
-  ASSERT_EQ(theirs.size(), ours.size());
-  ASSERT_EQ(theirs.sh_degree, ours.sh_degree);
-  for (std::size_t i = 0; i < ours.means.size(); ++i) {
-    ASSERT_NEAR(theirs.means[i], ours.means[i], 1e-6) << i;
-    ASSERT_NEAR(theirs.log_scales[i], ours.log_scales[i], 1e-5) << i;
-    ASSERT_NEAR(theirs.sh0[i], ours.sh0[i], 1e-5) << i;
+  for (const int version : {3, 4}) {
+    SCOPED_TRACE(version);
+    write_spz(path("ours.spz"), read_splat_ply(ply()), kSpzShBits, version);
+    const ChildResult result = run_program_lines({"splat-transform", "-q", "-w", path("ours.spz"), path("theirs.ply")},
+                                                 [](const std::string&) {});
+    ASSERT_TRUE(result.succeeded()) << describe(result);
+    expect_same_splats(read_splat_ply(path("theirs.ply")), read_spz(path("ours.spz")),
+                       {1e-6, 1e-5, 1e-5, 1e-6, 1e-5, 1e-6});
   }
-  for (std::size_t i = 0; i < ours.shN.size(); ++i) ASSERT_NEAR(theirs.shN[i], ours.shN[i], 1e-6) << i;
-  for (std::size_t i = 0; i < ours.logit_opacities.size(); ++i) {
-    ASSERT_NEAR(theirs.logit_opacities[i], ours.logit_opacities[i], 1e-4) << i;
-    double dot = 0, squared = 0;
-    for (std::size_t k = 4 * i; k < 4 * i + 4; ++k) {
-      dot += static_cast<double>(theirs.quats[k]) * ours.quats[k];
-      squared += static_cast<double>(theirs.quats[k]) * theirs.quats[k];
-    }
-    ASSERT_NEAR(std::abs(dot) / std::sqrt(squared), 1, 1e-6) << i;
+}
+
+TEST_F(SplatTransform, WritesSpzThatWeRead) {
+  for (const int version : {3, 4}) {
+    SCOPED_TRACE(version);
+    const ChildResult result = run_program_lines(
+        {"splat-transform", "-q", "-w", "--spz-version", std::to_string(version), ply(), path("theirs.spz")},
+        [](const std::string&) {});
+    ASSERT_TRUE(result.succeeded()) << describe(result);
+    EXPECT_EQ(test::read_bytes(path("theirs.spz")).substr(0, 4) == "NGSP", version == 4);
+    // A step of each attribute; SH have 4 bits.
+    expect_same_splats(read_spz(path("theirs.spz")), read_splat_ply(ply()),
+                       {1.0 / 4096, 1.0 / 16, 1 / 255.0 / 0.15, 1.0 / 8, 1 / 255.0, 1e-5});
   }
 }
 
