@@ -1,5 +1,6 @@
-# Run by cpack, after PROGRAM, ENGINE and TORCH were set. Puts the shared libraries that PROGRAM and ENGINE need into
-# lib/b3dgs, where their RPATH finds them, and the licences of these libraries into share/doc/b3dgs/licenses.
+# Run by cpack, after PROGRAM, ENGINE, TORCH and BUNDLE_TORCH were set. Puts the shared libraries that PROGRAM and ENGINE
+# need into lib/b3dgs, where their RPATH finds them, and the licences of these libraries into share/doc/b3dgs/licenses.
+# Without BUNDLE_TORCH, leaves out LibTorch and the libraries of NVIDIA beside it.
 
 # No program names the libraries that LibTorch loads with dlopen(). Its wheels have NVIDIA's libraries beside it.
 set(nvidia ${TORCH}/lib ${TORCH}/../nvidia/*/lib)
@@ -17,7 +18,13 @@ foreach(name ${twice_FILENAMES})  # in the CUDA toolkit and in LibTorch
   list(APPEND libraries ${library})
 endforeach()
 
-foreach(library ${libraries} ${loaded_later})
+list(APPEND libraries ${loaded_later})
+if(NOT BUNDLE_TORCH)
+  file(REAL_PATH ${TORCH}/.. beside)
+  list(FILTER libraries EXCLUDE REGEX "^(${TORCH}|${beside}/nvidia|${TORCH}/\\.\\./nvidia)/")
+endif()
+
+foreach(library ${libraries})
   get_filename_component(name ${library} NAME)
   file(REAL_PATH ${library} file)
   file(INSTALL TYPE FILE FILES ${file} DESTINATION ${CMAKE_INSTALL_PREFIX}/lib/b3dgs RENAME ${name})
@@ -38,6 +45,6 @@ if(found)
   file(INSTALL /usr/share/common-licenses DESTINATION ${licenses})  # the others refer to these
 endif()
 file(GLOB wheels ${TORCH}/../torch-*.dist-info ${TORCH}/../nvidia_*.dist-info)
-if(wheels)
+if(wheels AND BUNDLE_TORCH)
   file(INSTALL ${wheels} DESTINATION ${licenses} FILES_MATCHING REGEX "(LICEN[CS]E|License|NOTICE)[^/]*$")
 endif()

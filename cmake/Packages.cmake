@@ -1,8 +1,10 @@
 # cpack: a .deb and a .tar.gz with the program and the shared libraries that it needs (cmake/BundleLibraries.cmake).
+# Without B3DGS_BUNDLE_TORCH, LibTorch is that of an installed PyTorch, which a script finds and checks.
 
 install(CODE "set(PROGRAM \"$<TARGET_FILE:b3dgs>\")
   set(ENGINE \"$<TARGET_FILE:b3dgs_engine>\")
-  set(TORCH \"${TORCH_INSTALL_PREFIX}\")" COMPONENT libraries EXCLUDE_FROM_ALL)
+  set(TORCH \"${TORCH_INSTALL_PREFIX}\")
+  set(BUNDLE_TORCH ${B3DGS_BUNDLE_TORCH})" COMPONENT libraries EXCLUDE_FROM_ALL)
 install(SCRIPT ${CMAKE_CURRENT_LIST_DIR}/BundleLibraries.cmake COMPONENT libraries EXCLUDE_FROM_ALL)
 
 set(CPACK_GENERATOR DEB TGZ)
@@ -10,6 +12,10 @@ set(CPACK_PACKAGE_NAME b3dgs)
 set(CPACK_PACKAGE_CONTACT "The Balanced3DGS authors")
 set(CPACK_PACKAGE_VENDOR "Balanced3DGS")
 set(CPACK_PACKAGE_FILE_NAME b3dgs-${PROJECT_VERSION}-${CMAKE_SYSTEM_NAME}-${CMAKE_SYSTEM_PROCESSOR})
+if(NOT B3DGS_BUNDLE_TORCH)
+  string(APPEND CPACK_PACKAGE_NAME -pytorch)
+  string(APPEND CPACK_PACKAGE_FILE_NAME -pytorch)
+endif()
 set(CPACK_RESOURCE_FILE_LICENSE ${PROJECT_SOURCE_DIR}/LICENSE)
 set(CPACK_STRIP_FILES ON)
 set(CPACK_PACKAGE_DIRECTORY ${CMAKE_BINARY_DIR}/packages)
