@@ -140,7 +140,7 @@ TEST(BudgetStrategy, SplitsMostlyInsideOfTheRegion) {
     strategy->set_region(parse_crop(region));
     return parents_of(strategy->plan_round(model.gaussians, model.statistics, kLastRound, 0));
   };
-  for (const char* region : {"-5,-5,0,5,5,5", "0,0,1,5"}) {
+  for (const char* region : {"-5,-5,0,5,5,5", "0,0,5,7.5"}) {
     const CropRegion inside = parse_crop(region);
     const auto is_inside = [&](std::int64_t row) {
       return inside.contains({means[3 * row], means[3 * row + 1], means[3 * row + 2]});
