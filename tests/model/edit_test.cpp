@@ -6,14 +6,17 @@
 #include <numeric>
 #include <random>
 
+#include "core/check.h"
 #include "core/vec.h"
 #include "model/edit/edit.h"
 #include "raster/math/sh.h"
 #include "scene/cameras/camera.h"
+#include "support/expect_error.h"
 
 namespace b3dgs {
 namespace {
 
+using test::fails_with;
 using Vec = Vec3<double>;
 
 SplatCloud random_cloud(std::size_t n, int sh_degree) {
