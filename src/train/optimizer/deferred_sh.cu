@@ -86,14 +86,13 @@ __device__ __forceinline__ void apply_updates(const ApplyUpdatesArgs& args, std:
   float* const vs = args.rests.v + first_row * n_rest;
   for (int start = static_cast<int>(threadIdx.x); start < n_floats; start += kAtOnce * kThreads) {
     int at[kAtOnce], step[kAtOnce];
-    float decay[kAtOnce], param[kAtOnce], m[kAtOnce], v[kAtOnce];
+    float param[kAtOnce], m[kAtOnce], v[kAtOnce];
 #pragma unroll
     for (int k = 0; k < kAtOnce; ++k) {
       const int place = start + k * kThreads;
       if (place >= n_floats) break;
       at[k] = rows[place / kActive] * n_rest + place % kActive;
       step[k] = first_steps[place / kActive].n_applied;
-      decay[k] = first_steps[place / kActive].decay;
       param[k] = params[at[k]];
       m[k] = ms[at[k]];
       v[k] = vs[at[k]];
@@ -104,8 +103,8 @@ __device__ __forceinline__ void apply_updates(const ApplyUpdatesArgs& args, std:
       if (place >= n_floats) break;
       if (step[k] < args.steps.n) {
         float grad = rests[place];
-        const int coefficient = place % kActive / 3;
-        param[k] = decayed(param[k], args.steps.sizes[step[k]].step_size * decay[k], coefficient);
+        const float shrink = args.steps.sizes[step[k]].step_size * first_steps[place / kActive].decay;
+        param[k] = decayed(param[k], shrink, place % kActive / 3);
         do {
           step_one(args.steps.sizes[step[k]], grad, param[k], m[k], v[k], args.steps.rule);
           grad = 0;

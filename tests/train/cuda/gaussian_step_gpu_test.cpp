@@ -20,7 +20,7 @@ GaussianTensors copy_to(const GaussianTensors& from, torch::Device device) {
 }
 
 AdamState copy_to(const AdamState& from, torch::Device device) {
-  return {copy_to(from.m, device), copy_to(from.v, device), from.steps};
+  return {copy_to(from.m, device), copy_to(from.v, device), from.steps, {}};
 }
 
 /// Returns moments as in the middle of a training, which are nonzero for all degrees that are optimised so far.

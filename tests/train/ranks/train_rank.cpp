@@ -159,7 +159,7 @@ GaussianTensors random_gaussians(std::int64_t n, std::int64_t n_coefficients) {
 
 Model random_model(std::int64_t n, std::int64_t n_coefficients, int n_columns) {
   Model model{random_gaussians(n, n_coefficients),
-              {random_gaussians(n, n_coefficients), random_gaussians(n, n_coefficients), 7},
+              {random_gaussians(n, n_coefficients), random_gaussians(n, n_coefficients), 7, torch::rand({n, 4})},
               {torch::rand({n}), random_words({n}), random_words({n}), {}}};
   model.gaussians.filters = torch::rand({n});
   for (int i = 0; i < n_columns; ++i) model.statistics.extra.push_back({"column", torch::rand({n})});
