@@ -18,7 +18,8 @@ void check_output_file(const std::string& output, bool overwrite) {
 
 void refuse_to_replace(const fs::path& input, const std::string& output) {
   std::error_code error;
-  if (fs::equivalent(output, input, error)) input_error(output, " is a file to read; write to another one");
+  if (!fs::is_directory(output, error) && fs::equivalent(output, input, error))
+    input_error(output, " is a file to read; write to another one");
 }
 
 }  // namespace b3dgs
