@@ -1,6 +1,7 @@
 // Compares strategy budget on the GPU with that on the CPU.
 #include <gtest/gtest.h>
 
+#include "core/config.h"
 #include "support/approx.h"
 #include "support/gpu_test.h"
 #include "support/same.h"
