@@ -7,6 +7,7 @@
 
 #include "core/check.h"
 #include "core/parallel.h"
+#include "core/text.h"
 #include "core/vec.h"
 #include "raster/math/sh.h"
 #include "scene/cameras/camera.h"
