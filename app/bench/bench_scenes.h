@@ -3,6 +3,7 @@
 
 #include <string>
 
+#include "config/choices.h"
 #include "core/config.h"
 #include "model/formats/splat_formats.h"
 #include "raster/args.h"
