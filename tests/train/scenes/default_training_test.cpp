@@ -78,13 +78,21 @@ TEST(DefaultTraining, OfAnObjectOnWhiteWithoutPointsLeavesNoFog) {
   const Scene without = load_scene(scene_options);
   ASSERT_GT(without.points.size(), 1000);
 
-  const TrainConfig config = default_config(
-      {{"iterations", 800}, {"white_background", true}, {"test_iterations", {800}}}, without.train.size());
+  TrainConfig config = default_config({{"iterations", 800}, {"white_background", true}, {"test_iterations", {800}}},
+                                      without.train.size());
   const test::TempDir temp;
-  const test::Trained a = test::train(config, with_points, temp / "a"), b = test::train(config, without, temp / "b");
-  EXPECT_GT(psnr_at_the_end(b), psnr_at_the_end(a) - 1);
-  EXPECT_GT(psnr_at_the_end(b), 33);
-  EXPECT_LT(mean_fog(b.result.ply, truth, without.test), 0.03);
+  const double psnr_with_points = psnr_at_the_end(test::train(config, with_points, temp / "a"));
+  // The fog of ten seeds was 0.021 to 0.042, and without pruning by weight 0.34. One seed changes as much with the
+  // rounding of a processor, so the mean of three is compared.
+  constexpr int kSeeds = 3;
+  double fog = 0;
+  for (config.seed = 0; config.seed < kSeeds; ++config.seed) {
+    const test::Trained b = test::train(config, without, temp / ("b" + std::to_string(config.seed)));
+    EXPECT_GT(psnr_at_the_end(b), psnr_with_points - 1) << "seed " << config.seed;
+    EXPECT_GT(psnr_at_the_end(b), 33) << "seed " << config.seed;
+    fog += mean_fog(b.result.ply, truth, without.test) / kSeeds;
+  }
+  EXPECT_LT(fog, 0.05);
 }
 
 TEST(DefaultTraining, OfFewPhotographsEndsNearItsBest) {
