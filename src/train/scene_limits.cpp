@@ -71,12 +71,12 @@ std::int64_t count_limit(const TrainConfig& config, const Scene& scene) {
   if (config.max_gaussians > 0 || config.gaussians_per_pixel == 0 || scene.train.empty()) return config.max_gaussians;
   double pixels = 0;
   for (const View& view : scene.train) pixels += static_cast<double>(view.camera.width) * view.camera.height;
-  constexpr double kManyViews = 100, kPower = 1.5;
   const auto n_views = static_cast<double>(scene.train.size());
+  constexpr double kManyViews = 100;
   const double share = std::min(1.0, n_views / kManyViews);
   constexpr double kOfFew = 1.2, kOfMany = 2.4;
   double per_pixel = config.gaussians_per_pixel;
-  if (share < 1) per_pixel = std::min(per_pixel, std::max(kOfFew, kOfMany * share)) * std::pow(share, kPower);
+  if (share < 1) per_pixel = std::min(per_pixel, std::max(kOfFew, kOfMany * share)) * share;
   constexpr double kMost = std::numeric_limits<std::int32_t>::max() - 1;  // limit of 32-bit indices
   const double limit = std::clamp(per_pixel * pixels / n_views, 1.0, kMost);
   return std::max(static_cast<std::int64_t>(limit), static_cast<std::int64_t>(scene.points.size()));

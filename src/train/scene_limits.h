@@ -28,11 +28,11 @@ void check_scene_options(const TrainConfig& config, const Scene& scene);
 /// where P is the mean number of pixels of a training photograph, Y is --gaussians_per_pixel X if there are n >= 100
 /// training photographs, and with fewer
 ///
-///   Y = min(X, max(1.2, 2.4 n / 100)) (n / 100)^1.5
+///   Y = min(X, max(1.2, 2.4 n / 100)) n / 100
 ///
 /// With few photographs, many Gaussians overfit the training views. With 50 or fewer, a larger X than 1.2 improves some
-/// scenes and harms others. Beyond 100, more photographs of a scene do not need more Gaussians (docs/benchmarks.md, Few
-/// photographs). P is taken from the cameras, so masked pixels count.
+/// scenes and harms others. Beyond 100, more photographs of a scene do not need more Gaussians (docs/lab/defaults.md,
+/// Number of Gaussians). P is taken from the cameras, so masked pixels count.
 std::int64_t count_limit(const TrainConfig& config, const Scene& scene);
 
 /// Returns the first iteration of the decay by --lr_final_scale. This is --lr_decay_from_iter, but no later than the
