@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # Runs everything on the CPU: installs missing packages, builds, writes a synthetic COLMAP scene, trains it, evaluates
-# it, renders a flight, and prints where the results are and what to do next. It can be run again at any time. README
-# shows its picture: docs/images/demo.png is a copy of OUTPUT_FOLDER/demo.png.
+# it, renders a flight, makes a picture, and prints where the results are and what to do next. It can be run again at
+# any time.
 # Usage: scripts/demo.sh [OUTPUT_FOLDER]    default: output/demo in the repository
 # The folder has to be new, empty, or from an earlier demo, whose scene and model are replaced.
 set -euo pipefail

@@ -44,7 +44,7 @@ if [[ ! -d $work/orbit/renders ]]; then
   "$b3dgs" render "$model" --device cpu --path orbit --frames 96 --width 480 --no_depth --no_alpha --output "$work/orbit"
 fi
 ffmpeg -nostdin -v error -y -framerate 16 -pattern_type glob -i "$work/orbit/renders/*.png" -map_metadata -1 \
-  -c:v libwebp_anim -loop 0 -quality 55 -compression_level 6 docs/images/orbit.webp
+  -c:v libwebp_anim -loop 0 -quality 50 -compression_level 6 docs/images/orbit.webp
 small docs/images/orbit.webp "$max_animation_bytes"
 
 if [[ ! -d $work/browser/node_modules/playwright-core ]]; then
