@@ -149,12 +149,9 @@ void reduce(LoadedModel& model, const ExportOptions& options, const torch::Devic
 }
 
 UnitQuat rotation_to(const std::string& axis, const LoadedModel& model) {
-  std::vector<Camera> cameras;
-  for (const std::vector<View>* views : {&model.scene.train, &model.scene.test}) {
-    for (const View& view : *views) cameras.push_back(view.camera);
-  }
-  if (cameras.empty()) input_error("--up needs cameras to know which way is up; name a scene with -s");
-  const std::optional<std::array<double, 3>> up = model.scene.georeference ? Georeference::kUp : up_direction(cameras);
+  if (model.scene.train.empty() && model.scene.test.empty())
+    input_error("--up needs cameras to know which way is up; name a scene with -s");
+  const std::optional<std::array<double, 3>> up = scene_up(model.scene);
   if (!up) input_error("--up: the cameras do not agree on which way is up; rotate the model in an editor instead");
   const std::string target = axis == "auto" ? "-y" : axis;
   std::array<double, 3> to{};

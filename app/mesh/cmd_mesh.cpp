@@ -214,7 +214,7 @@ int run_mesh(const std::vector<std::string>& words) {
   } else if (options.colors) {
     status.warn("the mesh has no colours: " + no_photographs);
   }
-  write_mesh(options.output, mesh, frame);
+  write_mesh(options.output, mesh, frame, scene_up(model.scene));
   const Topology topology = count_edges(mesh);
   print_result("mesh", "%s: %s triangles, %s vertices, voxel %.4g, %zu boundary and %zu non-manifold edges",
                options.output.c_str(), format_count(static_cast<std::int64_t>(mesh.triangles.size())).c_str(),

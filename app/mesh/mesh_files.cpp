@@ -9,6 +9,8 @@
 #include "core/check.h"
 #include "core/files/atomic_file.h"
 #include "core/text.h"
+#include "model/edit/edit.h"
+#include "scene/cameras/camera.h"
 
 namespace b3dgs {
 namespace {
@@ -88,7 +90,8 @@ void require_glb_size(const fs::path& path, const TriangleMesh& mesh) {
               "; use --faces ", mesh.triangles.size() / (bytes / kMaxGlbBytes + 1), ", or write a .ply");
 }
 
-void write_mesh_glb(const fs::path& path, const TriangleMesh& mesh, const CoordinateFrame& frame) {
+void write_mesh_glb(const fs::path& path, const TriangleMesh& mesh, const CoordinateFrame& frame,
+                    const std::optional<std::array<double, 3>>& up) {
   require_glb_size(path, mesh);
   // Positions are in single precision. If that is too coarse, the node has the origin of the frame.
   std::vector<Vec3f> positions;
@@ -132,7 +135,12 @@ void write_mesh_glb(const fs::path& path, const TriangleMesh& mesh, const Coordi
   model.meshes[0].primitives.push_back(primitive);
   model.nodes.resize(1);
   model.nodes[0].mesh = 0;
-  if (frame.is_far()) model.nodes[0].translation.assign(frame.origin.begin(), frame.origin.end());
+  const UnitQuat turn = up ? rotation_between(*up, {0, 1, 0}) : UnitQuat{1, 0, 0, 0};
+  if (up) model.nodes[0].rotation = {turn[1], turn[2], turn[3], turn[0]};
+  if (frame.is_far()) {
+    const std::array<double, 3> origin = rotated(rotation_from_quaternion(turn), frame.origin);
+    model.nodes[0].translation.assign(origin.begin(), origin.end());
+  }
   model.scenes.resize(1);
   model.scenes[0].nodes.push_back(0);
   model.defaultScene = 0;
@@ -144,24 +152,26 @@ void write_mesh_glb(const fs::path& path, const TriangleMesh& mesh, const Coordi
   file.commit();
 }
 
-using WriteMesh = void (*)(const fs::path&, const TriangleMesh&, const CoordinateFrame&);
-
-WriteMesh writer_of(const fs::path& path) {
-  const std::string extension = lower_case(path.extension().string());
-  if (extension == ".ply") return write_mesh_ply;
-  if (extension == ".obj") return write_mesh_obj;
-  if (extension == ".glb") return write_mesh_glb;
-  input_error(path.string(), ": expected a file name that ends in .ply, .obj or .glb, found \"", extension, "\"");
+std::string format_of(const fs::path& path) {
+  std::string extension = lower_case(path.extension().string());
+  if (extension != ".ply" && extension != ".obj" && extension != ".glb") {
+    input_error(path.string(), ": expected a file name that ends in .ply, .obj or .glb, found \"", extension, "\"");
+  }
+  return extension;
 }
 
 }  // namespace
 
 void require_mesh_format(const fs::path& path) {
-  writer_of(path);
+  format_of(path);
 }
 
-void write_mesh(const fs::path& path, const TriangleMesh& mesh, const CoordinateFrame& frame) {
-  writer_of(path)(path, mesh, frame);
+void write_mesh(const fs::path& path, const TriangleMesh& mesh, const CoordinateFrame& frame,
+                const std::optional<std::array<double, 3>>& up) {
+  const std::string format = format_of(path);
+  if (format == ".ply") write_mesh_ply(path, mesh, frame);
+  if (format == ".obj") write_mesh_obj(path, mesh, frame);
+  if (format == ".glb") write_mesh_glb(path, mesh, frame, up);
 }
 
 }  // namespace b3dgs

@@ -95,15 +95,13 @@ ViewedScene viewed_scene(const Scene& scene, const std::vector<float>& points, c
   ViewedScene viewed;
   viewed.title = title;
   viewed.frame = scene.frame;
-  std::vector<Camera> cameras;
   for (const auto* views : {&scene.train, &scene.test}) {
     for (const View& view : *views) {
       viewed.views.push_back({view.name, view.camera, views == &scene.test, view.image != nullptr});
-      cameras.push_back(view.camera);
     }
   }
   viewed.is_metric = scene.georeference.has_value();
-  viewed.up = viewed.is_metric ? Georeference::kUp : up_direction(cameras);
+  viewed.up = scene_up(scene);
   const CoordinateFrame around = choose_frame({}, {points.begin(), points.end()});
   viewed.center = around.origin;
   viewed.radius = 0.5 * kTypicalDepth * around.unit;  // the median distance of the points

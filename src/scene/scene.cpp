@@ -274,6 +274,15 @@ void change_frame_of_views(const CoordinateFrame& to, Scene& scene) {
   scene.frame = to;
 }
 
+std::optional<std::array<double, 3>> scene_up(const Scene& scene) {
+  if (scene.georeference) return Georeference::kUp;
+  std::vector<Camera> cameras;
+  for (const std::vector<View>* views : {&scene.train, &scene.test}) {
+    for (const View& view : *views) cameras.push_back(view.camera);
+  }
+  return up_direction(cameras);
+}
+
 std::string scene_name(const std::string& source_path) {
   if (source_path.empty()) return "";
   const fs::path scene = fs::absolute(source_path).lexically_normal();

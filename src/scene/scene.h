@@ -84,6 +84,10 @@ double scene_extent(const std::vector<View>& views, const std::vector<double>& p
 /// Moves cameras and extent of the scene to another frame, but not its points.
 void change_frame_of_views(const CoordinateFrame& to, Scene& scene);
 
+/// Returns the direction that is up in world coordinates: +z in a scene with a place on the Earth, and otherwise the
+/// up_direction() of all cameras.
+std::optional<std::array<double, 3>> scene_up(const Scene& scene);
+
 /// Returns the last part of the path: "bonsai" for "/data/bonsai/".
 std::string scene_name(const std::string& source_path);
 

@@ -3,6 +3,8 @@
 #include <gtest/gtest.h>
 #include <tiny_gltf.h>
 
+#include <array>
+#include <cmath>
 #include <string>
 
 #include "support/expect_error.h"
@@ -77,12 +79,19 @@ TEST(MeshFiles, ObjIsText) {
 TEST(MeshFiles, GlbIsReadBack) {
   const test::TempDir folder;
   const TriangleMesh mesh = tetrahedron();
-  write_mesh(folder / "mesh.glb", mesh, kFar);
+  write_mesh(folder / "mesh.glb", mesh, kFar, {{0, 0, 1}});
   tinygltf::Model model;
   std::string error, warning;
   ASSERT_TRUE(tinygltf::TinyGLTF().LoadBinaryFromFile(&model, &error, &warning, (folder / "mesh.glb").string()));
   EXPECT_EQ(error + warning, "");
-  EXPECT_EQ(model.nodes.at(0).translation, (std::vector<double>{4000000, 500000, 20}));
+  // A quarter of a turn about x brings +z to +y: (x, y, z) to (x, z, -y).
+  const std::vector<double>& turn = model.nodes.at(0).rotation;  // x, y, z, w
+  ASSERT_EQ(turn.size(), 4u);
+  const double half = std::sqrt(0.5);
+  for (std::size_t i = 0; i < 4; ++i) EXPECT_NEAR(turn[i], (std::array<double, 4>{-half, 0, 0, half}[i]), 1e-15);
+  const std::vector<double>& origin = model.nodes.at(0).translation;
+  ASSERT_EQ(origin.size(), 3u);
+  for (std::size_t i = 0; i < 3; ++i) EXPECT_NEAR(origin[i], (std::array<double, 3>{4000000, 20, -500000}[i]), 1e-8);
   const tinygltf::Primitive& primitive = model.meshes.at(0).primitives.at(0);
   const auto data = [&](int accessor) {
     const tinygltf::BufferView& view = model.bufferViews.at(model.accessors.at(accessor).bufferView);
