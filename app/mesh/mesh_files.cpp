@@ -17,10 +17,13 @@ namespace {
 
 namespace fs = std::filesystem;
 
+using Up = std::optional<std::array<double, 3>>;
+using WriteMesh = void (*)(const fs::path&, const TriangleMesh&, const CoordinateFrame&, const Up&);
+
 constexpr std::size_t kMaxGlbBytes = 0xFFFFFFFF;  // the length of the file is stored in 32 bits
 constexpr std::size_t kGlbReserve = 1 << 16;      // for the JSON part and headers
 
-void write_mesh_obj(const fs::path& path, const TriangleMesh& mesh, const CoordinateFrame& frame) {
+void write_mesh_obj(const fs::path& path, const TriangleMesh& mesh, const CoordinateFrame& frame, const Up& /*up*/) {
   constexpr std::size_t kBytesPerWrite = 1 << 20;
   AtomicFile file(path);
   std::string text = "# b3dgs\n";
@@ -90,8 +93,7 @@ void require_glb_size(const fs::path& path, const TriangleMesh& mesh) {
               "; use --faces ", mesh.triangles.size() / (bytes / kMaxGlbBytes + 1), ", or write a .ply");
 }
 
-void write_mesh_glb(const fs::path& path, const TriangleMesh& mesh, const CoordinateFrame& frame,
-                    const std::optional<std::array<double, 3>>& up) {
+void write_mesh_glb(const fs::path& path, const TriangleMesh& mesh, const CoordinateFrame& frame, const Up& up) {
   require_glb_size(path, mesh);
   // Positions are in single precision. If that is too coarse, the node has the origin of the frame.
   std::vector<Vec3f> positions;
@@ -152,26 +154,27 @@ void write_mesh_glb(const fs::path& path, const TriangleMesh& mesh, const Coordi
   file.commit();
 }
 
-std::string format_of(const fs::path& path) {
-  std::string extension = lower_case(path.extension().string());
-  if (extension != ".ply" && extension != ".obj" && extension != ".glb") {
-    input_error(path.string(), ": expected a file name that ends in .ply, .obj or .glb, found \"", extension, "\"");
+WriteMesh writer_of(const fs::path& path) {
+  const std::string extension = lower_case(path.extension().string());
+  if (extension == ".ply") {
+    return [](const fs::path& file, const TriangleMesh& mesh, const CoordinateFrame& frame, const Up& /*up*/) {
+      write_mesh_ply(file, mesh, frame);
+    };
   }
-  return extension;
+  if (extension == ".obj") return write_mesh_obj;
+  if (extension == ".glb") return write_mesh_glb;
+  input_error(path.string(), ": expected a file name that ends in .ply, .obj or .glb, found \"", extension, "\"");
 }
 
 }  // namespace
 
 void require_mesh_format(const fs::path& path) {
-  format_of(path);
+  writer_of(path);
 }
 
 void write_mesh(const fs::path& path, const TriangleMesh& mesh, const CoordinateFrame& frame,
                 const std::optional<std::array<double, 3>>& up) {
-  const std::string format = format_of(path);
-  if (format == ".ply") write_mesh_ply(path, mesh, frame);
-  if (format == ".obj") write_mesh_obj(path, mesh, frame);
-  if (format == ".glb") write_mesh_glb(path, mesh, frame, up);
+  writer_of(path)(path, mesh, frame, up);
 }
 
 }  // namespace b3dgs

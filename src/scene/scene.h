@@ -1,6 +1,7 @@
 // A scene to train on: views with cameras and 8-bit images, split into training and test views, and points.
 #pragma once
 
+#include <array>
 #include <cstdint>
 #include <functional>
 #include <memory>
@@ -84,8 +85,8 @@ double scene_extent(const std::vector<View>& views, const std::vector<double>& p
 /// Moves cameras and extent of the scene to another frame, but not its points.
 void change_frame_of_views(const CoordinateFrame& to, Scene& scene);
 
-/// Returns the direction that is up in world coordinates: +z in a scene with a place on the Earth, and otherwise the
-/// up_direction() of all cameras.
+/// Returns the up direction in world coordinates, of length 1. In a scene with a place on the Earth, it is +z.
+/// Otherwise, it is the up_direction() of all cameras, and nothing is returned if that returns nothing.
 std::optional<std::array<double, 3>> scene_up(const Scene& scene);
 
 /// Returns the last part of the path: "bonsai" for "/data/bonsai/".
