@@ -13,15 +13,6 @@ constexpr std::array<const char*, 3> names_of(Strategy) {
   return {"default", "mcmc", "budget"};
 }
 
-/// Where the two parts of a split Gaussian are placed on its longest axis. Both rules preserve its mean and covariance.
-enum class SplitRule {
-  kMoments,   // far apart (0.8^2 + 0.6^2 = 1)
-  kPreserve,  // close enough to render like the parent
-};
-constexpr std::array<const char*, 2> names_of(SplitRule) {
-  return {"moments", "preserve"};
-}
-
 /// The target at pixels that a mask leaves out.
 enum class MaskMode {
   kIgnore,   // none: they are not part of the loss

@@ -101,7 +101,6 @@ struct TrainConfig {
   double gaussians_per_pixel = 0;  // limit per pixel of one photograph
   // For strategy budget:
   int score_views = 20;  // before each round
-  SplitRule split = SplitRule::kPreserve;
   double prune_weight = 0.03;
   std::string crop;  // region to train in detail; empty: all
 

@@ -138,8 +138,6 @@ void for_each_option(TrainConfig& c, const std::function<void(const TrainOption&
   field(Option{"gaussians_per_pixel"}, c.gaussians_per_pixel, AtLeast{0},
         "without --max_gaussians: at most X per pixel of one photograph (0 = no limit)");
   field(Option{"score_views"}, c.score_views, AtLeast{1}, "budget: steps before each round whose views are scored");
-  field(Option{"split"}, c.split, one_of<SplitRule>(),
-        "budget: how the two parts of a Gaussian are placed; see docs/recipes.md");
   field(Option{"prune_weight"}, c.prune_weight, InRange{0, 1},
         "budget: remove Gaussians whose largest blend weight is below X (0 = none)");
   field(Option{"crop"}, c.crop, Any{},

@@ -24,11 +24,11 @@ struct OptionOf {
 };
 
 /// The combinations of types that occur.
-using TrainOption = std::variant<OptionOf<bool, Any>, OptionOf<int, AtLeast>, OptionOf<int, InRange>,
-                                 OptionOf<std::int64_t, AtLeast>, OptionOf<double, AtLeast>, OptionOf<double, Above>,
-                                 OptionOf<double, InRange>, OptionOf<std::string, Any>, OptionOf<std::string, OneOf>,
-                                 OptionOf<Strategy, OneOf>, OptionOf<SplitRule, OneOf>, OptionOf<MaskMode, OneOf>,
-                                 OptionOf<Culling, OneOf>, OptionOf<std::vector<int>, AtLeast>>;
+using TrainOption =
+    std::variant<OptionOf<bool, Any>, OptionOf<int, AtLeast>, OptionOf<int, InRange>, OptionOf<std::int64_t, AtLeast>,
+                 OptionOf<double, AtLeast>, OptionOf<double, Above>, OptionOf<double, InRange>,
+                 OptionOf<std::string, Any>, OptionOf<std::string, OneOf>, OptionOf<Strategy, OneOf>,
+                 OptionOf<MaskMode, OneOf>, OptionOf<Culling, OneOf>, OptionOf<std::vector<int>, AtLeast>>;
 
 /// Calls take() for each option, in the order of help texts and config.json.
 void for_each_option(TrainConfig& config, const std::function<void(const TrainOption&)>& take);

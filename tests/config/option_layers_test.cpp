@@ -173,7 +173,7 @@ TEST(OptionLayers, AStrategyThatIsThePresetsOwnChangesNothing) {
           .empty());
   EXPECT_TRUE(config_differences(resolved({"--preset", "fast"}), resolved({"--preset", "fast", "--strategy", "budget"}))
                   .empty());
-  EXPECT_EQ(resolved({"--preset", "inria", "--strategy", "budget"}).gaussians_per_pixel, 1.2);
+  EXPECT_EQ(resolved({"--preset", "inria", "--strategy", "budget"}).gaussians_per_pixel, 1.5);
 }
 
 TEST(OptionLayers, WhatDiffersFromThePresetIsWhatWasGiven) {

@@ -35,7 +35,7 @@ torch::Tensor draw_keys(const torch::Tensor& rows, const torch::Tensor& scores, 
 }
 
 /// Sets the edit's new rows to the parts of `parents`.
-void add_parts(const GaussianTensors& gaussians, const torch::Tensor& parents, SplitRule rule, RowEdit& edit) {
+void add_parts(const GaussianTensors& gaussians, const torch::Tensor& parents, RowEdit& edit) {
   const std::int64_t n = parents.size(0);
   edit.new_means = torch::empty({2 * n, 3}, gaussians.means.options());
   edit.new_log_scales = torch::empty({2 * n, 3}, gaussians.means.options());
@@ -44,7 +44,6 @@ void add_parts(const GaussianTensors& gaussians, const torch::Tensor& parents, S
   args.n_parents = n;
   args.parents = parents.data_ptr<std::int64_t>();
   args.gaussians = arrays_without_colors(gaussians);
-  args.rule = rule;
   args.out_means = edit.new_means.data_ptr<float>();
   args.out_log_scales = edit.new_log_scales.data_ptr<float>();
   args.out_logit_opacities = edit.new_logit_opacities.data_ptr<float>();
@@ -132,7 +131,7 @@ class BudgetStrategy final : public DensityStrategy {
     const torch::Tensor kept = rows_of(stays);
     round.edit.sources = torch::cat({kept, parents, parents});
     round.edit.n_kept = kept.size(0);
-    add_parts(gaussians, parents, config_.split, round.edit);
+    add_parts(gaussians, parents, round.edit);
     round.n_split = parents.size(0);
     round.n_pruned = n - n_stay;
     return round;
