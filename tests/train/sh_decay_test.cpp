@@ -14,7 +14,7 @@
 namespace b3dgs {
 namespace {
 
-constexpr double kStrength = 0.03;
+constexpr double kStrength = 0.003;
 const AdamRates kRates{1e-3, 2e-3, 3e-3, 4e-3, 5e-3, 6e-3};
 
 /// Returns a unit vector at this angle (rad) from the z axis.
@@ -35,12 +35,12 @@ float weight_of_cap(double angle, int n_steps) {
   return weight;
 }
 
-TEST(ShDecay, IsInverseToTheSpreadOfTheDirections) {
+TEST(ShDecay, IsInverseToTheSquareOfTheSpreadOfTheDirections) {
   for (const double degrees : {20.0, 45.0, 80.0}) {
     const double angle = degrees * std::acos(-1.0) / 180;
     // The directions run around the axis, so the length of their mean approaches cos(angle).
-    EXPECT_NEAR(weight_of_cap(angle, 2000), kStrength / (1 - std::cos(angle)), 2e-2 * kStrength / (1 - std::cos(angle)))
-        << degrees << " degrees";
+    const double expected = kStrength / std::pow(1 - std::cos(angle), 2);
+    EXPECT_NEAR(weight_of_cap(angle, 2000), expected, 2e-2 * expected) << degrees << " degrees";
   }
   EXPECT_FLOAT_EQ(weight_of_cap(0.01, 2000), 3.0f) << "a limit for almost equal directions";
   EXPECT_FLOAT_EQ(weight_of_cap(1.5, 7), 3.0f) << "few views do not tell the spread";
@@ -133,11 +133,11 @@ TEST(ShDecayStep, ShrinksTheCoefficientsOfWhatAViewSees) {
     const std::vector<double> own(places.begin(), places.begin() + static_cast<std::ptrdiff_t>(n_views));
     const Stepped with = step_from(own, n_views > 1, kStrength), without = step_from(own, n_views > 1, 0);
     EXPECT_FALSE(without.state.directions.defined());
-    // With fewer than 8 views, every visible Gaussian has the largest weight, 100 x strength. A step along n views has
+    // With fewer than 8 views, every visible Gaussian has the largest weight, 1000 x strength. A step along n views has
     // a rate of sqrt(n) times the rate of one, and as many times the decay.
     const double n = static_cast<double>(n_views);
     const double shrink =
-        adam_step_size(kRates[kShGroup], static_cast<std::int64_t>(n_views)).step_size * n * 100 * kStrength;
+        adam_step_size(kRates[kShGroup], static_cast<std::int64_t>(n_views)).step_size * n * 1000 * kStrength;
     const torch::Tensor factors =
         torch::cat({torch::full({3}, 1.0), torch::full({5}, 3.0), torch::full({7}, 6.0)}).view({1, 15, 1});
     const torch::Tensor seen = with.state.directions.select(1, 3) > 0;

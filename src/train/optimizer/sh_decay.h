@@ -4,10 +4,11 @@
 // Photographs of a narrow range of directions determine few coefficients: 16 (1 - R) of 16, where R is the length of
 // the mean unit direction. The others are fitted to noise, and the colour seen from outside the range is arbitrary.
 // Therefore a step with a gradient first shrinks these coefficients:
-//   c_lk *= 1 - eta w l (l + 1) / 2,   w = min(3, X / (1 - R)),
+//   c_lk *= 1 - eta w l (l + 1) / 2,   w = min(1000 X, X / (1 - R)^2),
 // with the step size eta of Adam, X from --sh_decay and l (l + 1) from the Laplacian on the sphere, as for a prior of
-// smooth colours. This is decoupled decay (Loshchilov and Hutter 2019), because a term of the loss would act more on
-// Gaussians with few pixels. Coefficients that several views determine have gradients that outweigh it.
+// smooth colours. With X / (1 - R), what is seen from all around would lose more. This is decoupled decay (Loshchilov
+// and Hutter 2019), because a term of the loss would act more on Gaussians with few pixels. Coefficients that several
+// views determine have gradients that outweigh it.
 #pragma once
 
 #include <cmath>
@@ -46,13 +47,14 @@ inline ShDecayArgs sh_decay_args(float* directions, double strength, int n_views
 /// loss does not depend on the colour.
 B3DGS_HD float sh_decay(const ShDecayArgs& args, std::int64_t i, const SeenDirections& seen) {
   if (args.directions == nullptr || seen.n == 0) return 0;
-  constexpr float kFewViews = 8, kMostOverStrength = 100;  // w = 3 with --sh_decay 0.03
+  constexpr float kFewViews = 8, kMostOverStrength = 1000;  // w = 3 with --sh_decay 0.003
   float* const row = args.directions + 4 * i;
   const Vec3f sum = args.kept * Vec3f{row[0], row[1], row[2]} + seen.sum;
   const float n = args.kept * row[3] + seen.n;
   row[0] = sum.x, row[1] = sum.y, row[2] = sum.z, row[3] = n;
   const float spread = n < kFewViews ? 0.0f : 1 - std::sqrt(dot(sum, sum)) / n;  // 1 - R
-  return args.strength * (spread * kMostOverStrength > 1 ? 1 / spread : kMostOverStrength);
+  const float squared = spread * spread;
+  return args.strength * (squared * kMostOverStrength > 1 ? 1 / squared : kMostOverStrength);
 }
 
 /// Returns the coefficient after its decay. `k` counts the coefficients beyond degree 0 from 0, and `shrink` is eta w.
