@@ -79,13 +79,13 @@ void check_options(const CommandLine& line, const ModelOptions& model, const Ren
   if (!options.ply.empty() && !model.model_path.empty()) {
     input_error("-m and --ply both name a model; use one of them");
   }
-  if (!options.video.empty()) check_video_file(options.video, options.overwrite);
   if (options.normals && !options.writes_images()) {
     input_error("--normals is for images; to write them beside the --video, name a folder with --output");
   }
   for (const char* name : {"video_of", "fps", "crf"}) {
     if (line.was_given(name) && options.video.empty()) input_error("--", name, " is for --video");
   }
+  if (!options.video.empty()) check_video_file(options.video, options.overwrite);  // also looks for ffmpeg
 }
 
 /// Returns the size of the frames of a path, unless the options or the camera file give one.
