@@ -7,7 +7,7 @@ Usage: blender -b -P scripts/make_scenes.py -- OUTPUT [--scenes toy,room] [--vie
 
 Each scene is a folder OUTPUT/NAME with images/, transforms.json and points.ply, and OUTPUT/NAME_no_points with the same
 photographs and no points. points.ply has 20,000 places that rays through random pixels hit, with noise of 0.2 % of their
-distance. A scene whose NAME_no_points/transforms.json exists is skipped, and images that exist are kept, whatever the
+distance. truth_mesh.ply has the surfaces of all objects, for `b3dgs mesh --compare`. A scene whose NAME_no_points/transforms.json exists is skipped, and images that exist are kept, whatever the
 options: delete the folders to change them.
 
   toy        an object with alpha, seen from all around; nothing behind it
@@ -524,6 +524,30 @@ def write_ply(path, points):
             file.write(struct.pack("<3f3B", *place, *color))
 
 
+def write_truth_mesh(path, scene):
+    """All meshes of the scene, with modifiers, in world units."""
+    graph = bpy.context.evaluated_depsgraph_get()
+    vertices, triangles = [], []
+    for thing in scene.objects:
+        if thing.type != "MESH":
+            continue
+        shape = thing.evaluated_get(graph)
+        data = shape.to_mesh()
+        data.calc_loop_triangles()
+        first = len(vertices)
+        vertices += [thing.matrix_world @ vertex.co for vertex in data.vertices]
+        triangles += [[first + k for k in triangle.vertices] for triangle in data.loop_triangles]
+        shape.to_mesh_clear()
+    with open(path, "wb") as file:
+        file.write(b"ply\nformat binary_little_endian 1.0\nelement vertex %d\nproperty float x\nproperty float y\n"
+                   b"property float z\nelement face %d\nproperty list uchar uint vertex_indices\nend_header\n"
+                   % (len(vertices), len(triangles)))
+        for vertex in vertices:
+            file.write(struct.pack("<3f", *vertex))
+        for triangle in triangles:
+            file.write(struct.pack("<B3I", 3, *triangle))
+
+
 def make(name, output, views_wanted, size, samples, fisheye):
     folder, bare = os.path.join(output, name), os.path.join(output, name + "_no_points")
     if os.path.exists(os.path.join(bare, "transforms.json")):
@@ -552,6 +576,7 @@ def make(name, output, views_wanted, size, samples, fisheye):
         views.append((file, camera.matrix_world.copy()))
     points = points_of(views, folder, lens, scene, has_alpha, chance)
     write_ply(os.path.join(folder, "points.ply"), points)
+    write_truth_mesh(os.path.join(folder, "truth_mesh.ply"), scene)
     json_of_scene = {"w": lens.width, "h": lens.height, "fl_x": lens.focal, "fl_y": lens.focal, "cx": lens.width / 2,
                      "cy": lens.height / 2,
                      "frames": [{"file_path": file, "transform_matrix": [list(row) for row in matrix],
