@@ -137,7 +137,7 @@ nlohmann::ordered_json measure_distance(const TriangleMesh& mesh, const Triangle
 }
 
 /// Removes what is not part of the surface, and sets normals and colours.
-void finish_mesh(TriangleMesh& mesh, const MeshOptions& options, const CoordinateFrame& frame) {
+void finish_mesh(TriangleMesh& mesh, const MeshOptions& options, const CoordinateFrame& frame, StatusLine& status) {
   const Components components = remove_small_components(mesh, options.min_component);
   print_result("components", "%zu kept, %zu removed", components.kept, components.removed);
   if (!options.crop.empty()) {
@@ -151,6 +151,12 @@ void finish_mesh(TriangleMesh& mesh, const MeshOptions& options, const Coordinat
   }
   if (options.faces > 0 && static_cast<std::int64_t>(mesh.triangles.size()) > options.faces) {
     decimate(mesh, static_cast<std::size_t>(options.faces));
+    constexpr double kTooMany = 1.05;
+    if (static_cast<double>(mesh.triangles.size()) > kTooMany * static_cast<double>(options.faces)) {
+      status.warn(detail::concat("--faces ", options.faces, ": ", format_count(mesh.triangles.size()),
+                                 " triangles are left, since fewer would connect the surface differently; ",
+                                 "a larger --min_component or --voxel makes it simpler"));
+    }
   }
   split_non_manifold(mesh);
   set_normals(mesh);
@@ -206,7 +212,7 @@ int run_mesh(const std::vector<std::string>& words) {
       options.memory_gb > 0 ? static_cast<std::int64_t>(1e9 * options.memory_gb) : available_host_memory() / 2;
   TriangleMesh mesh = fuse(depths, blocks_near(depths, settings), settings);
   if (mesh.triangles.empty()) input_error(model_options.model_path, ": no surface was found; lower --voxel");
-  finish_mesh(mesh, options, frame);
+  finish_mesh(mesh, options, frame, status);
   if (options.colors && no_photographs.empty()) {
     const double shown = color_vertices(
         mesh, depths, [&](std::size_t view) { return *views[view].image->read(); }, 2 * settings.voxel);

@@ -91,6 +91,20 @@ void keep_triangles(TriangleMesh& mesh, const Keeps& keeps) {
   }
 }
 
+/// Removes pairs of triangles with the same vertices and opposite orientations, and vertices without triangles.
+void remove_folds(TriangleMesh& mesh) {
+  const auto from_smallest = [](Triangle triangle) {
+    std::rotate(triangle.begin(), std::min_element(triangle.begin(), triangle.end()), triangle.end());
+    return triangle;
+  };
+  std::vector<Triangle> all(mesh.triangles.size());
+  std::transform(mesh.triangles.begin(), mesh.triangles.end(), all.begin(), from_smallest);
+  std::sort(all.begin(), all.end());
+  keep_triangles(mesh, [&](const Triangle& t) {
+    return !std::binary_search(all.begin(), all.end(), from_smallest({t[0], t[2], t[1]}));
+  });
+}
+
 /// Calls pair(forward, backward) for pairs of triangles at an edge, given by their corners. From a triangle whose edge
 /// goes from `low` to `high`, its partner is the first one in the other direction when turning about the edge towards
 /// the inside. If n triangles have the edge, up to n / 2 pairs are found.
@@ -252,11 +266,11 @@ double decimate(TriangleMesh& mesh, std::size_t n_triangles) {
   float error = 0;
   const std::size_t n =
       meshopt_simplify(result[0].data(), mesh.triangles[0].data(), 3 * mesh.triangles.size(), positions,
-                       mesh.positions.size(), sizeof(Vec3f), 3 * n_triangles, 1.0f, meshopt_SimplifyLockBorder, &error);
+                       mesh.positions.size(), sizeof(Vec3f), 3 * n_triangles, 1.0f, /*options=*/0, &error);
   const double scale = meshopt_simplifyScale(positions, mesh.positions.size(), sizeof(Vec3f));
   result.resize(n / 3);
   mesh.triangles.swap(result);
-  keep_triangles(mesh, [](const Triangle&) { return true; });
+  remove_folds(mesh);
   return scale * error;
 }
 

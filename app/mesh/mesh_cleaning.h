@@ -30,8 +30,10 @@ void crop(TriangleMesh& mesh, const std::function<bool(const std::array<double, 
 /// edge cannot be separated, a pair gets a vertex at its midpoint. Returns the number of added vertices.
 std::size_t split_non_manifold(TriangleMesh& mesh);
 
-/// Collapses edges until about `n_triangles` are left (meshoptimizer). Borders stay. Returns the estimated distance
-/// between both surfaces.
+/// Collapses edges until about `n_triangles` are left, or more if others would change how the surface is connected
+/// (meshoptimizer). Borders keep their shape but not all their vertices, since a ragged border can have most of them.
+/// Removes what has become flat, a pair of triangles with the same vertices. Returns the estimated distance between
+/// both surfaces.
 double decimate(TriangleMesh& mesh, std::size_t n_triangles);
 
 /// Sets the normals of vertices to the mean of their triangles', weighted by area.

@@ -2,7 +2,9 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
+#include <set>
 
 #include "data_synth/truth_mesh.h"
 
@@ -139,6 +141,18 @@ TEST(MeshCleaning, DecimationLeavesSoManyTriangles) {
   EXPECT_LT(error, 0.02);
   EXPECT_LE(mesh.triangles.size(), n / 10);
   EXPECT_GT(mesh.triangles.size(), n / 12);
+}
+
+TEST(MeshCleaning, DecimationLeavesNoFolds) {
+  TriangleMesh mesh;
+  append_ball({0, 0, 0}, 1, mesh);
+  append_ring({5, 0, 0}, 1, 0.001, mesh);  // collapses to triangles that lie on each other
+  decimate(mesh, 4);
+  std::set<TriangleMesh::Triangle> sets_of_vertices;
+  for (TriangleMesh::Triangle triangle : mesh.triangles) {
+    std::sort(triangle.begin(), triangle.end());
+    EXPECT_TRUE(sets_of_vertices.insert(triangle).second);
+  }
 }
 
 TEST(MeshCleaning, AnEmptyMeshStaysEmpty) {
